@@ -1,0 +1,101 @@
+"""Pinhole cameras in the OpenCV convention: x right, y down, z forward, pixel centres at +0.5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One view: pose, intrinsics and image size."""
+
+    world_to_camera: Float64Array
+    """Rigid transform from world to camera coordinates, (4, 4)."""
+    K: Float64Array
+    """Intrinsic matrix in pixels, (3, 3); the image's upper left corner is (0, 0)."""
+    width: int
+    """Image width in pixels."""
+    height: int
+    """Image height in pixels."""
+    name: str = ""
+    """File name of the image that the camera took, or empty for a virtual one."""
+
+    @property
+    def rotation(self) -> Float64Array:
+        """World-to-camera rotation, (3, 3); its rows are the camera's right, down and forward axes in the world."""
+        return self.world_to_camera[:3, :3]
+
+    @property
+    def centre(self) -> Float64Array:
+        """Position of the camera in the world, (3,)."""
+        return -self.rotation.T @ self.world_to_camera[:3, 3]
+
+    @property
+    def forward(self) -> Float64Array:
+        """Viewing direction in the world, (3,)."""
+        return self.rotation[2]
+
+    def to_camera(self, points: Float64Array) -> Float64Array:
+        """Camera coordinates of world points (N, 3)."""
+        return points @ self.rotation.T + self.world_to_camera[:3, 3]
+
+    def project(self, points: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Pixel coordinates (N, 2) and depths (N,) of world points (N, 3); points at depth <= 0 give NaN pixels."""
+        local = self.to_camera(np.asarray(points, np.float64))
+        depths = local[:, 2]
+        homogeneous = local @ self.K.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = homogeneous[:, :2] / np.where(depths > 0, depths, np.nan)[:, None]
+        return pixels, depths
+
+    def ray_directions(self, pixels: Float64Array) -> Float64Array:
+        """Unit world directions of the rays through pixel coordinates (P, 2), as (P, 3)."""
+        homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
+        directions = homogeneous @ np.linalg.inv(self.K).T @ self.rotation
+        return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+    def resized(self, scale: float) -> Camera:
+        """The same view on an image larger or smaller by a factor; sizes are rounded to whole pixels, at least one."""
+        width, height = max(1, round(self.width * scale)), max(1, round(self.height * scale))
+        K = self.K.copy()
+        K[0] *= width / self.width
+        K[1] *= height / self.height
+        return Camera(self.world_to_camera, K, width, height, self.name)
+
+
+def look_at(position: Float64Array, target: Float64Array, up: Float64Array) -> Float64Array:
+    """World-to-camera transform (4, 4) of a camera at `position` that faces `target`, with `up` upwards in the image.
+
+    Raises:
+        ValueError: position and target coincide, or the viewing direction is parallel to `up`.
+
+    >>> look_at(np.array([0.0, 0, -2]), np.zeros(3), np.array([0.0, -1, 0]))[:3, 3].tolist()
+    [0.0, 0.0, 2.0]
+    """
+    forward = np.asarray(target, np.float64) - position
+    if np.linalg.norm(forward) == 0:
+        raise ValueError("A camera cannot look at its own position.")
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-9 * np.linalg.norm(up):
+        raise ValueError(f"The viewing direction {forward} is parallel to the up vector {np.asarray(up)}.")
+    right = right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = -rotation @ position + 0.0
+    return transform
+
+
+def intrinsics(fov_radians: float, width: int, height: int) -> Float64Array:
+    """K (3, 3) of a camera with square pixels whose longer image side spans `fov_radians`, principal point central.
+
+    Eq. 5 of GaussianTrimmer for a square image; the equation's separate focal lengths for width and height
+    would stretch any other.
+    """
+    focal = max(width, height) / (2 * np.tan(fov_radians / 2))
+    return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])

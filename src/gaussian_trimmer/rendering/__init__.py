@@ -1,0 +1,86 @@
+"""Renderers: the contract, and the table of those that exist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+
+ALPHA_CAP = 0.99
+"""Largest alpha that one Gaussian reaches at a pixel."""
+ALPHA_CUTOFF = 1.0 / 255.0
+"""Alphas below this are skipped."""
+LOW_PASS_VARIANCE = 0.3
+"""Added to both diagonal entries of the projected covariance, in square pixels."""
+NEAR_DEPTH = 0.01
+"""Gaussians whose centres are nearer than this, in scene units, or behind the camera, are not drawn."""
+TRANSMITTANCE_STOP = 1e-4
+"""A pixel is finished before a Gaussian would push its transmittance below this."""
+FRUSTUM_MARGIN = 0.15
+"""The projection's Jacobian is evaluated no farther outside the image than this share of its size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """What a camera sees."""
+
+    rgb: FloatArray
+    """Colours, not clipped above one, (H, W, 3)."""
+    alpha: FloatArray
+    """Accumulated opacity in [0, 1], (H, W)."""
+    depth: FloatArray
+    """Blend-weighted mean depth of what is seen, sum(w z) / alpha; zero where alpha is zero, (H, W)."""
+
+
+class Renderer(Protocol):
+    """Rasterises Gaussians as the original implementation does: EWA splatting, front to back by centre depth."""
+
+    name: str
+
+    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
+        """Colour, alpha and depth of a view. `background` is an RGB colour (3,), black if not given."""
+        ...
+
+    def blend_weights(
+        self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
+    ) -> FloatArray:
+        """Sum over pixels of alpha_i T_i, separately by the pixels' labels (H, W), as (N, n_labels).
+
+        Pixels whose label is n_labels or more are left out.
+        """
+        ...
+
+    def top_contributors(
+        self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
+    ) -> tuple[IntArray, FloatArray]:
+        """The k Gaussians of largest blend weight at each asked pixel (x, y), by reverse alpha blending.
+
+        Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
+        """
+        ...
+
+
+_RENDERERS = {
+    "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
+    "numba": ("gaussian_trimmer.rendering.numba_cpu", "NumbaRenderer"),
+    "gsplat": ("gaussian_trimmer.rendering.gsplat_cuda", "GsplatRenderer"),
+}
+
+
+def get_renderer(name: str) -> Renderer:
+    """The renderer of that name: `numba`, `reference` or `gsplat`.
+
+    Raises:
+        InputError: no renderer has that name, or what it needs is not installed.
+    """
+    if name not in _RENDERERS:
+        raise InputError(f"Unknown renderer '{name}'; available: {', '.join(_RENDERERS)}.")
+    module, attribute = _RENDERERS[name]
+    return cast(Renderer, getattr(import_module(module), attribute)())
