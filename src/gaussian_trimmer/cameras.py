@@ -32,7 +32,7 @@ class Camera:
     @property
     def centre(self) -> Float64Array:
         """Position of the camera in the world, (3,)."""
-        return -self.rotation.T @ self.world_to_camera[:3, 3]
+        return np.asarray(-self.rotation.T @ self.world_to_camera[:3, 3])
 
     @property
     def forward(self) -> Float64Array:
@@ -41,7 +41,7 @@ class Camera:
 
     def to_camera(self, points: Float64Array) -> Float64Array:
         """Camera coordinates of world points (N, 3)."""
-        return points @ self.rotation.T + self.world_to_camera[:3, 3]
+        return np.asarray(points @ self.rotation.T + self.world_to_camera[:3, 3])
 
     def project(self, points: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Pixel coordinates (N, 2) and depths (N,) of world points (N, 3); points at depth <= 0 give NaN pixels."""

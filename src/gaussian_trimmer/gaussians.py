@@ -53,9 +53,7 @@ class Gaussians:
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}; {shape} is needed for {n} Gaussians.")
         if self.sh_rest.shape[:2] != (n, 3) or self.sh_rest.shape[2] not in (0, 3, 8, 15):
-            raise ValueError(
-                f"sh_rest has shape {self.sh_rest.shape}; ({n}, 3, K) with K = 0, 3, 8 or 15 is needed (SH degree 0 to 3)."
-            )
+            raise ValueError(f"sh_rest has shape {self.sh_rest.shape}; ({n}, 3, K) with K = 0, 3, 8 or 15 is needed.")
 
     def __len__(self) -> int:
         return len(self.means)
@@ -172,4 +170,4 @@ def quaternions_of(rotations: Float64Array) -> FloatArray:
     q = candidates[np.arange(len(m)), best]
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     q *= np.where(q[:, :1] < 0, -1.0, 1.0)
-    return q.astype(np.float32)
+    return np.asarray(q, np.float32)

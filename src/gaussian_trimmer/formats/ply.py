@@ -146,7 +146,8 @@ def check_finite(gaussians: Gaussians, path: Path) -> None:
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
         values = getattr(gaussians, name)
         for start in range(0, len(values), _ROWS_PER_CHUNK):
-            chunk = values[start : start + _ROWS_PER_CHUNK].reshape(-1, int(np.prod(values.shape[1:])))
+            chunk = values[start : start + _ROWS_PER_CHUNK]
+            chunk = chunk.reshape(len(chunk), int(np.prod(values.shape[1:])))
             # A sum is finite unless an entry is not (or it overflows, which the exact test below decides).
             with np.errstate(invalid="ignore", over="ignore"):
                 if np.isfinite(chunk.sum(dtype=np.float64)) and not (name == "quaternions" and (chunk == 0).any()):
@@ -198,7 +199,7 @@ def _binary_columns(path: Path, header: Header, vertex: Element) -> dict[str, ND
     needed, present = vertex.count * row_type.itemsize, path.stat().st_size - header.size
     if present < needed:
         raise InputError(
-            f"'{path}' is truncated: {vertex.count} Gaussians need {needed} bytes after the header, {present} are there."
+            f"'{path}' is truncated: {vertex.count} Gaussians need {needed} bytes after the header, not {present}."
         )
     if all(kind == "f4" for _, kind in vertex.properties) and order == "<":
         matrix = np.memmap(path, "<f4", "r", header.size, (vertex.count, len(vertex.properties)))
@@ -221,7 +222,7 @@ def _ascii_columns(path: Path, header: Header, vertex: Element) -> dict[str, NDA
             ) from error
     if table.shape != (vertex.count, len(vertex.properties)):
         raise InputError(
-            f"'{path}' is truncated or damaged: {vertex.count} rows of {len(vertex.properties)} numbers were announced, "
+            f"'{path}' is truncated or damaged: {vertex.count} rows of {len(vertex.properties)} numbers are announced, "
             f"{table.shape[0]} rows of {table.shape[1]} are there."
         )
     return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(vertex.properties)}
