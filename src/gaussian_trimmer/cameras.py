@@ -27,7 +27,7 @@ class Camera:
     @property
     def rotation(self) -> Float64Array:
         """World-to-camera rotation, (3, 3); its rows are the camera's right, down and forward axes in the world."""
-        return self.world_to_camera[:3, :3]
+        return np.asarray(self.world_to_camera[:3, :3])
 
     @property
     def centre(self) -> Float64Array:
@@ -37,7 +37,7 @@ class Camera:
     @property
     def forward(self) -> Float64Array:
         """Viewing direction in the world, (3,)."""
-        return self.rotation[2]
+        return np.asarray(self.rotation[2])
 
     def to_camera(self, points: Float64Array) -> Float64Array:
         """Camera coordinates of world points (N, 3)."""
