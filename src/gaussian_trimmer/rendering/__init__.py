@@ -48,6 +48,10 @@ class Renderer(Protocol):
         """Colour, alpha and depth of a view. `background` is an RGB colour (3,), black if not given."""
         ...
 
+    def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
+        """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
+        ...
+
     def blend_weights(
         self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
     ) -> FloatArray:

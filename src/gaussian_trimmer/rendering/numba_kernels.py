@@ -1,0 +1,339 @@
+"""Compiled kernels of the CPU renderer. Each reads top to bottom like its equation.
+
+Letters: M drawn Gaussians, T tiles, P pairs of a tile and a Gaussian that reaches it, C blended channels, L labels.
+
+How blending is made to vectorise: everything is float32; the exponential is a polynomial; the loop over a tile's
+pixels is flat and has selects instead of branches; a stopped pixel keeps its transmittance with a negative sign, so
+that one array holds both. Power is evaluated from the factored inverse covariance, |L^T d|^2, since the plain
+quadratic form loses the needles to cancellation in float32.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, LOW_PASS_VARIANCE, TRANSMITTANCE_STOP
+
+TILE = 16
+"""Side of a tile in pixels."""
+_AREA = TILE * TILE
+_CHECK_EVERY = 16  # Gaussians between two looks at whether a tile still lets light through.
+
+_CAP = np.float32(ALPHA_CAP)
+_CUTOFF = np.float32(ALPHA_CUTOFF)
+_STOP = np.float32(TRANSMITTANCE_STOP)
+_ONE = np.float32(1)
+_ZERO = np.float32(0)
+
+# Minimax polynomial of exp on [-1, 0] with p(0) = 1 (relative error 8e-7); squared three times it covers [-8, 0].
+# What exp makes smaller than that lies under the alpha cut-off of 1/255 in any case.
+_E1, _E2, _E3 = np.float32(0.999970161), np.float32(0.499609905), np.float32(0.164949439)
+_E4, _E5 = np.float32(0.0382472937), np.float32(0.00505843309)
+_EIGHTH, _LOWEST = np.float32(-0.0625), np.float32(-1)
+
+_jit = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
+_parallel = numba.njit(
+    cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True, parallel=True
+)
+
+
+@_parallel
+def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, world_to_camera, centre, lens, limits):  # type: ignore[no-untyped-def]
+    """EWA projection of N Gaussians.
+
+    Returns splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
+    of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,).
+    """
+    n = means.shape[0]
+    splats = np.empty((n, 8), np.float32)
+    colours = np.empty((n, 4), np.float32)
+    drawn = np.zeros(n, np.bool_)
+    fx, fy, cx, cy, width, height, near = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6]
+    W = world_to_camera
+    for i in numba.prange(n):
+        x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
+        depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
+        opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
+        if not depth >= near or opacity < ALPHA_CUTOFF:
+            continue
+        across = (W[0, 0] * x + W[0, 1] * y + W[0, 2] * z + W[0, 3]) / depth
+        down = (W[1, 0] * x + W[1, 1] * y + W[1, 2] * z + W[1, 3]) / depth
+        # J W, with the projection's derivative taken inside the widened frustum.
+        tx = min(max(across, limits[0]), limits[1])
+        ty = min(max(down, limits[2]), limits[3])
+        ux0, ux1, ux2 = (
+            fx / depth * (W[0, 0] - tx * W[2, 0]),
+            fx / depth * (W[0, 1] - tx * W[2, 1]),
+            fx / depth * (W[0, 2] - tx * W[2, 2]),
+        )
+        uy0, uy1, uy2 = (
+            fy / depth * (W[1, 0] - ty * W[2, 0]),
+            fy / depth * (W[1, 1] - ty * W[2, 1]),
+            fy / depth * (W[1, 2] - ty * W[2, 2]),
+        )
+        qw, qx, qy, qz = (
+            float(quaternions[i, 0]),
+            float(quaternions[i, 1]),
+            float(quaternions[i, 2]),
+            float(quaternions[i, 3]),
+        )
+        norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
+        xx, xy, yy = LOW_PASS_VARIANCE, 0.0, LOW_PASS_VARIANCE
+        for axis in range(3):
+            # Column `axis` of the rotation matrix, scaled: one semi-axis of the ellipsoid, projected.
+            if axis == 0:
+                e0, e1, e2 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
+            elif axis == 1:
+                e0, e1, e2 = 2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)
+            else:
+                e0, e1, e2 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
+            s = math.exp(float(log_scales[i, axis]))
+            px, py = s * (ux0 * e0 + ux1 * e1 + ux2 * e2), s * (uy0 * e0 + uy1 * e1 + uy2 * e2)
+            xx += px * px
+            xy += px * py
+            yy += py * py
+        det = xx * yy - xy * xy
+        if not det > 0:
+            continue
+        reach = math.sqrt(max(0.0, 2 * math.log(opacity / ALPHA_CUTOFF)))
+        half_x, half_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
+        centre_x, centre_y = fx * across + cx, fy * down + cy
+        if not (
+            centre_x + half_x > 0 and centre_x - half_x < width and centre_y + half_y > 0 and centre_y - half_y < height
+        ):
+            continue
+        drawn[i] = True
+        splats[i, 0], splats[i, 1] = centre_x, centre_y
+        a = math.sqrt(yy / det)
+        splats[i, 2], splats[i, 3], splats[i, 4] = a, -xy / (det * a), 1 / math.sqrt(yy)
+        splats[i, 5], splats[i, 6], splats[i, 7] = opacity, half_x, half_y
+        dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / distance, dy / distance, dz / distance
+        for c in range(3):
+            colours[i, c] = max(0.0, 0.5 + _radiance(float(sh_dc[i, c]), sh_rest[i, c], dx, dy, dz))
+        colours[i, 3] = depth
+    return splats, colours, drawn
+
+
+@numba.njit(cache=True, inline="always")
+def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
+    """Real spherical harmonics of degree 0 to 3 in direction (x, y, z), with the signs of the 3DGS files."""
+    k = rest.shape[0]
+    value = SH_C0 * dc
+    if k >= 3:
+        value += 0.4886025119029199 * (-y * rest[0] + z * rest[1] - x * rest[2])
+    if k >= 8:
+        value += 1.0925484305920792 * (x * y * rest[3] - y * z * rest[4] - x * z * rest[6])
+        value += 0.31539156525252005 * (2 * z * z - x * x - y * y) * rest[5]
+        value += 0.5462742152960396 * (x * x - y * y) * rest[7]
+    if k >= 15:
+        value += -0.5900435899266435 * y * (3 * x * x - y * y) * rest[8] + 2.890611442640554 * x * y * z * rest[9]
+        value += -0.4570457994644658 * y * (4 * z * z - x * x - y * y) * rest[10]
+        value += 0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y) * rest[11]
+        value += -0.4570457994644658 * x * (4 * z * z - x * x - y * y) * rest[12]
+        value += (
+            1.445305721320277 * z * (x * x - y * y) * rest[13] - 0.5900435899266435 * x * (x * x - 3 * y * y) * rest[14]
+        )
+    return value
+
+
+@numba.njit(cache=True, inline="always")
+def _tile_range(centre, half, n_tiles):  # type: ignore[no-untyped-def]
+    """First and one past the last tile that [centre - half, centre + half] touches."""
+    first = max(0, int(math.floor(max((centre - half) / TILE, -1.0))))
+    last = min(n_tiles, int(math.floor(min((centre + half) / TILE, float(n_tiles)))) + 1)
+    return first, last
+
+
+@numba.njit(cache=True, inline="always")
+def _reaches(splat, left, top):  # type: ignore[no-untyped-def]
+    """Whether the ellipse of the alpha cut-off can meet the tile with that upper left corner.
+
+    The power is convex, so its least value over the tile's rectangle lies at the centre if that is inside, and else on
+    one of the (at most two) edges that face the centre, at the edge's own minimum clamped to the edge.
+    """
+    x0, x1 = left - splat[0], left + TILE - splat[0]
+    y0, y1 = top - splat[1], top + TILE - splat[1]
+    if x0 <= 0 and x1 >= 0 and y0 <= 0 and y1 >= 0:
+        return True
+    A, B, C = splat[2], splat[3], splat[4]
+    limit = 2.0 * math.log(splat[5] / ALPHA_CUTOFF) + 1e-3
+    if x0 > 0 or x1 < 0:
+        x = x0 if x0 > 0 else x1
+        y = min(max(-A * B * x / (B * B + C * C), y0), y1)
+        if (A * x + B * y) ** 2 + (C * y) ** 2 <= limit:
+            return True
+    if y0 > 0 or y1 < 0:
+        y = y0 if y0 > 0 else y1
+        x = min(max(-B * y / A, x0), x1)
+        if (A * x + B * y) ** 2 + (C * y) ** 2 <= limit:
+            return True
+    return False
+
+
+@_jit
+def count_tiles(splats, width, height, n_tiles):  # type: ignore[no-untyped-def]
+    """Number of Gaussians that reach each tile, (T,)."""
+    across, down = -(-width // TILE), -(-height // TILE)
+    counts = np.zeros(n_tiles, np.int32)
+    for i in range(splats.shape[0]):
+        x0, x1 = _tile_range(splats[i, 0], splats[i, 6], across)
+        y0, y1 = _tile_range(splats[i, 1], splats[i, 7], down)
+        for ty in range(y0, y1):
+            for tx in range(x0, x1):
+                if _reaches(splats[i], tx * TILE, ty * TILE):
+                    counts[ty * across + tx] += 1
+    return counts
+
+
+@_jit
+def bin_gaussians(splats, width, height, starts):  # type: ignore[no-untyped-def]
+    """Lists of the Gaussians that reach each tile, in the order of `splats`, (P,)."""
+    across, down = -(-width // TILE), -(-height // TILE)
+    lists = np.empty(starts[-1], np.int32)
+    ends = starts[:-1].copy()
+    for i in range(splats.shape[0]):
+        x0, x1 = _tile_range(splats[i, 0], splats[i, 6], across)
+        y0, y1 = _tile_range(splats[i, 1], splats[i, 7], down)
+        for ty in range(y0, y1):
+            for tx in range(x0, x1):
+                if _reaches(splats[i], tx * TILE, ty * TILE):
+                    tile = ty * across + tx
+                    lists[ends[tile]] = i
+                    ends[tile] += 1
+    return lists
+
+
+@numba.njit(cache=True, inline="always")
+def _falloff(half_power_negated):  # type: ignore[no-untyped-def]
+    """exp(-q / 2) of q >= 0 by a polynomial at one eighth of the exponent, squared three times."""
+    x = max(half_power_negated * _EIGHTH, _LOWEST)
+    e = _ONE + x * (_E1 + x * (_E2 + x * (_E3 + x * (_E4 + x * _E5))))
+    e = e * e
+    e = e * e
+    return e * e
+
+
+@_parallel
+def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: ignore[no-untyped-def]
+    """Front-to-back blending of all tiles.
+
+    Returns the blended values and, last, alpha, (C + 1, H', W') with H', W' rounded up to whole tiles; and for each
+    pair of `lists` the sum of its blend weights under each of the label images (L, H', W'), (P, L).
+    """
+    across, down = -(-width // TILE), -(-height // TILE)
+    n_tiles, n_values, n_labels = across * down, values.shape[1], labels.shape[0]
+    image = np.zeros((n_values + 1, down * TILE, across * TILE), np.float32)
+    pairs = np.zeros((lists.shape[0], n_labels), np.float32)
+    for job in numba.prange(n_tiles):
+        # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
+        tile = _interleave(job, n_tiles)
+        left, top = (tile % across) * TILE, (tile // across) * TILE
+        column = np.empty(_AREA, np.float32)
+        row = np.empty(_AREA, np.float32)
+        for p in range(_AREA):
+            column[p] = np.float32(p % TILE) + np.float32(0.5)
+            row[p] = np.float32(p // TILE) + np.float32(0.5)
+        transmittance = np.ones(_AREA, np.float32)
+        for p in range(_AREA):
+            if left + p % TILE >= width or top + p // TILE >= height:
+                transmittance[p] = -_ONE  # Pixels outside the image count as stopped.
+        weights = np.empty(_AREA, np.float32)
+        sums = np.zeros((n_values, _AREA), np.float32)
+        marks = np.empty((n_labels, _AREA), np.float32)
+        for label in range(n_labels):
+            for p in range(_AREA):
+                marks[label, p] = labels[label, top + p // TILE, left + p % TILE]
+        for pair in range(starts[tile], starts[tile + 1]):
+            if (pair - starts[tile]) % _CHECK_EVERY == 0:
+                light = _ZERO
+                for p in range(_AREA):
+                    light += max(transmittance[p], _ZERO)
+                if light <= _ZERO:
+                    break
+            i = lists[pair]
+            x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
+            A, B, C, opacity = splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
+            u0, v0 = -(A * x + B * y), -C * y
+            first = TILE * max(0, int(math.floor(y - splats[i, 7] - np.float32(0.5))))
+            last = TILE * min(TILE, int(math.ceil(y + splats[i, 7] + np.float32(0.5))))
+            for p in range(first, last):
+                u = A * column[p] + (B * row[p] + u0)
+                v = C * row[p] + v0
+                alpha = min(opacity * _falloff(u * u + v * v), _CAP)
+                alpha = alpha if alpha >= _CUTOFF else _ZERO
+                before = transmittance[p]
+                after = before * (_ONE - alpha)
+                goes_on = after >= _STOP
+                weights[p] = alpha * before if goes_on else _ZERO
+                transmittance[p] = after if goes_on else -abs(before)
+            for c in range(n_values):
+                value = values[i, c]
+                for p in range(first, last):
+                    sums[c, p] += weights[p] * value
+            for label in range(n_labels):
+                total = _ZERO
+                for p in range(first, last):
+                    total += weights[p] * marks[label, p]
+                pairs[pair, label] = total
+        for c in range(n_values):
+            for p in range(_AREA):
+                image[c, top + p // TILE, left + p % TILE] = sums[c, p]
+        for p in range(_AREA):
+            image[n_values, top + p // TILE, left + p % TILE] = _ONE - abs(transmittance[p])
+    return image, pairs
+
+
+@numba.njit(cache=True, inline="always")
+def _interleave(job, n):  # type: ignore[no-untyped-def]
+    stride = 61 if n % 61 else (59 if n % 59 else 1)
+    return (job * stride) % n
+
+
+@_jit
+def sum_pairs(pairs, lists, n_drawn):  # type: ignore[no-untyped-def]
+    """Sums over tiles of the pairs' weights, always in the order of the tiles, (M, L)."""
+    totals = np.zeros((n_drawn, pairs.shape[1]), np.float32)
+    for pair in range(pairs.shape[0]):
+        for label in range(pairs.shape[1]):
+            totals[lists[pair], label] += pairs[pair, label]
+    return totals
+
+
+@_parallel
+def top_of_pixels(splats, starts, lists, width, pixels, k):  # type: ignore[no-untyped-def]
+    """The k largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals."""
+    across = -(-width // TILE)
+    n = pixels.shape[0]
+    ids = np.full((n, k), -1, np.int64)
+    weights = np.zeros((n, k), np.float32)
+    for j in numba.prange(n):
+        x, y = np.float32(pixels[j, 0]) + np.float32(0.5), np.float32(pixels[j, 1]) + np.float32(0.5)
+        tile = (pixels[j, 1] // TILE) * across + pixels[j, 0] // TILE
+        transmittance = _ONE
+        for pair in range(starts[tile], starts[tile + 1]):
+            i = lists[pair]
+            dx, dy = x - splats[i, 0], y - splats[i, 1]
+            u, v = splats[i, 2] * dx + splats[i, 3] * dy, splats[i, 4] * dy
+            alpha = min(splats[i, 5] * _falloff(u * u + v * v), _CAP)
+            if alpha < _CUTOFF:
+                continue
+            after = transmittance * (_ONE - alpha)
+            if after < _STOP:
+                break
+            weight = alpha * transmittance
+            transmittance = after
+            slot = k
+            while slot > 0 and weights[j, slot - 1] < weight:
+                slot -= 1
+            for s in range(k - 1, slot, -1):
+                ids[j, s], weights[j, s] = ids[j, s - 1], weights[j, s - 1]
+            if slot < k:
+                ids[j, slot], weights[j, slot] = i, weight
+    return ids, weights
