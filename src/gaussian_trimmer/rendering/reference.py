@@ -1,0 +1,216 @@
+"""The readable renderer: EWA splatting in float64 NumPy, written like its equations.
+
+It is slow and stands alone on purpose: the fast renderers, and the rules for splitting, are tested against it.
+Equations are those of "EWA Splatting" (Zwicker et al., 2002) as used by "3D Gaussian Splatting" (Kerbl et al., 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.rendering import (
+    ALPHA_CAP,
+    ALPHA_CUTOFF,
+    FRUSTUM_MARGIN,
+    LOW_PASS_VARIANCE,
+    NEAR_DEPTH,
+    TRANSMITTANCE_STOP,
+    Rendering,
+)
+
+Box = tuple[slice, slice]
+
+
+@dataclass(frozen=True, eq=False)
+class _Splat:
+    """One Gaussian as the image plane sees it."""
+
+    row: int
+    """Its number in the scene."""
+    mean: Float64Array
+    """Projected centre in pixels, (2,)."""
+    covariance: Float64Array
+    """Projected and low-pass filtered covariance in square pixels, (2, 2)."""
+    opacity: float
+
+
+class ReferenceRenderer:
+    """Fulfils the `Renderer` contract by visiting the Gaussians one after the other, nearest first."""
+
+    name = "reference"
+
+    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
+        """Colour, alpha and depth of a view. `background` is an RGB colour (3,), black if not given."""
+        depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
+        seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
+        rgb, weighted_depth, alpha = np.split(_blended(gaussians, camera, seen), [3, 4], axis=2)
+        if background is not None:
+            rgb = rgb + (1.0 - alpha) * background
+        depth = np.divide(weighted_depth, alpha, out=np.zeros_like(alpha), where=alpha > 0)
+        return Rendering(rgb.astype(np.float32), alpha[..., 0].astype(np.float32), depth[..., 0].astype(np.float32))
+
+    def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
+        """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
+        return _blended(gaussians, camera, values.astype(np.float64)).astype(np.float32)
+
+    def blend_weights(
+        self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
+    ) -> FloatArray:
+        """Sum over pixels of alpha_i T_i, separately by the pixels' labels (H, W), as (N, n_labels).
+
+        Pixels whose label is n_labels or more are left out.
+        """
+        sums = np.zeros((len(gaussians), n_labels))
+        for splat, box, weights in _blend(gaussians, camera):
+            for label in range(n_labels):
+                sums[splat.row, label] = weights[labels[box] == label].sum()
+        return sums.astype(np.float32)
+
+    def top_contributors(
+        self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
+    ) -> tuple[IntArray, FloatArray]:
+        """The k Gaussians of largest blend weight at each asked pixel (x, y), nearest first where weights are equal.
+
+        Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
+        """
+        x, y = pixels[:, 0], pixels[:, 1]
+        ids = np.full((len(pixels), k), -1, np.int64)
+        best = np.zeros((len(pixels), k))
+        for splat, (rows, columns), weights in _blend(gaussians, camera):
+            met = (rows.start <= y) & (y < rows.stop) & (columns.start <= x) & (x < columns.stop)
+            weight = weights[y[met] - rows.start, x[met] - columns.start]
+            candidates = np.column_stack([best[met], weight])
+            candidate_ids = np.column_stack([ids[met], np.full(len(weight), splat.row)])
+            # The stable sort leaves earlier, that is nearer, Gaussians and empty places before the newcomer.
+            order = np.argsort(-candidates, axis=1, kind="stable")[:, :k]
+            best[met] = np.take_along_axis(candidates, order, axis=1)
+            ids[met] = np.take_along_axis(candidate_ids, order, axis=1)
+        return ids, best.astype(np.float32)
+
+
+def view_colours(gaussians: Gaussians, camera: Camera) -> Float64Array:
+    """Colours (N, 3), not negative, that the spherical harmonics show towards the camera."""
+    directions = gaussians.means - camera.centre
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.divide(directions, lengths, out=np.zeros_like(directions), where=lengths > 0)
+    coefficients = np.concatenate([gaussians.sh_dc[:, :, None], gaussians.sh_rest], axis=2, dtype=np.float64)
+    basis = sh_basis(directions)[:, : coefficients.shape[2]]
+    return np.asarray(np.maximum(np.einsum("nck,nk->nc", coefficients, basis) + 0.5, 0.0))
+
+
+def sh_basis(directions: Float64Array) -> Float64Array:
+    """Real spherical harmonics of degrees 0 to 3 at unit directions (N, 3), as (N, 16).
+
+    Ordered by degree l, then by m from -l to l; odd m carry the Condon-Shortley sign, as trained models expect.
+    """
+    x, y, z = directions.T
+    xx, yy, zz = x * x, y * y, z * z
+    polynomials = [
+        (1 / 4, np.ones_like(x)),
+        (3 / 4, -y),
+        (3 / 4, z),
+        (3 / 4, -x),
+        (15 / 4, x * y),
+        (15 / 4, -y * z),
+        (5 / 16, 2 * zz - xx - yy),
+        (15 / 4, -x * z),
+        (15 / 16, xx - yy),
+        (35 / 32, -y * (3 * xx - yy)),
+        (105 / 4, x * y * z),
+        (21 / 32, -y * (4 * zz - xx - yy)),
+        (7 / 16, z * (2 * zz - 3 * xx - 3 * yy)),
+        (21 / 32, -x * (4 * zz - xx - yy)),
+        (105 / 16, z * (xx - yy)),
+        (35 / 32, -x * (xx - 3 * yy)),
+    ]
+    return np.column_stack([np.sqrt(factor / np.pi) * polynomial for factor, polynomial in polynomials])
+
+
+def projected_covariances(gaussians: Gaussians, camera: Camera) -> Float64Array:
+    """Covariances in the image, J W Sigma W^T J^T plus the low-pass filter, in square pixels, (N, 2, 2).
+
+    All Gaussians must be in front of the camera. J is the Jacobian of the perspective projection at the centre, or,
+    for centres far outside the image, where the linear approximation breaks down, at the margin around it.
+
+    Eqs. 5 and 6 of "3D Gaussian Splatting".
+    """
+    size = np.array([camera.width, camera.height])
+    focal, principal = camera.K[[0, 1], [0, 1]], camera.K[:2, 2]
+    pixels, z = camera.project(gaussians.means.astype(np.float64))
+    clamped = np.clip(pixels, -FRUSTUM_MARGIN * size, (1.0 + FRUSTUM_MARGIN) * size)
+    slopes = (clamped - principal) / focal  # x / z and y / z, (N, 2)
+
+    J = np.zeros((len(gaussians), 2, 3))
+    J[:, 0, 0] = focal[0] / z
+    J[:, 1, 1] = focal[1] / z
+    J[:, :, 2] = -focal * slopes / z[:, None]
+    JW = J @ camera.rotation
+    low_pass = LOW_PASS_VARIANCE * np.eye(2)
+    return np.asarray(JW @ gaussians.covariances() @ JW.transpose(0, 2, 1) + low_pass)
+
+
+def _blended(gaussians: Gaussians, camera: Camera, values: Float64Array) -> Float64Array:
+    """The image (H, W, C) of values (N, C)."""
+    image = np.zeros((camera.height, camera.width, values.shape[1]))
+    for splat, box, weights in _blend(gaussians, camera):
+        image[box] += weights[..., None] * values[splat.row]
+    return image
+
+
+def _front_to_back(gaussians: Gaussians, camera: Camera) -> Iterator[_Splat]:
+    """The visible Gaussians by rising centre depth, and by row number where depths are equal."""
+    depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
+    opacities = gaussians.opacities.astype(np.float64)
+    rows = np.flatnonzero((depths >= NEAR_DEPTH) & (opacities >= ALPHA_CUTOFF))
+    rows = rows[np.argsort(depths[rows], kind="stable")]
+    visible = gaussians.select(rows)
+    means, _ = camera.project(visible.means.astype(np.float64))
+    covariances = projected_covariances(visible, camera)
+    drawable = np.linalg.det(covariances) > 0
+    for i in np.flatnonzero(drawable):
+        yield _Splat(int(rows[i]), means[i], covariances[i], float(opacities[rows[i]]))
+
+
+def _blend(gaussians: Gaussians, camera: Camera) -> Iterator[tuple[_Splat, Box, Float64Array]]:
+    """Alpha blending front to back: every visible Gaussian with its box of pixels and its weights alpha_i T_i there.
+
+    Eq. 3 of "3D Gaussian Splatting", with T_i the product of 1 - alpha_j over all nearer j.
+    """
+    transmittance = np.ones((camera.height, camera.width))
+    finished: BoolArray = np.zeros((camera.height, camera.width), np.bool_)
+    for splat in _front_to_back(gaussians, camera):
+        box = _box(splat, camera)
+        alpha = _alpha(splat, box)
+        drawn = (alpha >= ALPHA_CUTOFF) & ~finished[box]
+        # The Gaussian that would exhaust a pixel is itself no longer drawn there.
+        exhausts = drawn & (transmittance[box] * (1.0 - alpha) < TRANSMITTANCE_STOP)
+        finished[box] |= exhausts
+        alpha = np.where(drawn & ~exhausts, alpha, 0.0)
+        yield splat, box, alpha * transmittance[box]
+        transmittance[box] *= 1.0 - alpha
+
+
+def _alpha(splat: _Splat, box: Box) -> Float64Array:
+    """min(cap, o exp(-d^T Sigma^-1 d / 2)) at the pixel centres of a box, d being their offsets from the mean."""
+    rows, columns = box
+    y, x = np.mgrid[rows, columns] + 0.5
+    d = np.stack([x, y], axis=-1) - splat.mean  # (h, w, 2)
+    squared_distance = np.einsum("hwi,ij,hwj->hw", d, np.linalg.inv(splat.covariance), d)
+    return np.asarray(np.minimum(ALPHA_CAP, splat.opacity * np.exp(-0.5 * squared_distance)))
+
+
+def _box(splat: _Splat, camera: Camera) -> Box:
+    """Rows and columns of the image outside which the Gaussian's alpha is below the cut-off; may be empty."""
+    # o exp(-q / 2) = cutoff gives the ellipse d^T Sigma^-1 d = q, which reaches sqrt(q Sigma_ii) along axis i.
+    q = 2.0 * np.log(splat.opacity / ALPHA_CUTOFF)
+    reach = np.sqrt(q * np.diag(splat.covariance))
+    size = (camera.width, camera.height)
+    first = np.clip(np.floor(splat.mean - reach), 0, size).astype(np.int64)
+    beyond = np.clip(np.ceil(splat.mean + reach), 0, size).astype(np.int64)
+    return slice(int(first[1]), int(beyond[1])), slice(int(first[0]), int(beyond[0]))

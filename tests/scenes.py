@@ -1,0 +1,69 @@
+"""Random scenes and cameras for the tests of renderers."""
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera, look_at
+from gaussian_trimmer.gaussians import Gaussians, logit
+
+SCENE_CENTRE = np.array([0.4, -0.3, 0.2])
+SCENE_RADIUS = 1.0
+CAMERA_POSITION = np.array([1.5, -1.4, -3.0])
+
+
+def front_camera(width=83, height=61):
+    """A tilted camera before the scene, with unequal focal lengths and the principal point off the centre."""
+    focal = 1.1 * max(width, height)
+    K = np.array([[focal, 0, 0.45 * width], [0, 1.05 * focal, 0.56 * height], [0, 0, 1.0]])
+    world_to_camera = look_at(CAMERA_POSITION, SCENE_CENTRE, np.array([0.2, -1.0, 0.1]))
+    return Camera(world_to_camera, K, width, height)
+
+
+def gaussian(mean=(0, 0, 1), scale=0.1, quaternion=(1, 0, 0, 0), opacity=0.5, colour=(1, 1, 1), sh_rest=None):
+    """One Gaussian; `scale` is one number or three, `colour` that of its constant coefficient."""
+    return Gaussians(
+        np.array([mean], np.float32),
+        np.log(np.broadcast_to(scale, (1, 3))).astype(np.float32),
+        np.array([quaternion], np.float32),
+        logit(np.array([opacity])).astype(np.float32),
+        ((np.array([colour]) - 0.5) / 0.28209479177387814).astype(np.float32),
+        np.zeros((1, 3, 0), np.float32) if sh_rest is None else np.asarray(sh_rest, np.float32)[None],
+    )
+
+
+def random_scene(seed, n=160, sh_degree=3):
+    """Gaussians of every kind that renderers get wrong, in random order, mostly before `front_camera`.
+
+    The kinds, in turn: blobs, needles of aspect 1 : 100, crossers of the near plane, nearly opaque and nearly
+    transparent ones, ones behind the camera, ones outside the image that may reach into it, and pairs of equal depth.
+    """
+    rng = np.random.default_rng(seed)
+    means = SCENE_CENTRE + SCENE_RADIUS * rng.uniform(-1, 1, (n, 3))
+    log_scales = rng.uniform(np.log(0.03), np.log(0.25), (n, 3))
+    opacities = rng.uniform(0.05, 0.95, n)
+    kind = rng.permutation(n) % 8
+
+    needles = kind == 1
+    log_scales[needles] = np.log([0.4, 0.004, 0.004])
+    crossers = kind == 2
+    ahead = SCENE_CENTRE - CAMERA_POSITION
+    near = rng.uniform(0.02, 0.3, (crossers.sum(), 1))
+    means[crossers] = CAMERA_POSITION + near * ahead / np.linalg.norm(ahead) + rng.normal(0, 0.1, (crossers.sum(), 3))
+    log_scales[crossers] = rng.uniform(np.log(0.005), np.log(0.2), (crossers.sum(), 3))
+    opacities[crossers] *= 0.2  # They fill the image; opaque ones would hide the others.
+    opacities[kind == 3] = rng.choice([0.0, 0.003, 0.005, 0.97, 0.995, 1.0], (kind == 3).sum())
+    means[kind == 4] -= 2 * ahead
+    sideways = np.cross(ahead, [0.0, 1.0, 0.0])
+    means[kind == 5] += rng.choice([-1, 1], ((kind == 5).sum(), 1)) * sideways * rng.uniform(0.4, 2.0)
+    log_scales[kind == 5] += 1.0
+    twins = np.flatnonzero(kind == 6)
+    means[twins[1::2]] = means[twins[::2][: len(twins) // 2]]
+
+    coefficients = (sh_degree + 1) ** 2 - 1
+    return Gaussians(
+        means.astype(np.float32),
+        log_scales.astype(np.float32),
+        rng.normal(0, 1, (n, 4)).astype(np.float32),
+        logit(opacities).astype(np.float32),
+        rng.normal(0, 1, (n, 3)).astype(np.float32),
+        rng.normal(0, 0.3, (n, 3, coefficients)).astype(np.float32),
+    )
