@@ -34,7 +34,8 @@ def random_scene(seed, n=160, sh_degree=3):
     """Gaussians of every kind that renderers get wrong, in random order, mostly before `front_camera`.
 
     The kinds, in turn: blobs, needles of aspect 1 : 100, crossers of the near plane, nearly opaque and nearly
-    transparent ones, ones behind the camera, ones outside the image that may reach into it, and pairs of equal depth.
+    transparent ones, ones behind the camera, ones outside the image that may reach into it, pairs of equal depth, and
+    a dense core that lets no light through.
     """
     rng = np.random.default_rng(seed)
     means = SCENE_CENTRE + SCENE_RADIUS * rng.uniform(-1, 1, (n, 3))
@@ -57,6 +58,10 @@ def random_scene(seed, n=160, sh_degree=3):
     log_scales[kind == 5] += 1.0
     twins = np.flatnonzero(kind == 6)
     means[twins[1::2]] = means[twins[::2][: len(twins) // 2]]
+    core = kind == 7
+    means[core] = SCENE_CENTRE + rng.uniform(-1, 1, (core.sum(), 3)) * [0.3, 0.3, 1.0]
+    log_scales[core] = np.log(0.3)
+    opacities[core] = rng.uniform(0.7, 0.95, core.sum())
 
     coefficients = (sh_degree + 1) ** 2 - 1
     return Gaussians(
