@@ -1,0 +1,109 @@
+"""Cameras: where points appear, where rays go, how cameras are placed."""
+
+import numpy as np
+import pytest
+from scenes import CAMERA_POSITION, SCENE_CENTRE, front_camera
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def placed(position, target=(0.0, 0.0, 0.0), up=UP, width=120, height=80):
+    transform = look_at(np.array(position), np.array(target), np.array(up))
+    return Camera(transform, intrinsics(np.radians(60), width, height), width, height)
+
+
+POSITIONS = [(3.0, 0.0, 0.0), (0.0, -4.0, 1.0), (-2.0, 1.0, -2.0), (0.5, 0.5, 5.0)]
+
+
+@pytest.mark.parametrize("position", POSITIONS)
+def test_target_appears_at_the_centre(position):
+    target = np.array([0.3, -0.2, 0.1])
+    camera = placed(position, target)
+    pixels, depths = camera.project(target[None])
+    np.testing.assert_allclose(pixels, [[60, 40]], atol=1e-9)
+    assert depths[0] == pytest.approx(np.linalg.norm(target - position))
+
+
+@pytest.mark.parametrize("position", POSITIONS)
+def test_up_is_up_and_right_is_right(position):
+    camera = placed(position)
+    above, right = camera.project(np.stack([0.1 * UP, 0.1 * np.cross(camera.forward, UP)]))[0]
+    assert above[1] < 40
+    assert above[0] == pytest.approx(60)
+    assert right[0] > 60
+    assert right[1] == pytest.approx(40)
+
+
+@pytest.mark.parametrize("position", POSITIONS)
+def test_pose_is_rigid_and_gives_back_position_and_direction(position):
+    camera = placed(position)
+    np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(camera.rotation) == pytest.approx(1)
+    np.testing.assert_allclose(camera.centre, position, atol=1e-12)
+    np.testing.assert_allclose(camera.forward, -np.array(position) / np.linalg.norm(position), atol=1e-12)
+    np.testing.assert_allclose(camera.to_camera(camera.centre[None]), np.zeros((1, 3)), atol=1e-12)
+
+
+def test_length_of_up_does_not_matter():
+    np.testing.assert_allclose(placed(POSITIONS[1], up=1e-6 * UP).rotation, placed(POSITIONS[1]).rotation, atol=1e-9)
+
+
+def test_look_at_refuses_what_has_no_answer():
+    with pytest.raises(ValueError, match="own position"):
+        look_at(np.ones(3), np.ones(3), UP)
+    with pytest.raises(ValueError, match="parallel"):
+        look_at(np.array([0.0, 0, 5]), np.zeros(3), UP)
+
+
+def test_projection_by_hand():
+    K = np.array([[100, 0, 30], [0, 200, 20], [0, 0, 1.0]])
+    camera = Camera(np.eye(4), K, 60, 40)
+    pixels, depths = camera.project(np.array([[0.5, -0.1, 2.0], [0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(pixels, [[55, 10], [30, 20]])
+    np.testing.assert_allclose(depths, [2, 1])
+
+
+def test_points_not_in_front_have_no_pixel():
+    pixels, depths = Camera(np.eye(4), intrinsics(1.0, 20, 20), 20, 20).project(np.array([[1, 1, -1], [1, 1, 0]]))
+    assert np.isnan(pixels).all()
+    np.testing.assert_array_equal(depths, [-1, 0])
+
+
+def test_rays_pass_through_the_points_of_their_pixels():
+    camera = front_camera()
+    points = SCENE_CENTRE + np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    pixels, _ = camera.project(points)
+    directions = camera.ray_directions(pixels)
+    expected = (points - CAMERA_POSITION) / np.linalg.norm(points - CAMERA_POSITION, axis=1, keepdims=True)
+    np.testing.assert_allclose(directions, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("width", "height"), [(100, 100), (120, 80), (80, 120)])
+def test_intrinsics_span_the_longer_side(width, height):
+    fov = np.radians(50)
+    camera = Camera(np.eye(4), intrinsics(fov, width, height), width, height)
+    middle = np.array([width / 2, height / 2])
+    half = np.array([width / 2, 0]) if width >= height else np.array([0, height / 2])
+    first, last = camera.ray_directions(np.stack([middle - half, middle + half]))
+    assert np.arccos(first @ last) == pytest.approx(fov)
+    assert camera.K[0, 0] == camera.K[1, 1]
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.37, 2.0])
+def test_resized_sees_the_same(scale):
+    camera = front_camera()
+    resized = camera.resized(scale)
+    assert (resized.width, resized.height) == (round(83 * scale), round(61 * scale))
+    ratio = np.array([resized.width / camera.width, resized.height / camera.height])
+    points = SCENE_CENTRE + np.random.default_rng(0).uniform(-1, 1, (20, 3))
+    np.testing.assert_allclose(resized.project(points)[0], camera.project(points)[0] * ratio)
+
+
+def test_resized_leaves_the_original_and_at_least_a_pixel():
+    camera = Camera(np.eye(4), intrinsics(1.0, 40, 20), 40, 20, "a.jpg")
+    before = camera.K.copy()
+    tiny = camera.resized(0.01)
+    assert (tiny.width, tiny.height, tiny.name) == (1, 1, "a.jpg")
+    np.testing.assert_array_equal(camera.K, before)

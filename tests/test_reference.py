@@ -1,0 +1,292 @@
+"""The reference renderer against values computed by hand, and against laws that any blending obeys."""
+
+import numpy as np
+import pytest
+from scenes import front_camera, gaussian, random_scene
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import concatenate, quaternions_of, rotation_matrices
+from gaussian_trimmer.rendering import ALPHA_CUTOFF, get_renderer, reference
+from gaussian_trimmer.rendering.reference import projected_covariances, sh_basis, view_colours
+
+RENDERER = get_renderer("reference")
+FOCAL = 100.0
+# At the origin, looking along z; the optical axis passes through the centre of pixel (50, 40).
+CAMERA = Camera(np.eye(4), np.array([[FOCAL, 0, 50.5], [0, FOCAL, 40.5], [0, 0, 1]]), 101, 81)
+C1 = 0.4886025119029199  # sqrt(3 / (4 pi))
+
+
+def at_axis(gaussians, background=None):
+    """Colour, alpha and depth at the pixel of the optical axis."""
+    rendering = RENDERER.render(gaussians, CAMERA, background)
+    return rendering.rgb[40, 50], rendering.alpha[40, 50], rendering.depth[40, 50]
+
+
+# --- known values
+
+
+def test_one_gaussian_falls_off_by_its_projected_variance():
+    alpha = RENDERER.render(gaussian(mean=(0, 0, 2), scale=(0.1, 0.2, 0.3), opacity=0.6), CAMERA).alpha
+    across, down = (FOCAL / 2 * 0.1) ** 2 + 0.3, (FOCAL / 2 * 0.2) ** 2 + 0.3
+    assert alpha[40, 50] == pytest.approx(0.6)
+    assert alpha[40, 53] == pytest.approx(0.6 * np.exp(-0.5 * 9 / across))
+    assert alpha[33, 50] == pytest.approx(0.6 * np.exp(-0.5 * 49 / down))
+    assert alpha[36, 48] == pytest.approx(0.6 * np.exp(-0.5 * (4 / across + 16 / down)))
+
+
+def test_rotation_turns_the_footprint():
+    # A quarter turn about the viewing axis; the quaternion's length does not matter.
+    turned = gaussian(mean=(0, 0, 2), scale=(0.1, 0.2, 0.3), quaternion=(2, 0, 0, 2), opacity=0.6)
+    swapped = gaussian(mean=(0, 0, 2), scale=(0.2, 0.1, 0.3), opacity=0.6)
+    expected = RENDERER.render(swapped, CAMERA).alpha
+    np.testing.assert_allclose(RENDERER.render(turned, CAMERA).alpha, expected, atol=1e-6)
+
+
+def test_footprint_off_the_axis():
+    # J = [[f / z, 0, -f x / z^2], [0, f / z, -f y / z^2]] at (0.5, -0.25, 2), for an isotropic Gaussian.
+    s = 0.1
+    x, y, z = 50.0, -12.5, 6.25
+    expected = s**2 * np.array([[x * x + 12.5**2, y * z], [y * z, x * x + z * z]]) + 0.3 * np.eye(2)
+    actual = projected_covariances(gaussian(mean=(0.5, -0.25, 2), scale=s), CAMERA)[0]
+    np.testing.assert_allclose(actual, expected, rtol=1e-6)
+
+
+def test_jacobian_stays_within_the_margin():
+    # Columns 1040 of 101, taken at 1.15 x 101, and rows -150 of 81, taken at -0.15 x 81; the axis at (40, 50).
+    camera = Camera(np.eye(4), np.array([[FOCAL, 0, 40], [0, FOCAL, 50], [0, 0, 1]]), 101, 81)
+    slope_x, slope_y = (1.15 * 101 - 40) / FOCAL, (-0.15 * 81 - 50) / FOCAL
+    J = FOCAL * np.array([[1, 0, -slope_x], [0, 1, -slope_y]])
+    actual = projected_covariances(gaussian(mean=(10, -2, 1), scale=0.1), camera)[0]
+    np.testing.assert_allclose(actual, 0.01 * J @ J.T + 0.3 * np.eye(2), rtol=1e-6)
+
+
+def test_two_stacked_gaussians():
+    near, far = gaussian((0, 0, 1), opacity=0.5, colour=(1, 0, 0.5)), gaussian((0, 0, 3), opacity=0.8, colour=(0, 1, 1))
+    for scene in (concatenate([near, far]), concatenate([far, near])):
+        rgb, alpha, depth = at_axis(scene)
+        np.testing.assert_allclose(rgb, [0.5, 0.4, 0.65], atol=1e-6)
+        assert alpha == pytest.approx(0.9)
+        assert depth == pytest.approx((0.5 * 1 + 0.4 * 3) / 0.9)
+    rgb, _, _ = at_axis(concatenate([near, far]), np.float32([0.2, 0.4, 0.6]))
+    np.testing.assert_allclose(rgb, [0.52, 0.44, 0.71], atol=1e-6)
+
+
+def test_order_is_by_depth_not_by_distance():
+    # The red one is nearer by depth, 2 against 2.1, and farther by distance, 2.24 against 2.1.
+    red, blue = gaussian((1, 0, 2), scale=2, colour=(1, 0, 0)), gaussian((0, 0, 2.1), colour=(0, 0, 1))
+    ids, weights = RENDERER.top_contributors(concatenate([blue, red]), CAMERA, np.array([[50, 40]]), 2)
+    red_weight, blue_weight = weights[0][np.argsort(-ids[0])]
+    assert blue_weight == pytest.approx((1 - red_weight) * 0.5, rel=1e-5)
+
+
+def test_equal_depths_are_drawn_by_row():
+    red, blue = gaussian(opacity=0.75, colour=(1, 0, 0)), gaussian(opacity=0.75, colour=(0, 0, 1))
+    np.testing.assert_allclose(at_axis(concatenate([red, blue]))[0], [0.75, 0, 0.1875], atol=1e-6)
+    np.testing.assert_allclose(at_axis(concatenate([blue, red]))[0], [0.1875, 0, 0.75], atol=1e-6)
+
+
+def test_alpha_is_capped():
+    assert at_axis(gaussian(opacity=0.9999))[1] == pytest.approx(0.99)
+
+
+def test_cutoff_alone_bounds_a_gaussian():
+    alpha = RENDERER.render(gaussian(mean=(0, 0, 2), scale=0.2, opacity=0.95), CAMERA).alpha[40]
+    sigma = np.sqrt((FOCAL / 2 * 0.2) ** 2 + 0.3)
+    reach = sigma * np.sqrt(2 * np.log(0.95 * 255))  # 3.31 sigma
+    drawn = np.abs(np.arange(101) - 50) <= reach
+    np.testing.assert_array_equal(alpha > 0, drawn)
+    assert ALPHA_CUTOFF <= alpha[drawn].min() < 0.95 * np.exp(-4.5)
+
+
+def test_opacity_below_the_cutoff_is_not_drawn():
+    assert at_axis(gaussian(opacity=0.0039))[1] == 0
+    assert at_axis(gaussian(opacity=0.0040))[1] == pytest.approx(0.0040, rel=1e-4)
+
+
+@pytest.mark.parametrize(("opacity", "n_drawn"), [(0.784, 6), (0.785, 5)])
+def test_pixel_stops_before_it_is_exhausted(opacity, n_drawn):
+    # 0.216^6 = 1.02e-4 still passes, 0.215^6 = 0.99e-4 does not; nor is the faint one behind, row 10, drawn.
+    stack = [gaussian((0, 0, 1 + 0.1 * i), opacity=opacity) for i in range(10)]
+    scene = concatenate([*stack, gaussian((0, 0, 5), opacity=0.05)])
+    _, alpha, _ = at_axis(scene)
+    assert 1 - alpha == pytest.approx((1 - opacity) ** n_drawn, rel=2e-3)
+    ids, _ = RENDERER.top_contributors(scene, CAMERA, np.array([[50, 40]]), 11)
+    assert ids[0].tolist() == [*range(n_drawn)] + [-1] * (11 - n_drawn)
+
+
+@pytest.mark.parametrize(("depth", "drawn"), [(-1.0, False), (0.0, False), (0.009, False), (0.011, True)])
+def test_near_plane(depth, drawn):
+    assert (at_axis(gaussian((0, 0, depth), scale=0.001))[1] > 0) == drawn
+
+
+def test_degree_one_by_hand():
+    # Seen from the origin along (1, 2, 2) / 3: minus y, plus z, minus x.
+    sh_rest = np.zeros((3, 3))
+    sh_rest[0, 0], sh_rest[1, 1], sh_rest[2, 2] = 0.3, 0.2, 0.6
+    colour = view_colours(gaussian((1, 2, 2), colour=(0.5, 0.5, 0.5), sh_rest=sh_rest), CAMERA)[0]
+    np.testing.assert_allclose(colour, 0.5 + C1 * np.array([-0.3 * 2, 0.2 * 2, -0.6 * 1]) / 3, atol=1e-6)
+
+
+def test_colours_depend_on_where_the_camera_is_not_on_where_it_looks():
+    sh_rest = np.zeros((3, 3))
+    sh_rest[:, 1] = 0.2
+    g = gaussian((0, 0, 1), colour=(0.5, 0.5, 0.5), sh_rest=sh_rest)
+    beyond = np.eye(4)
+    beyond[2, 3] = -3.0  # Camera centre at z = 3.
+    assert view_colours(g, CAMERA)[0, 0] == pytest.approx(0.5 + 0.2 * C1)
+    assert view_colours(g, Camera(beyond, CAMERA.K, 101, 81))[0, 0] == pytest.approx(0.5 - 0.2 * C1)
+
+
+def test_negative_colours_are_black_and_bright_ones_stay():
+    np.testing.assert_allclose(view_colours(gaussian(colour=(-0.3, 0.2, 1.7)), CAMERA)[0], [0, 0.2, 1.7], atol=1e-6)
+
+
+def test_basis_by_hand():
+    # At (1, 2, 3) / sqrt(14), with the numeric constants that the published models were trained with.
+    one, two, three = 1 / np.sqrt(14), 1 / 14, 14**-1.5
+    expected = [0.28209479177387814, -C1 * 2 * one, C1 * 3 * one, -C1 * one]
+    expected += [1.0925484305920792 * 2 * two, -1.0925484305920792 * 6 * two, 0.31539156525252005 * 13 * two]
+    expected += [-1.0925484305920792 * 3 * two, 0.5462742152960396 * -3 * two]
+    expected += [-0.5900435899266435 * -2 * three, 2.890611442640554 * 6 * three, -0.4570457994644658 * 62 * three]
+    expected += [0.3731763325901154 * 9 * three, -0.4570457994644658 * 31 * three, 1.445305721320277 * -9 * three]
+    expected += [-0.5900435899266435 * -11 * three]
+    direction = np.array([[1, 2, 3]]) / np.sqrt(14)
+    np.testing.assert_allclose(sh_basis(direction)[0], expected, atol=1e-12)
+
+
+def test_labels_part_the_weights():
+    labels = np.ones((81, 101), np.uint8)
+    labels[:, :50] = 0
+    labels[:, 50] = 2
+    weights = RENDERER.blend_weights(gaussian(mean=(0, 0, 2), opacity=0.6), CAMERA, labels, 2)
+    assert weights.shape == (1, 2)
+    assert weights[0, 0] == pytest.approx(weights[0, 1])
+    alpha = RENDERER.render(gaussian(mean=(0, 0, 2), opacity=0.6), CAMERA).alpha
+    assert weights.sum() == pytest.approx(alpha.sum() - alpha[:, 50].sum())
+
+
+def test_contributors_are_ordered_by_weight():
+    scene = concatenate([gaussian((0, 0, 3), opacity=0.9), gaussian((0, 0, 1), opacity=0.2)])
+    pixels = np.array([[50, 40], [0, 0]])
+    ids, weights = RENDERER.top_contributors(scene, CAMERA, pixels, 3)
+    assert ids.tolist() == [[0, 1, -1], [-1, -1, -1]]
+    np.testing.assert_allclose(weights, [[0.72, 0.2, 0], [0, 0, 0]], atol=1e-6)
+    ids, _ = RENDERER.top_contributors(scene, CAMERA, pixels, 1)
+    assert ids.tolist() == [[0], [-1]]
+
+
+def test_of_equal_contributors_the_nearer_comes_first(monkeypatch):
+    # Rounding hardly ever lets two weights be equal, so blending is replaced: rows 3, 1 and 2 from near to far.
+    def equal_weights(gaussians, camera):
+        for row in (3, 1, 2):
+            yield reference._Splat(row, np.zeros(2), np.eye(2), 0.5), (slice(0, 1), slice(0, 1)), np.array([[0.25]])
+
+    monkeypatch.setattr(reference, "_blend", equal_weights)
+    ids, _ = RENDERER.top_contributors(random_scene(0, 5), CAMERA, np.array([[0, 0]]), 2)
+    assert ids.tolist() == [[3, 1]]
+
+
+# --- laws
+
+
+def test_basis_is_orthonormal():
+    # Gauss-Legendre in z and even steps in azimuth integrate polynomials of degree 6 exactly.
+    z, weight = np.polynomial.legendre.leggauss(8)
+    azimuth = 2 * np.pi * np.arange(16) / 16
+    radius = np.sqrt(1 - z**2)[:, None]
+    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    basis = sh_basis(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3))
+    gram = basis.T @ (np.repeat(weight, 16)[:, None] * 2 * np.pi / 16 * basis)
+    np.testing.assert_allclose(gram, np.eye(16), atol=1e-12)
+
+
+def test_projection_is_linear_to_first_order():
+    camera = front_camera()
+    scene = random_scene(3, 40)
+    pixels, depths = camera.project(scene.means)
+    inside = (depths > 0.5) & (pixels > 0).all(1) & (pixels < [camera.width, camera.height]).all(1)
+    scene = scene.select(inside)
+    step = 1e-5
+    steps = scene.means[:, None].astype(np.float64) + step * np.concatenate([np.eye(3), -np.eye(3)])
+    moved = camera.project(steps.reshape(-1, 3))[0].reshape(-1, 6, 2)
+    J = (moved[:, :3] - moved[:, 3:]).transpose(0, 2, 1) / (2 * step)
+    expected = J @ scene.covariances() @ J.transpose(0, 2, 1) + 0.3 * np.eye(2)
+    assert len(scene) > 10
+    np.testing.assert_allclose(projected_covariances(scene, camera), expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_weights_add_up_to_alpha(seed):
+    scene, camera = random_scene(seed), front_camera()
+    labels = np.random.default_rng(seed).integers(0, 3, (camera.height, camera.width)).astype(np.uint8)
+    alpha = RENDERER.render(scene, camera).alpha
+    weights = RENDERER.blend_weights(scene, camera, labels, 3)
+    by_label = [alpha[labels == label].sum() for label in range(3)]
+    np.testing.assert_allclose(weights.sum(0), by_label, rtol=1e-4)
+    assert alpha.min() >= 0
+    assert alpha.max() <= 1
+
+
+def test_contributors_add_up_to_alpha_and_agree_with_the_weights():
+    scene, camera = random_scene(1), front_camera(31, 23)
+    pixels = np.stack(np.meshgrid(np.arange(31), np.arange(23)), axis=-1).reshape(-1, 2)
+    ids, weights = RENDERER.top_contributors(scene, camera, pixels, len(scene))
+    alpha = RENDERER.render(scene, camera).alpha
+    np.testing.assert_allclose(weights.sum(1), alpha.ravel(), atol=1e-5)
+    sums = np.bincount(ids[ids >= 0], weights[ids >= 0], minlength=len(scene))
+    everywhere = RENDERER.blend_weights(scene, camera, np.zeros((23, 31), np.uint8), 1)[:, 0]
+    np.testing.assert_allclose(sums, everywhere, rtol=1e-4, atol=1e-5)
+
+
+def test_order_of_rows_does_not_matter():
+    scene, camera = random_scene(4), front_camera()
+    unique = np.sort(np.unique(scene.means, axis=0, return_index=True)[1])  # Rows break ties of depth.
+    scene = scene.select(unique)
+    order = np.random.default_rng(0).permutation(len(scene))
+    shuffled = scene.select(order)
+    labels = np.zeros((camera.height, camera.width), np.uint8)
+    np.testing.assert_array_equal(
+        RENDERER.blend_weights(shuffled, camera, labels, 1), RENDERER.blend_weights(scene, camera, labels, 1)[order]
+    )
+    np.testing.assert_array_equal(RENDERER.render(shuffled, camera).rgb, RENDERER.render(scene, camera).rgb)
+
+
+def test_moving_scene_and_camera_together_changes_nothing():
+    scene, camera = random_scene(5, sh_degree=0), front_camera()
+    motion = np.eye(4)
+    motion[:3, :3] = rotation_matrices(np.array([[0.3, -0.5, 0.7, 0.2]]))[0]
+    motion[:3, 3] = [0.4, -1.0, 2.0]
+    rotations = motion[:3, :3] @ rotation_matrices(scene.quaternions)
+    moved = scene.replace(
+        means=(scene.means @ motion[:3, :3].T + motion[:3, 3]).astype(np.float32), quaternions=quaternions_of(rotations)
+    )
+    follower = Camera(camera.world_to_camera @ np.linalg.inv(motion), camera.K, camera.width, camera.height)
+    before, after = RENDERER.render(scene, camera), RENDERER.render(moved, follower)
+    np.testing.assert_allclose(after.rgb, before.rgb, atol=2e-3)
+    np.testing.assert_allclose(after.depth, before.depth, atol=2e-2)
+
+
+def test_blended_values_of_one_are_alpha():
+    scene, camera = random_scene(6), front_camera()
+    ones = RENDERER.blend_values(scene, camera, np.ones((len(scene), 2), np.float32))
+    rendering = RENDERER.render(scene, camera)
+    np.testing.assert_array_equal(ones, np.stack([rendering.alpha] * 2, axis=-1))
+    colours = view_colours(scene, camera).astype(np.float32)
+    np.testing.assert_allclose(RENDERER.blend_values(scene, camera, colours), rendering.rgb, atol=1e-6)
+
+
+def test_depth_lies_between_nearest_and_farthest():
+    scene, camera = random_scene(7), front_camera()
+    rendering = RENDERER.render(scene, camera)
+    depths = camera.to_camera(scene.means)[:, 2]
+    seen = rendering.depth[rendering.alpha > 0]
+    assert depths[depths >= 0.01].min() <= seen.min()
+    assert seen.max() <= depths.max()
+    assert np.all(rendering.depth[rendering.alpha == 0] == 0)
+
+
+def test_empty_scene_is_background():
+    empty = gaussian().select(slice(0, 0))
+    rendering = RENDERER.render(empty, CAMERA, np.float32([0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(rendering.rgb, np.broadcast_to([0.1, 0.2, 0.3], (81, 101, 3)), atol=1e-7)
+    assert RENDERER.blend_weights(empty, CAMERA, np.zeros((81, 101), np.uint8), 2).shape == (0, 2)
