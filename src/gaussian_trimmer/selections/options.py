@@ -1,0 +1,56 @@
+"""What the user may say about a selection file beyond its path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+Kind = Literal[
+    "auto",
+    "mask",
+    "labels",
+    "indices",
+    "subset",
+    "property",
+    "classifier",
+    "similarity",
+    "clusters",
+    "checkpoint",
+    "flashsplat",
+]
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """How a selection file is read. The defaults suffice wherever the file itself says which Gaussians it means."""
+
+    kind: Kind = "auto"
+    """What the file holds; found from its content unless forced."""
+    object_id: tuple[int, ...] = ()
+    """Id of the object among several in the file; more than one id are united."""
+    property: str | None = None
+    """Name of the PLY property, or of the array in an .npz, that holds the selection."""
+    threshold: float | None = None
+    """Values above it are selected. Default: 0 for a property, 0.3 for a classifier's probability, 0.9 for a similarity
+    and for a checkpoint's probability; scores in an array have no default."""
+    classifier: Path | None = None
+    """Classifier of the identity features that the PLY or the checkpoint holds."""
+    query_row: int | None = None
+    """Row number, from 0, of a scene Gaussian on the object; similar identity features are selected."""
+    gamma: float = 0.0
+    """FlashSplat's background bias: positive values select less, negative ones more; -1 to 1 is useful."""
+
+    def given(self) -> frozenset[str]:
+        """Names of the options other than `kind` that differ from their defaults."""
+        changed = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
+        return frozenset(changed) - {"kind"}
+
+
+def flag(option: str) -> str:
+    """How an option is spelt on the command line.
+
+    >>> flag("object_id")
+    '--selection.object-id'
+    """
+    return "--selection." + option.replace("_", "-")
