@@ -1,0 +1,172 @@
+"""Coarse selections from masks of posed pictures, for scenes that no segmentation method has been run on.
+
+N Gaussians, V views, H x W pixels. Masks are boolean or coverage 0..255, cut at half; the masks of several objects
+may be one image of object numbers a view. The cameras must be those of the masks' own, undistorted pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.rendering import Renderer
+
+LabelArray = NDArray[np.uint8]
+
+_HALF_COVERAGE = 127
+
+
+def lift_by_assignment(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    masks: Sequence[NDArray[Any]],
+    renderer: Renderer,
+    gamma: float = 0.0,
+) -> BoolArray:
+    """Gaussians that contribute more to the pixels inside the masks than to those outside, (N,).
+
+    Arguments:
+        masks: one (H, W) a camera, boolean or coverage 0..255.
+        gamma: slackness in [-1, 1]; above zero it takes fewer Gaussians, below zero more.
+
+    Gaussians that no view sees and ties are left out.
+    The optimal assignment of FlashSplat (Shen et al. 2024) for two labels.
+
+    Raises:
+        InputError: number or sizes of masks and cameras differ, the masks are empty, or gamma is out of range.
+    """
+    inside = _binary_masks(cameras, masks)
+    labels = [mask.astype(np.uint8) for mask in inside]
+    weights = sum_label_weights(gaussians, cameras, labels, 2, renderer)
+    return np.asarray(assign_labels(weights, gamma) == 1)
+
+
+def lift_objects_by_assignment(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    labels: Sequence[LabelArray],
+    renderer: Renderer,
+    gamma: float = 0.0,
+) -> LabelArray:
+    """Number of the object to whose pixels each Gaussian contributes most, (N,): one pass for all objects.
+
+    Arguments:
+        labels: one image of object numbers (H, W) a camera, 0 for the background.
+        gamma: slackness in [-1, 1]; above zero it favours the background.
+
+    Gaussians that no view sees are background; of equal contributions the lowest number wins.
+    The optimal assignment of FlashSplat (Shen et al. 2024) for several labels.
+
+    Raises:
+        InputError: number or sizes of images and cameras differ, all is background, or gamma is out of range.
+    """
+    _check_sizes(cameras, labels)
+    for camera, image in zip(cameras, labels, strict=True):
+        if image.dtype != np.uint8:
+            raise InputError(f"{_view(camera)} has labels of type {image.dtype}; 8-bit object numbers are needed.")
+    n_labels = 1 + max(int(image.max(initial=0)) for image in labels)
+    if n_labels == 1:
+        raise InputError("The label images hold nothing but background (0); number the objects from 1.")
+    return assign_labels(sum_label_weights(gaussians, cameras, labels, n_labels, renderer), gamma)
+
+
+def lift_by_vote(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    masks: Sequence[NDArray[Any]],
+    threshold: float = 0.7,
+    *,
+    every_view_votes: bool = False,
+) -> BoolArray:
+    """Gaussians whose centres are projected into more than a share of the masks, (N,), whether they are seen or not.
+
+    Arguments:
+        masks: one (H, W) a camera, boolean or coverage 0..255.
+        threshold: share of the votes that must be exceeded.
+        every_view_votes: a view that does not have the centre in its frame votes against it instead of abstaining;
+            parts that are in few pictures are then lost.
+
+    Centres that are in no frame are left out. The label voting of SAGD (Hu et al. 2024), whose code lets every view
+    vote.
+
+    Raises:
+        InputError: number or sizes of masks and cameras differ, the masks are empty, or the threshold is no share.
+    """
+    if not 0 <= threshold < 1:
+        raise InputError(f"The vote's threshold is {threshold}; it must be at least 0 and below 1.")
+    inside = _binary_masks(cameras, masks)
+    centres = np.asarray(gaussians.means, np.float64)
+    covered, in_frame = np.zeros(len(centres), np.int64), np.zeros(len(centres), np.int64)
+    for camera, mask in zip(cameras, inside, strict=True):
+        pixels, _ = camera.project(centres)
+        # Centres behind the camera have NaN pixels, which no comparison lets through.
+        rows = np.flatnonzero((pixels >= 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1))
+        columns, lines = pixels[rows].astype(np.int64).T
+        in_frame[rows] += 1
+        covered[rows] += mask[lines, columns]
+    votes = len(cameras) if every_view_votes else in_frame
+    return np.asarray((in_frame > 0) & (covered > threshold * votes))
+
+
+def sum_label_weights(
+    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], n_labels: int, renderer: Renderer
+) -> Float64Array:
+    """Blend weights of each Gaussian summed over the pixels of each label and all views, (N, n_labels)."""
+    weights = np.zeros((len(gaussians), n_labels))
+    for camera, image in zip(cameras, labels, strict=True):
+        weights += renderer.blend_weights(gaussians, camera, image, n_labels)
+    return weights
+
+
+def assign_labels(weights: Float64Array, gamma: float = 0.0) -> LabelArray:
+    """Label of the largest weight in each row of (N, n_labels), after rows are scaled to unit length, as (N,).
+
+    Before the comparison `gamma` is added to the weight of label 0, the background. Ties go to the lower label and
+    rows of zeros to the background, whatever gamma is. The slackness of FlashSplat (Shen et al. 2024).
+
+    Raises:
+        InputError: gamma is not in [-1, 1].
+
+    >>> assign_labels(np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]])).tolist()
+    [1, 0, 0]
+    >>> assign_labels(np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]]), gamma=-0.3).tolist()
+    [1, 1, 0]
+    """
+    if not -1 <= gamma <= 1:
+        raise InputError(f"The slackness gamma is {gamma}; it must lie between -1 and 1.")
+    lengths = np.linalg.norm(weights, axis=1, keepdims=True)
+    seen = lengths[:, 0] > 0
+    scaled = weights / np.where(lengths > 0, lengths, 1.0)
+    scaled[:, 0] += gamma
+    return np.where(seen, scaled.argmax(axis=1), 0).astype(np.uint8)
+
+
+def _binary_masks(cameras: Sequence[Camera], masks: Sequence[NDArray[Any]]) -> list[BoolArray]:
+    _check_sizes(cameras, masks)
+    binary = [mask if mask.dtype == np.bool_ else np.asarray(mask > _HALF_COVERAGE) for mask in masks]
+    if not any(mask.any() for mask in binary):
+        largest = max(float(mask.max(initial=0)) for mask in masks)
+        raise InputError(f"The masks are empty: their largest value is {largest:g}, and the object's must exceed 127.")
+    return binary
+
+
+def _check_sizes(cameras: Sequence[Camera], images: Sequence[NDArray[Any]]) -> None:
+    if len(cameras) != len(images) or not cameras:
+        raise InputError(f"There are {len(images)} masks for {len(cameras)} cameras; one for each is needed.")
+    for camera, image in zip(cameras, images, strict=True):
+        if image.shape != (camera.height, camera.width):
+            size = " x ".join(map(str, image.shape[::-1]))
+            raise InputError(
+                f"{_view(camera)} has a mask of {size} pixels for a camera of {camera.width} x {camera.height}; "
+                "resize the masks, keeping hard edges, or the cameras."
+            )
+
+
+def _view(camera: Camera) -> str:
+    return f"View '{camera.name}'" if camera.name else "A view without a name"

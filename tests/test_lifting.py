@@ -1,0 +1,211 @@
+"""Selections lifted from masks of small made scenes, and of the benchmark, whose coarse selections were lifted so."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import read
+from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.lifting import (
+    assign_labels,
+    lift_by_assignment,
+    lift_by_vote,
+    lift_objects_by_assignment,
+)
+from gaussian_trimmer.rendering import get_renderer
+
+SCENE = Path(__file__).parents[2] / "shared" / "data" / "scene0"
+REFERENCE = get_renderer("reference")
+
+# Seven Gaussians: three at the left, two at the right, one behind the left ones, one that no camera has in its frame.
+CENTRES = np.array([[-0.5, y, 0] for y in (-0.3, 0, 0.3)] + [[0.5, y, 0] for y in (-0.2, 0.2)] + [[-0.5, 0, 3.0]])
+LEFT, BEHIND, OUTSIDE = [0, 1, 2], 5, 6
+
+
+def scene(opacity_logit: float = 6.0) -> Gaussians:
+    means = np.concatenate([CENTRES, [[9.0, 0, -9.0]]]).astype(np.float32)
+    n = len(means)
+    return Gaussians(
+        means,
+        np.full((n, 3), np.log(0.1), np.float32),
+        np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
+        np.full(n, opacity_logit, np.float32),
+        np.zeros((n, 3), np.float32),
+        np.zeros((n, 3, 0), np.float32),
+    )
+
+
+def cameras(n: int = 3) -> list[Camera]:
+    """Cameras side by side before the scene, which see the two groups apart."""
+    K = intrinsics(0.9, 48, 40)
+    return [
+        Camera(look_at(np.array([x, 0, -3]), np.zeros(3), np.array([0.0, -1, 0])), K, 48, 40, f"{x:.1f}.png")
+        for x in np.linspace(-0.6, 0.6, n)
+    ]
+
+
+def left_masks(n: int = 3) -> list[np.ndarray]:
+    mask = np.zeros((40, 48), bool)
+    mask[:, :24] = True
+    return [mask] * n
+
+
+def test_assignment_takes_what_the_masks_show() -> None:
+    selected = lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE)
+    assert np.flatnonzero(selected).tolist() == [*LEFT, BEHIND]
+
+
+def test_unseen_gaussians_stay_background_whatever_the_slackness() -> None:
+    for gamma in (-1.0, -0.5, 0.0, 0.5, 1.0):
+        selected = lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma)
+        assert not selected[OUTSIDE]
+
+
+def test_more_slackness_never_adds() -> None:
+    mask = np.zeros((40, 48), bool)
+    mask[18:22, :24] = True  # cuts through the middle of the left group
+    found = [lift_by_assignment(scene(0), cameras(), [mask] * 3, REFERENCE, g) for g in (-0.9, -0.3, 0.0, 0.3, 0.9)]
+    assert found[0].sum() > found[-1].sum()
+    for larger, smaller in pairwise(found):
+        assert (larger | ~smaller).all()
+
+
+def test_soft_coverage_is_cut_at_half() -> None:
+    hard = lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE)
+    for inside, outside in ((255, 0), (128, 127)):
+        soft = [np.where(mask, inside, outside).astype(np.uint8) for mask in left_masks()]
+        assert (lift_by_assignment(scene(), cameras(), soft, REFERENCE) == hard).all()
+        assert (lift_by_vote(scene(), cameras(), soft) == lift_by_vote(scene(), cameras(), left_masks())).all()
+
+
+def test_several_objects_in_one_pass() -> None:
+    labels = [np.where(mask, 1, 7).astype(np.uint8) for mask in left_masks()]
+    for image in labels:
+        image[:6] = 0
+    found = lift_objects_by_assignment(scene(), cameras(), labels, REFERENCE)
+    assert found.dtype == np.uint8
+    assert found.tolist() == [1, 1, 1, 7, 7, 1, 0]
+
+
+def test_one_object_in_one_pass_equals_the_single_assignment() -> None:
+    labels = [mask.astype(np.uint8) for mask in left_masks()]
+    for gamma in (-0.7, 0.0, 0.4):
+        many = lift_objects_by_assignment(scene(0), cameras(), labels, REFERENCE, gamma)
+        assert ((many == 1) == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE, gamma)).all()
+
+
+@pytest.mark.parametrize(
+    ("row", "gamma", "label"),
+    [
+        ([2.0, 2.0], 0.0, 0),  # a tie is background
+        ([0.0, 5.0, 5.0], 0.0, 1),  # a tie of two objects goes to the lower number
+        ([3.0, 4.0], 0.19, 1),  # 0.6 + gamma against 0.8
+        ([3.0, 4.0], 0.21, 0),
+        ([300.0, 400.0], 0.19, 1),  # the same however much it is seen
+        ([0.0, 1e-30], 0.9, 1),
+        ([0.0, 0.0], -1.0, 0),
+    ],
+)
+def test_assignment_of_one_row(row: list[float], gamma: float, label: int) -> None:
+    assert assign_labels(np.array([row]), gamma).tolist() == [label]
+
+
+def test_vote_counts_centres_whether_seen_or_not() -> None:
+    voted = lift_by_vote(scene(), cameras(), left_masks(), 0.9)
+    assert np.flatnonzero(voted).tolist() == [*LEFT]  # the one behind is left of the middle in two views of three
+    assert np.flatnonzero(lift_by_vote(scene(), cameras(), left_masks(), 0.5)).tolist() == [*LEFT, BEHIND]
+
+
+def test_vote_threshold_must_be_exceeded() -> None:
+    masks = [*left_masks(2), *[np.zeros((40, 48), bool)] * 2]
+    assert lift_by_vote(scene(), cameras(4), masks, 0.49)[LEFT].all()
+    assert not lift_by_vote(scene(), cameras(4), masks, 0.5).any()
+
+
+def test_views_without_the_centre_abstain_unless_all_vote() -> None:
+    away = Camera(look_at(np.array([0, 0, -3.0]), np.array([0, 0, -9.0]), np.array([0, -1.0, 0])), np.eye(3), 48, 40)
+    views, masks = [*cameras(3), away, away], [*left_masks(3), *left_masks(2)]
+    assert lift_by_vote(scene(), views, masks)[LEFT].all()
+    assert not lift_by_vote(scene(), views, masks, every_view_votes=True).any()
+
+
+def test_permuted_gaussians_give_permuted_answers() -> None:
+    order = np.random.default_rng(0).permutation(len(scene()))
+    shuffled = scene(0).select(order)
+    assert (
+        lift_by_assignment(shuffled, cameras(), left_masks(), REFERENCE)
+        == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE)[order]
+    ).all()
+    assert (
+        lift_by_vote(shuffled, cameras(), left_masks(), 0.5)
+        == lift_by_vote(scene(0), cameras(), left_masks(), 0.5)[order]
+    ).all()
+
+
+def test_impossible_masks() -> None:
+    with pytest.raises(InputError, match="2 masks for 3 cameras"):
+        lift_by_vote(scene(), cameras(), left_masks(2))
+    with pytest.raises(InputError, match="0 masks for 0 cameras"):
+        lift_by_assignment(scene(), [], [], REFERENCE)
+    with pytest.raises(InputError, match=r"View '-0.6.png' has a mask of 20 x 10 pixels .* 48 x 40"):
+        lift_by_assignment(scene(), cameras(), [np.ones((10, 20), bool)] * 3, REFERENCE)
+    with pytest.raises(InputError, match="largest value is 1, and"):
+        lift_by_assignment(scene(), cameras(), [mask.astype(np.uint8) for mask in left_masks()], REFERENCE)
+    with pytest.raises(InputError, match="nothing but background"):
+        lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.uint8)] * 3, REFERENCE)
+    with pytest.raises(InputError, match="8-bit object numbers"):
+        lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.int32)] * 3, REFERENCE)
+    with pytest.raises(InputError, match="between -1 and 1"):
+        lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma=float("nan"))
+    with pytest.raises(InputError, match="threshold is 70"):
+        lift_by_vote(scene(), cameras(), left_masks(), threshold=70)
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+needs_benchmark = pytest.mark.skipif(not SCENE.is_dir(), reason="the benchmark data is not beside the project")
+
+
+def training_views(step: int = 1) -> list[Camera]:
+    found = read_camera_set(SCENE / "cameras.json")
+    return [camera for camera, train in zip(found.pinhole_cameras(), found.train, strict=True) if train][::step]
+
+
+def masks_of(name: str, views: list[Camera]) -> list[np.ndarray]:
+    return [cv2.imread(str(SCENE / "masks" / name / view.name), cv2.IMREAD_GRAYSCALE) for view in views]
+
+
+def coarse(name: str, kind: str) -> np.ndarray:
+    return np.load(SCENE / "coarse" / name / f"{kind}.npy", allow_pickle=False)
+
+
+@needs_benchmark
+@pytest.mark.parametrize("name", ["plant", "avocado"])
+def test_benchmark_votes(name: str) -> None:
+    gaussians, views = read(SCENE / "scene.ply"), training_views()
+    # The benchmark let every view vote, with a threshold of a half.
+    voted = lift_by_vote(gaussians, views, masks_of(name, views), 0.5, every_view_votes=True)
+    assert overlap(voted, coarse(name, "centre_vote")) == 1.0
+
+
+@needs_benchmark
+def test_benchmark_assignment() -> None:
+    gaussians, views = read(SCENE / "scene.ply"), training_views(step=2)  # half of the views, to be quick
+    objects = sorted(folder.name for folder in (SCENE / "masks").iterdir())
+    labels = [np.zeros((camera.height, camera.width), np.uint8) for camera in views]
+    for number, name in enumerate(objects, 1):
+        for image, mask in zip(labels, masks_of(name, views), strict=True):
+            image[mask > 127] = number
+    assigned = lift_objects_by_assignment(gaussians, views, labels, get_renderer("numba"))
+    for number, name in enumerate(objects, 1):
+        assert overlap(assigned == number, coarse(name, "exact")) >= 0.99
