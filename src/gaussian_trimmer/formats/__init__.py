@@ -1,4 +1,4 @@
-"""Splat files: `read` and `write` pick the format by the file's name."""
+"""Splat files: `read` and `write` pick the format by the file's name, and PLY's two kinds by the header."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ from gaussian_trimmer.gaussians import Gaussians
 # Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None. The longest suffix wins.
 FORMATS = {
     ".ply": "gaussian_trimmer.formats.ply",
+    ".compressed.ply": "gaussian_trimmer.formats.compressed_ply",
+    ".splat": "gaussian_trimmer.formats.splat",
+    ".spz": "gaussian_trimmer.formats.spz",
+    ".sog": "gaussian_trimmer.formats.sog",
+    ".ksplat": "gaussian_trimmer.formats.ksplat",
 }
 
 
@@ -31,23 +36,58 @@ def format_suffix(path: Path) -> str:
     raise InputError(f"'{path.name}' is no known splat format; known endings: {', '.join(FORMATS)}.")
 
 
-def _module(path: Path) -> ModuleType:
-    return import_module(FORMATS[format_suffix(path)])
-
-
 def read(path: Path) -> Gaussians:
     """The Gaussians of a splat file, rows in the file's own order.
 
     Raises:
         InputError: the file is missing, of no known format, damaged, or holds no Gaussians or non-finite values.
     """
-    module = _module(path)
+    suffix = format_suffix(path)
     if not path.is_file():
         raise InputError(f"There is no file '{path}'.")
-    gaussians: Gaussians = module.read(path)
+    if suffix.endswith(".ply"):
+        suffix = _kind_of_ply(path)
+    gaussians: Gaussians = _module(suffix).read(path)
     return gaussians
 
 
 def write(gaussians: Gaussians, path: Path) -> None:
-    """Write a splat file in the format that its name asks for; the file appears whole or not at all."""
-    _module(path).write(gaussians, path)
+    """Write a splat file in the format that its name asks for; the file appears whole or not at all.
+
+    What the format cannot hold is left out or rounded, as docs/formats.md states; rows keep their order.
+
+    Raises:
+        InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
+    """
+    _module(format_suffix(path)).write(gaussians, path)
+
+
+def convert(source: Path, target: Path, *, sort: bool = False) -> Gaussians:
+    """Read one splat file and write another; returns what was written, before the target's format rounded it.
+
+    With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and
+    a compressed PLY far more precise; selections of the source then do not fit the target.
+
+    Raises:
+        InputError: the source cannot be read or the target cannot be written.
+    """
+    format_suffix(target)  # a wrong name is found before the work
+    gaussians = read(source)
+    if sort:
+        from gaussian_trimmer.formats.morton import morton_order
+
+        gaussians = gaussians.select(morton_order(gaussians.means))
+    write(gaussians, target)
+    return gaussians
+
+
+def _module(suffix: str) -> ModuleType:
+    return import_module(FORMATS[suffix])
+
+
+def _kind_of_ply(path: Path) -> str:
+    """The suffix that a PLY's header asks for: compressed files are met under plain names too, and the reverse."""
+    from gaussian_trimmer.formats.compressed_ply import is_compressed
+    from gaussian_trimmer.formats.ply import read_header
+
+    return ".compressed.ply" if is_compressed(read_header(path)) else ".ply"

@@ -1,13 +1,16 @@
-"""The standard splat PLY: one vertex element with the Inria property names, binary or ascii.
+"""The standard splat PLY: a vertex element with the Inria property names, binary or ascii.
 
 Property order is free, nx/ny/nz are optional, and unknown scalar columns are kept as extras. A binary file whose
-columns are all little-endian float32 is memory-mapped, so that columns nobody asks for are never read.
+columns are all little-endian float32 is memory-mapped and its arrays are views: opening it takes one pass that looks
+for non-finite values, at the speed at which the file can be read, and no memory for a copy.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -15,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import all_finite, check_finite, check_rotations
+from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 
@@ -68,29 +73,31 @@ def read_header(path: Path) -> Header:
         raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
 
 
-def read_columns(path: Path, header: Header) -> dict[str, NDArray[Any]]:
-    """All columns of the vertex element, by name, as views onto the mapped file where it is binary.
+def read_columns(path: Path, header: Header, name: str = "vertex") -> dict[str, NDArray[Any]]:
+    """All columns of one element, the vertices if not named, as views onto the mapped file where it is binary.
 
     Raises:
-        InputError: the vertex element is missing, has list properties, is not the first element, or is truncated.
+        InputError: the element is missing, it or one before it has list properties, or the file is truncated.
     """
-    vertex = next((element for element in header.elements if element.name == "vertex"), None)
-    if vertex is None:
-        raise InputError(f"'{path}' has no vertex element, so it holds no Gaussians.")
-    if header.elements[0] is not vertex:
-        raise InputError(f"'{path}' has other elements before its vertices; save it as a standard splat PLY.")
-    if any(kind == "list" for _, kind in vertex.properties):
-        raise InputError(f"'{path}' has list properties in its vertices, as a mesh has; a splat PLY has scalars alone.")
-    names = [name for name, _ in vertex.properties]
-    if len(set(names)) < len(names):
-        raise InputError(f"'{path}' names a vertex property twice.")
-    if vertex.count == 0:
+    names = [element.name for element in header.elements]
+    if name not in names:
+        raise InputError(f"'{path}' has no {name} element, so it holds no Gaussians.")
+    *before, element = header.elements[: names.index(name) + 1]
+    if any(kind == "list" for part in (*before, element) for _, kind in part.properties):
+        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has scalars alone.")
+    if len({name for name, _ in element.properties}) < len(element.properties):
+        raise InputError(f"'{path}' names a property of its {name} element twice.")
+    if element.count == 0 or not element.properties:
         raise InputError(f"'{path}' holds zero Gaussians.")
-    return _ascii_columns(path, header, vertex) if header.encoding == "ascii" else _binary_columns(path, header, vertex)
+    read_element = _ascii_columns if header.encoding == "ascii" else _binary_columns
+    return read_element(path, header, element, before)
 
 
 def read(path: Path) -> Gaussians:
     """The Gaussians of a splat PLY, rows in file order.
+
+    Opacity logits of plus or minus infinity and log scales of minus infinity, which converters write for opacities of
+    0 and 1 and for scales of 0, become the finite values that stand for these in all formats.
 
     Raises:
         InputError: the file is missing, is no splat PLY, is truncated, or holds no Gaussians or non-finite values.
@@ -113,7 +120,12 @@ def read(path: Path) -> Gaussians:
         sh_rest=_block(columns, rest).reshape(n, 3, len(rest) // 3),
         extras={name: column for name, column in columns.items() if name not in known},
     )
-    check_finite(gaussians, path)
+    table = columns["x"].base
+    if isinstance(table, np.memmap) and table.ndim == 2 and all_finite(table):
+        check_rotations(gaussians.quaternions, path)  # whole rows are tested several times faster than parts of rows
+    else:
+        gaussians = with_finite_limits(gaussians)
+        check_finite(gaussians, path)
     return gaussians
 
 
@@ -121,47 +133,22 @@ def write(gaussians: Gaussians, path: Path, *, extras: bool = False) -> None:
     """Write a binary little-endian splat PLY with the Inria properties in the Inria order, normals zero.
 
     Extra columns are left out unless asked for, since some viewers refuse properties that they do not know.
+
+    Raises:
+        ValueError: an extra column is of a type, or has a name, that a PLY cannot hold.
     """
     rest = gaussians.sh_rest.shape[1] * gaussians.sh_rest.shape[2]
     names = [*_POSITION, *_NORMAL, *_DC, *[f"f_rest_{i}" for i in range(rest)], "opacity", *_SCALE, *_ROTATION]
     fields = [(name, "<f4") for name in names]
     if extras:
         fields += [(name, column.dtype.newbyteorder("<").str) for name, column in gaussians.extras.items()]
-    row_type = np.dtype(fields)
-    ply_types = {kind: name for name, kind in _SCALAR_TYPES.items() if not name[-1].isdigit()}
     header = "ply\nformat binary_little_endian 1.0\n" + f"element vertex {len(gaussians)}\n"
-    header += "".join(f"property {ply_types[kind[1:]]} {name}\n" for name, kind in fields) + "end_header\n"
+    header += "".join(_property_line(name, kind) for name, kind in fields) + "end_header\n"
+    row_type = np.dtype(fields)
     with whole_file(path) as part, part.open("wb") as file:
         file.write(header.encode("ascii"))
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
             _rows(gaussians.select(slice(start, start + _ROWS_PER_CHUNK)), row_type, len(names)).tofile(file)
-
-
-def check_finite(gaussians: Gaussians, path: Path) -> None:
-    """Refuse NaN, infinities and zero-length quaternions.
-
-    Raises:
-        InputError: a value is not finite; the message says in which attribute and row.
-    """
-    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
-        values = getattr(gaussians, name)
-        for start in range(0, len(values), _ROWS_PER_CHUNK):
-            chunk = values[start : start + _ROWS_PER_CHUNK]
-            chunk = chunk.reshape(len(chunk), int(np.prod(values.shape[1:])))
-            # A sum is finite unless an entry is not (or it overflows, which the exact test below decides).
-            with np.errstate(invalid="ignore", over="ignore"):
-                if np.isfinite(chunk.sum(dtype=np.float64)) and not (name == "quaternions" and (chunk == 0).any()):
-                    continue
-            bad = ~np.isfinite(chunk).all(axis=1)
-            if bad.any():
-                row = start + int(np.argmax(bad))
-                raise InputError(
-                    f"'{path}' holds NaN or infinite {name}, first in row {row}; remove such Gaussians first."
-                )
-            if name == "quaternions" and (zero := ~chunk.any(axis=1)).any():
-                raise InputError(
-                    f"'{path}' holds a rotation quaternion of length zero in row {start + int(np.argmax(zero))}."
-                )
 
 
 def _parse_header(file: BinaryIO, path: Path) -> Header:
@@ -193,39 +180,55 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
     return Header(encoding, tuple(Element(name, count, tuple(props)) for name, count, props in elements), file.tell())
 
 
-def _binary_columns(path: Path, header: Header, vertex: Element) -> dict[str, NDArray[Any]]:
+def _property_line(name: str, kind: str) -> str:
+    """The header's line for a column of a NumPy type such as '<f4'."""
+    ply_types = {code: word for word, code in _SCALAR_TYPES.items() if not word[-1].isdigit()}
+    if kind[1:] not in ply_types or not name.isascii() or len(name.split()) != 1:
+        raise ValueError(f"A PLY cannot hold a column '{name}' of type {kind}; cast it to float32, int32 or uint8.")
+    return f"property {ply_types[kind[1:]]} {name}\n"
+
+
+def _row_type(header: Header, element: Element) -> np.dtype[Any]:
     order = "<" if header.encoding == "binary_little_endian" else ">"
-    row_type = np.dtype([(name, order + kind) for name, kind in vertex.properties])
-    needed, present = vertex.count * row_type.itemsize, path.stat().st_size - header.size
+    return np.dtype([(f"{i}", order + kind) for i, (_, kind) in enumerate(element.properties)])
+
+
+def _binary_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
+    row_type = _row_type(header, element)
+    start = header.size + sum(part.count * _row_type(header, part).itemsize for part in before)
+    needed, present = element.count * row_type.itemsize, max(0, path.stat().st_size - start)
     if present < needed:
         raise InputError(
-            f"'{path}' is truncated: {vertex.count} Gaussians need {needed} bytes after the header, not {present}."
+            f"'{path}' is truncated: {element.count} Gaussians need {needed} bytes after the header, not {present}."
         )
-    if all(kind == "f4" for _, kind in vertex.properties) and order == "<":
-        matrix = np.memmap(path, "<f4", "r", header.size, (vertex.count, len(vertex.properties)))
-        return {name: matrix[:, i] for i, (name, _) in enumerate(vertex.properties)}
-    rows = np.memmap(path, row_type, "r", header.size, (vertex.count,))
-    return {name: rows[name] for name, _ in vertex.properties}
+    names = [name for name, _ in element.properties]
+    if all(row_type[i] == np.dtype("<f4") for i in range(len(names))):
+        matrix = np.memmap(path, "<f4", "r", start, (element.count, len(names)))
+        return {name: matrix[:, i] for i, name in enumerate(names)}
+    rows = np.memmap(path, row_type, "r", start, (element.count,))
+    return {name: rows[f"{i}"] for i, name in enumerate(names)}
 
 
-def _ascii_columns(path: Path, header: Header, vertex: Element) -> dict[str, NDArray[Any]]:
+def _ascii_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
     # Two characters a value are the least that ascii takes, so a count beyond that is a lie that must not cost memory.
-    if vertex.count * len(vertex.properties) * 2 > path.stat().st_size:
-        raise InputError(f"'{path}' is truncated: it is too short for the {vertex.count} Gaussians that it announces.")
-    with path.open("rb") as file:
+    width, first = len(element.properties), sum(part.count for part in before)
+    if first + element.count * width * 2 > path.stat().st_size:
+        raise InputError(f"'{path}' is truncated: it is too short for the {element.count} Gaussians that it announces.")
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that there are no rows is said below
         file.seek(header.size)
+        lines = islice((line for line in file if line.strip()), first, first + element.count)
         try:
-            table = np.loadtxt(file, np.float64, comments=None, max_rows=vertex.count, ndmin=2)
+            table = np.loadtxt(lines, np.float64, comments=None, ndmin=2)
         except ValueError as error:
-            raise InputError(
-                f"'{path}' is damaged: a row of its ascii data is not {len(vertex.properties)} numbers."
-            ) from error
-    if table.shape != (vertex.count, len(vertex.properties)):
+            raise InputError(f"'{path}' is damaged: a row of its ascii data is not {width} numbers.") from error
+    if table.shape != (element.count, width):
         raise InputError(
-            f"'{path}' is truncated or damaged: {vertex.count} rows of {len(vertex.properties)} numbers are announced, "
+            f"'{path}' is truncated or damaged: {element.count} rows of {width} numbers are announced, "
             f"{table.shape[0]} rows of {table.shape[1]} are there."
         )
-    return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(vertex.properties)}
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond float32 become infinite and are found later
+        return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(element.properties)}
 
 
 def _block(columns: dict[str, NDArray[Any]], names: list[str]) -> FloatArray:

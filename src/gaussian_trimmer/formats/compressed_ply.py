@@ -1,0 +1,195 @@
+"""SuperSplat's compressed PLY: chunks of 256 Gaussians, each attribute packed between its chunk's extremes.
+
+A `chunk` element holds the extremes, the `vertex` element four packed words a row, and an optional `sh` element the
+view-dependent colour in bytes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import check_finite
+from gaussian_trimmer.formats.packing import (
+    colours_of,
+    drop_largest,
+    from_levels,
+    opacity_bytes,
+    opacity_logits_of,
+    restore_largest,
+    sh_dc_of,
+    to_levels,
+)
+from gaussian_trimmer.formats.ply import Header, read_columns, read_header
+from gaussian_trimmer.formats.whole import whole_file
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
+
+_CHUNK = 256
+_AXES = ("x", "y", "z")
+_SCALES = ("scale_x", "scale_y", "scale_z")
+_COLOURS = ("r", "g", "b")
+_PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+_SH_COUNTS = (9, 24, 45)
+_SH_RANGE = 4.0
+"""Coefficients of degrees 1 to 3 are held between minus and plus this."""
+_ROTATION_RANGE = float(np.sqrt(0.5))
+Words = NDArray[Any]
+"""Unsigned integers of 32 bits, (N,)."""
+
+
+def is_compressed(header: Header) -> bool:
+    """Whether a PLY header is that of a compressed PLY."""
+    properties = {element.name: {name for name, _ in element.properties} for element in header.elements}
+    return "chunk" in properties and "packed_position" in properties.get("vertex", set())
+
+
+def read(path: Path) -> Gaussians:
+    """The Gaussians of a compressed PLY, rows in file order.
+
+    Raises:
+        InputError: the file cannot be read, is no compressed PLY, is truncated, or holds non-finite values.
+    """
+    header = read_header(path)
+    if not is_compressed(header):
+        raise InputError(f"'{path}' is no compressed PLY: it has no chunks with packed vertices.")
+    chunks, rows = read_columns(path, header, "chunk"), read_columns(path, header)
+    missing = [name for name in _PACKED if name not in rows or rows[name].dtype.kind != "u"]
+    missing += [f"{end}_{name}" for end in ("min", "max") for name in _AXES + _SCALES if f"{end}_{name}" not in chunks]
+    if missing:
+        raise InputError(f"'{path}' is no compressed PLY: it lacks {', '.join(missing)}.")
+    n = len(rows["packed_position"])
+    if len(chunks["min_x"]) != -(-n // _CHUNK):
+        raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks['min_x'])} chunks of 256.")
+    position, rotation, scale, colour = (np.asarray(rows[name], np.uint32) for name in _PACKED)
+    # Extremes of a damaged file may be infinite; what comes of them is found by the check.
+    with np.errstate(invalid="ignore", over="ignore"):
+        gaussians = Gaussians(
+            means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXES).astype(np.float32),
+            log_scales=_between_extremes(_split_11_10_11(scale), (11, 10, 11), chunks, _SCALES).astype(np.float32),
+            quaternions=_unpack_rotations(rotation),
+            opacity_logits=opacity_logits_of((colour & 0xFF).astype(np.uint8)),
+            sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
+            sh_rest=_read_sh(path, header, n),
+        )
+    check_finite(gaussians, path)
+    return gaussians
+
+
+def write(gaussians: Gaussians, path: Path) -> None:
+    """Write a compressed PLY in the given order.
+
+    Order matters for precision: the nearer the 256 Gaussians of a chunk are to each other, the finer its steps. Rows
+    that may be reordered are best put in Morton order before.
+
+    Raises:
+        InputError: there are no Gaussians, which this format cannot hold.
+    """
+    n = len(gaussians)
+    if n == 0:
+        raise InputError(f"Cannot write '{path}': a compressed PLY cannot hold zero Gaussians.")
+    position, position_ends = _pack_11_10_11(gaussians.means)
+    scale, scale_ends = _pack_11_10_11(gaussians.log_scales)
+    colours = colours_of(gaussians.sh_dc)
+    low, high = _extremes(colours)
+    red, green, blue = to_levels(colours, _spread(low, n), _spread(high, n), 8).T
+    colour = red << 24 | green << 16 | blue << 8 | opacity_bytes(gaussians)
+    words = np.column_stack([position, _pack_rotations(gaussians.quaternions), scale, colour]).astype("<u4")
+    ends = np.column_stack([position_ends, scale_ends, low, high]).astype("<f4")
+    with whole_file(path) as part, part.open("wb") as file:
+        file.write(_header(len(ends), n, gaussians.sh_rest.shape[2]).encode("ascii"))
+        ends.tofile(file)
+        words.tofile(file)
+        _pack_sh(gaussians.sh_rest).tofile(file)
+
+
+def _header(n_chunks: int, n: int, n_coefficients: int) -> str:
+    lines = ["ply", "format binary_little_endian 1.0", f"element chunk {n_chunks}"]
+    for names in (_AXES, _SCALES, _COLOURS):
+        lines += [f"property float {end}_{name}" for end in ("min", "max") for name in names]
+    lines += [f"element vertex {n}", *[f"property uint {name}" for name in _PACKED]]
+    if n_coefficients:
+        lines += [f"element sh {n}", *[f"property uchar f_rest_{i}" for i in range(3 * n_coefficients)]]
+    return "\n".join([*lines, "end_header\n"])
+
+
+def _extremes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest values (C, 3) of each chunk of rows (N, 3)."""
+    starts = np.arange(0, len(values), _CHUNK)
+    return np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+
+
+def _spread(per_chunk: NDArray[Any], n: int) -> NDArray[Any]:
+    """Rows of the chunks (C, ...) repeated for the chunks' Gaussians, (N, ...)."""
+    return np.repeat(per_chunk, _CHUNK, axis=0)[:n]
+
+
+def _pack_11_10_11(values: FloatArray) -> tuple[Words, FloatArray]:
+    """Words (N,) of values (N, 3) between their chunks' extremes, and those extremes (C, 6)."""
+    low, high = _extremes(values)
+    a, b, c = (
+        to_levels(values[:, i], _spread(low[:, i], len(values)), _spread(high[:, i], len(values)), bits)
+        for i, bits in enumerate((11, 10, 11))
+    )
+    return a << 21 | b << 11 | c, np.column_stack([low, high])
+
+
+def _split_11_10_11(words: Words) -> tuple[Words, Words, Words]:
+    return words >> 21, words >> 11 & 0x3FF, words & 0x7FF
+
+
+def _between_extremes(
+    levels: tuple[Words, ...], bits: tuple[int, ...], chunks: dict[str, NDArray[Any]], names: tuple[str, ...]
+) -> Float64Array:
+    """Values (N, 3) of levels of so many bits between the chunks' extremes of the named columns."""
+    n = len(levels[0])
+    columns = [
+        from_levels(level, _spread(chunks[f"min_{name}"], n), _spread(chunks[f"max_{name}"], n), size)
+        for level, size, name in zip(levels, bits, names, strict=True)
+    ]
+    return np.column_stack(columns)
+
+
+def _pack_rotations(quaternions: FloatArray) -> Words:
+    largest, others = drop_largest(quaternions)
+    a, b, c = to_levels(others, -_ROTATION_RANGE, _ROTATION_RANGE, 10).T
+    return np.asarray(largest.astype(np.uint32) << 30 | a << 20 | b << 10 | c)
+
+
+def _unpack_rotations(words: Words) -> FloatArray:
+    levels = np.column_stack([words >> 20 & 0x3FF, words >> 10 & 0x3FF, words & 0x3FF])
+    return restore_largest(words >> 30, from_levels(levels, -_ROTATION_RANGE, _ROTATION_RANGE, 10))
+
+
+def _unpack_colours(words: Words, chunks: dict[str, NDArray[Any]]) -> Float64Array:
+    """Colours (N, 3); files of older writers have no extremes for them and mean 0 to 1."""
+    levels = words >> 24, words >> 16 & 0xFF, words >> 8 & 0xFF
+    if all(f"{end}_{name}" in chunks for end in ("min", "max") for name in _COLOURS):
+        return _between_extremes(levels, (8, 8, 8), chunks, _COLOURS)
+    return np.column_stack(levels) / 255.0
+
+
+def _pack_sh(sh_rest: FloatArray) -> NDArray[np.uint8]:
+    """Bytes (N, 3K): 256 equal bins over the range."""
+    bins = np.floor((sh_rest.reshape(len(sh_rest), -1) / (2 * _SH_RANGE) + 0.5) * 256.0)
+    return np.asarray(np.clip(bins, 0, 255), np.uint8)
+
+
+def _read_sh(path: Path, header: Header, n: int) -> FloatArray:
+    """Coefficients (N, 3, K): bin centres, but the range's ends for the first and the last bin."""
+    element = next((element for element in header.elements if element.name == "sh"), None)
+    if element is None:
+        return np.zeros((n, 3, 0), np.float32)
+    names = [f"f_rest_{i}" for i in range(len(element.properties))]
+    in_bytes = set(element.properties) == {(name, "u1") for name in names}
+    if element.count != n or len(names) not in _SH_COUNTS or not in_bytes:
+        raise InputError(f"'{path}' is damaged: its sh element is not 9, 24 or 45 bytes for each Gaussian.")
+    shares = (np.arange(256, dtype=np.float32) + 0.5) / 256.0
+    shares[[0, 255]] = 0.0, 1.0
+    columns = read_columns(path, header, "sh")
+    values: FloatArray = ((shares - 0.5) * 2 * _SH_RANGE).astype(np.float32)
+    codes = np.column_stack([columns[name] for name in names]).reshape(n, 3, -1)
+    return np.asarray(values[codes])

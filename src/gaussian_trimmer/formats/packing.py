@@ -1,0 +1,108 @@
+"""Numbers in few bits: the steps that the compressed formats have in common."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, logit
+
+ByteArray = NDArray[np.uint8]
+SMALLEST_SCALE = 1e-12
+"""Scales of formats that store them linearly are read as no smaller than this, so that their logarithm is finite."""
+
+
+def to_levels(values: NDArray[Any], low: Any, high: Any, bits: int) -> NDArray[np.uint32]:
+    """The nearest of the 2^bits levels that divide [low, high] evenly, the ends included; values outside are clipped.
+
+    >>> to_levels(np.array([-1.0, 0.2, 9.0]), 0.0, 1.0, 8).tolist()
+    [0, 51, 255]
+    """
+    top = (1 << bits) - 1
+    span = np.subtract(high, low, dtype=np.float64)
+    shares = np.divide(values - np.float64(low), np.where(span > 0, span, 1.0))
+    levels: NDArray[np.uint32] = np.rint(np.clip(shares, 0.0, 1.0) * top).astype(np.uint32)
+    return levels
+
+
+def from_levels(levels: NDArray[Any], low: Any, high: Any, bits: int) -> Float64Array:
+    """The values of levels; the first and the last level give `low` and `high` exactly."""
+    share = levels / np.float64((1 << bits) - 1)
+    return np.asarray(low * (1.0 - share) + high * share)
+
+
+def colours_of(sh_dc: FloatArray) -> FloatArray:
+    """Colours, 0 to 1 where they are displayable, of degree-0 coefficients; without a view-dependent part."""
+    return np.asarray(0.5 + SH_C0 * sh_dc, np.float32)
+
+
+def sh_dc_of(colours: NDArray[Any]) -> FloatArray:
+    """Degree-0 coefficients of colours."""
+    return np.asarray((colours - 0.5) / SH_C0, np.float32)
+
+
+def opacity_bytes(gaussians: Gaussians) -> ByteArray:
+    """Opacities in 1/255, (N,)."""
+    return to_levels(gaussians.opacities, 0.0, 1.0, 8).astype(np.uint8)
+
+
+def opacity_logits_of(opacities: ByteArray) -> FloatArray:
+    """Logits of opacities in 1/255; 0 and 255, whose logits would be infinite, give -16.1 and +16.1."""
+    return logit(opacities / 255.0).astype(np.float32)
+
+
+def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
+    """Logarithms of linear scales, none below that of `SMALLEST_SCALE`.
+
+    Raises:
+        InputError: a scale is negative.
+    """
+    negative = (scales < 0).any(axis=1)
+    if negative.any():
+        raise InputError(f"'{path}' is damaged: it holds a negative scale in row {int(np.argmax(negative))}.")
+    with np.errstate(invalid="ignore"):  # NaN stays NaN, for `check_finite` to name
+        return np.log(np.maximum(scales, np.float32(SMALLEST_SCALE)), dtype=np.float32)
+
+
+def with_finite_limits(gaussians: Gaussians) -> Gaussians:
+    """The Gaussians with infinite opacity logits and scales of zero as `opacity_logits_of` and `log_scales_of` give."""
+    logits, log_scales = gaussians.opacity_logits, gaussians.log_scales
+    limit, smallest = np.float32(logit(np.ones(1))[0]), np.float32(np.log(SMALLEST_SCALE))
+    return gaussians.replace(
+        opacity_logits=np.where(np.isinf(logits), np.copysign(limit, logits), logits),
+        log_scales=np.where(np.isneginf(log_scales), smallest, log_scales),
+    )
+
+
+def linear_scales(gaussians: Gaussians) -> FloatArray:
+    """Scales, cut where float32 ends, (N, 3)."""
+    return np.exp(np.minimum(gaussians.log_scales, 88.0), dtype=np.float32)
+
+
+def drop_largest(quaternions: FloatArray) -> tuple[IntArray, Float64Array]:
+    """Which component of each unit quaternion is the largest (N,), and the other three in order (N, 3).
+
+    The sign is chosen so that the largest is positive, hence the three suffice; each lies within +-sqrt(1/2).
+    """
+    unit = quaternions.astype(np.float64)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    largest = np.argmax(np.abs(unit), axis=1)
+    unit *= np.where(np.take_along_axis(unit, largest[:, None], axis=1) < 0, -1.0, 1.0)
+    kept = np.arange(4) != largest[:, None]
+    return largest, unit[kept].reshape(-1, 3)
+
+
+def restore_largest(largest: NDArray[Any], others: Float64Array) -> FloatArray:
+    """Unit quaternions (N, 4) of the index of the largest component (N,) and the other three (N, 3).
+
+    >>> restore_largest(np.array([2]), np.array([[0.0, 0.6, 0.0]])).tolist()
+    [[0.0, 0.6000000238418579, 0.800000011920929, 0.0]]
+    """
+    quaternions = np.empty((len(others), 4))
+    kept = np.arange(4) != largest[:, None]
+    quaternions[kept] = others.ravel()
+    quaternions[~kept] = np.sqrt(np.maximum(0.0, 1.0 - (others**2).sum(axis=1)))
+    return quaternions.astype(np.float32)

@@ -1,0 +1,228 @@
+"""PlayCanvas' SOG: a zip of lossless WebP textures, a pixel a Gaussian, and a meta.json that says what bytes mean.
+
+Textures are filled row by row in the order of the Gaussians.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import check_finite
+from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
+from gaussian_trimmer.formats.packing import (
+    ByteArray,
+    drop_largest,
+    from_levels,
+    opacity_bytes,
+    restore_largest,
+    to_levels,
+)
+from gaussian_trimmer.formats.sog_meta import SogMeta, parse_meta
+from gaussian_trimmer.formats.webp import decode_webp, encode_webp, webp_size
+from gaussian_trimmer.formats.whole import whole_file
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
+
+_COEFFICIENTS = (3, 8, 15)
+_PALETTE_SIZE = 1 << 16
+_PALETTE_COLUMNS = 64
+_MAX_META_BYTES = 1 << 20
+_ROTATION_RANGE = float(np.sqrt(0.5))
+_FIRST_TAG = 252
+"""Alpha of a rotation's pixel when w is the largest component; 253, 254 and 255 say x, y and z."""
+
+
+def read(path: Path) -> Gaussians:
+    """The Gaussians of a .sog file of version 1 or 2, rows in texture order.
+
+    Raises:
+        InputError: the file cannot be read, is no SOG, is damaged, or announces more than its size can hold.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            meta = parse_meta(_member(archive, "meta.json", _MAX_META_BYTES, path), path)
+            gaussians = _decode(archive, meta, path)
+    except InputError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
+        raise InputError(f"'{path}' is no .sog file, damaged or truncated: {error}.") from error
+    except OSError as error:
+        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
+    check_finite(gaussians, path)
+    return gaussians
+
+
+def write(gaussians: Gaussians, path: Path) -> None:
+    """Write a .sog file of version 2 in the given order.
+
+    View-dependent colours become a palette of at most 65,536 rows. The colour of a Gaussian whose opacity rounds to
+    zero is lost: lossless WebP keeps none where alpha is zero.
+
+    Raises:
+        InputError: there are no Gaussians, which this format cannot hold.
+    """
+    if len(gaussians) == 0:
+        raise InputError(f"Cannot write '{path}': a .sog file cannot hold zero Gaussians.")
+    textures, meta = _encode(gaussians)
+    with whole_file(path) as part, zipfile.ZipFile(part, "w") as archive:
+        for name, texture in textures.items():
+            archive.writestr(zipfile.ZipInfo(name), encode_webp(texture))
+        archive.writestr(zipfile.ZipInfo("meta.json"), json.dumps(meta), zipfile.ZIP_DEFLATED)
+
+
+def _decode(archive: zipfile.ZipFile, meta: SogMeta, path: Path) -> Gaussians:
+    n = meta.count
+    textures = {name: [_read_texture(archive, file, path) for file in files[:2]] for name, files in meta.files.items()}
+    pixels = {
+        name: [_first_pixels(texture, n, path) for texture in images]
+        for name, images in textures.items()
+        if name != "shN"
+    }
+    if len(pixels["means"]) < 2 or not all(pixels.values()):
+        raise InputError(f"'{path}' is damaged: its meta.json names too few textures.")
+    low, high = pixels["means"]
+    quats, scales, sh0 = pixels["quats"][0], pixels["scales"][0], pixels["sh0"][0]
+    levels = low[:, :3] | high[:, :3].astype(np.uint16) << 8
+    if (quats[:, 3] < _FIRST_TAG).any():
+        raise InputError(f"'{path}' is damaged: a rotation does not say which of its components is the largest.")
+    channels = np.arange(3)
+    with np.errstate(over="ignore", invalid="ignore"):  # what a damaged meta.json makes infinite is found later
+        means = _linear_of(from_levels(levels, meta.mins, meta.maxs, 16)).astype(np.float32)
+    return Gaussians(
+        means=means,
+        log_scales=meta.scales[scales[:, :3], channels],
+        quaternions=restore_largest(
+            quats[:, 3] - _FIRST_TAG, from_levels(quats[:, :3], -_ROTATION_RANGE, _ROTATION_RANGE, 8)
+        ),
+        opacity_logits=meta.opacity_logits[sh0[:, 3]],
+        sh_dc=meta.colours[sh0[:, :3], channels],
+        sh_rest=np.zeros((n, 3, 0), np.float32) if meta.sh is None else _decode_sh(textures["shN"], n, meta.sh, path),
+    )
+
+
+def _decode_sh(textures: list[ByteArray], n: int, values: FloatArray, path: Path) -> FloatArray:
+    """Coefficients (N, 3, K) of the palette's texture and that of each Gaussian's row in it."""
+    if len(textures) < 2:
+        raise InputError(f"'{path}' is damaged: its meta.json names too few textures.")
+    k, remainder = divmod(textures[0].shape[1], _PALETTE_COLUMNS)
+    if k not in _COEFFICIENTS or remainder:
+        raise InputError(f"'{path}' is damaged: its palette of coefficients is {textures[0].shape[1]} pixels wide.")
+    palette = textures[0][..., :3].reshape(-1, k, 3)
+    pixels = _first_pixels(textures[1], n, path).astype(np.int64)
+    labels = pixels[:, 0] | pixels[:, 1] << 8
+    if labels.max() >= len(palette):
+        raise InputError(f"'{path}' is damaged: a Gaussian asks for row {labels.max()} of {len(palette)} in a palette.")
+    coefficients: FloatArray = values[palette.transpose(0, 2, 1)][labels]
+    return coefficients
+
+
+def _read_texture(archive: zipfile.ZipFile, name: str, path: Path) -> ByteArray:
+    """Pixels (H, W, 4) in the order red, green, blue, alpha."""
+    size = path.stat().st_size
+    data = _member(archive, name, size, path)
+    width, height = webp_size(data) or (0, 0)
+    # As `check_count`: a pixel a byte is more than any real texture has, a palette's unused end apart.
+    if width * height > size + _PALETTE_SIZE * max(_COEFFICIENTS):
+        raise InputError(f"'{path}' is damaged: its texture '{name}' claims {width} x {height} pixels.")
+    pixels = decode_webp(data) if width * height else None
+    if pixels is None:
+        raise InputError(f"'{path}' is damaged: its texture '{name}' is no WebP picture.")
+    return pixels
+
+
+def _first_pixels(texture: ByteArray, n: int, path: Path) -> ByteArray:
+    """The first n pixels (n, 4) of a texture, row by row."""
+    pixels = texture.reshape(-1, 4)
+    if len(pixels) < n:
+        raise InputError(f"'{path}' is damaged: a texture has {len(pixels)} pixels for {n} Gaussians.")
+    return pixels[:n]
+
+
+def _member(archive: zipfile.ZipFile, name: str, limit: int, path: Path) -> bytes:
+    """The contents of a member, which may not be larger than a limit."""
+    try:
+        info = archive.getinfo(name)
+    except KeyError as error:
+        raise InputError(f"'{path}' is no SOG file: it has no member '{name}'.") from error
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise InputError(f"'{path}' is no SOG file: its member '{name}' is packed in a way that SOG does not know.")
+    if info.file_size > limit:
+        raise InputError(f"'{path}' is damaged: its member '{name}' claims {info.file_size} bytes.")
+    with archive.open(info) as member:
+        return member.read(info.file_size)  # asked for no more, it inflates no more
+
+
+def _encode(gaussians: Gaussians) -> tuple[dict[str, ByteArray], dict[str, Any]]:
+    """Textures by file name, and meta.json."""
+    logs = _log_of(gaussians.means)
+    mins, maxs = logs.min(axis=0), logs.max(axis=0)
+    levels = to_levels(logs, mins, maxs, 16)
+    largest, others = drop_largest(gaussians.quaternions)
+    quats = np.column_stack([to_levels(others, -_ROTATION_RANGE, _ROTATION_RANGE, 8), largest + _FIRST_TAG])
+    scale_codebook, scales = scalar_codebook(gaussians.log_scales)
+    colour_codebook, colours = scalar_codebook(gaussians.sh_dc)
+    textures = {
+        "means_l.webp": _texture(levels & 0xFF),
+        "means_u.webp": _texture(levels >> 8),
+        "scales.webp": _texture(scales),
+        "quats.webp": _texture(quats),
+        "sh0.webp": _texture(np.column_stack([colours, opacity_bytes(gaussians)])),
+    }
+    meta: dict[str, Any] = {
+        "version": 2,
+        "count": len(gaussians),
+        "means": {"mins": mins.tolist(), "maxs": maxs.tolist(), "files": ["means_l.webp", "means_u.webp"]},
+        "scales": {"codebook": scale_codebook.tolist(), "files": ["scales.webp"]},
+        "quats": {"files": ["quats.webp"]},
+        "sh0": {"codebook": colour_codebook.tolist(), "files": ["sh0.webp"]},
+    }
+    if gaussians.sh_degree:
+        palette, labels = row_codebook(gaussians.sh_rest.reshape(len(gaussians), -1), _PALETTE_SIZE)
+        codebook, entries = scalar_codebook(palette)
+        textures["shN_centroids.webp"] = _palette_texture(entries.reshape(len(palette), 3, -1))
+        textures["shN_labels.webp"] = _texture(np.column_stack([labels & 0xFF, labels >> 8, np.zeros_like(labels)]))
+        meta["shN"] = {
+            "count": len(palette),
+            "bands": gaussians.sh_degree,
+            "codebook": codebook.tolist(),
+            "files": ["shN_centroids.webp", "shN_labels.webp"],
+        }
+    return textures, meta
+
+
+def _texture(values: NDArray[Any]) -> ByteArray:
+    """A nearly square texture (H, W, 4), sides multiples of four, of one pixel a row of bytes (N, 3 or 4)."""
+    n = len(values)
+    width = 4 * int(np.ceil(np.sqrt(n) / 4))
+    height = 4 * -(-n // (4 * width))
+    texture = np.zeros((height * width, 4), np.uint8)
+    texture[:, 3] = 255
+    texture[:n, : values.shape[1]] = values
+    return texture.reshape(height, width, 4)
+
+
+def _palette_texture(entries: ByteArray) -> ByteArray:
+    """The palette (P, 3, K) as a texture: 64 rows of it beside each other, each K pixels wide."""
+    n, _, k = entries.shape
+    texture = np.full((-(-n // _PALETTE_COLUMNS) * _PALETTE_COLUMNS, k, 4), 255, np.uint8)
+    texture[:n, :, :3] = entries.transpose(0, 2, 1)
+    texture[n:, :, :3] = 0
+    return texture.reshape(-1, _PALETTE_COLUMNS * k, 4)
+
+
+def _log_of(values: FloatArray) -> Float64Array:
+    """sign(x) log(1 + |x|): fine near the origin, coarse far away."""
+    wide = values.astype(np.float64)
+    return np.asarray(np.sign(wide) * np.log1p(np.abs(wide)))
+
+
+def _linear_of(logs: Float64Array) -> Float64Array:
+    """Inverse of `_log_of`."""
+    return np.asarray(np.sign(logs) * np.expm1(np.abs(logs)))

@@ -1,0 +1,92 @@
+"""The meta.json of a SOG file: what the bytes of its textures mean.
+
+Version 2 looks bytes up in codebooks, version 1 spreads them evenly between a least and a greatest value; both become
+tables of 256 values here.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import check_count
+from gaussian_trimmer.formats.packing import from_levels, opacity_logits_of
+from gaussian_trimmer.gaussians import Float64Array, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class SogMeta:
+    """What meta.json says, checked."""
+
+    count: int
+    mins: Float64Array
+    """Least centre, as sign(x) log(1 + |x|), (3,)."""
+    maxs: Float64Array
+    """Greatest centre, (3,)."""
+    scales: FloatArray
+    """Log scales by byte and axis, (256, 3)."""
+    colours: FloatArray
+    """Degree-0 coefficients by byte and channel, (256, 3)."""
+    opacity_logits: FloatArray
+    """Opacity logits by byte, (256,)."""
+    sh: FloatArray | None
+    """Coefficients of degrees 1 to 3 by byte, (256,), where there are any."""
+    files: dict[str, list[str]]
+    """Names of the textures by attribute: means, scales, quats, sh0, shN."""
+
+
+def parse_meta(data: bytes, path: Path) -> SogMeta:
+    """What the meta.json of a SOG file of version 1 or 2 says.
+
+    Raises:
+        InputError: it is not that of a SOG, or announces more Gaussians than the file's size can hold.
+    """
+    try:
+        meta = json.loads(data)
+        version, files = meta.get("version", 1), {name: list(meta[name]["files"]) for name in _files_needed(meta)}
+        if version not in (1, 2):
+            raise ValueError(f"it is of version {version}; versions 1 and 2 can be read")
+        mins, maxs = (np.array(meta["means"][end], np.float64).reshape(3) for end in ("mins", "maxs"))
+        count = int(meta["count"] if version == 2 else meta["means"]["shape"][0])
+        tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
+        raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {error!r}.") from error
+    check_count(count, path)
+    return SogMeta(count, mins, maxs, *tables, files)
+
+
+def _files_needed(meta: dict[str, Any]) -> list[str]:
+    return [name for name in ("means", "scales", "quats", "sh0", "shN") if name != "shN" or meta.get("shN")]
+
+
+def _codebook_tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """Tables of log scales, colours, opacity logits and coefficients of version 2."""
+    scales, colours = (np.repeat(_codebook(meta[name])[:, None], 3, axis=1) for name in ("scales", "sh0"))
+    opacities = opacity_logits_of(np.arange(256, dtype=np.uint8))
+    return scales, colours, opacities, _codebook(meta["shN"]) if meta.get("shN") else None
+
+
+def _codebook(entry: dict[str, Any]) -> FloatArray:
+    """A codebook of 256 values; entries that are not there are NaN, so that their use is found."""
+    values = np.array(entry["codebook"], np.float32).reshape(-1)[:256]
+    if len(values) == 256 and np.isnan(values[0]):
+        values[0] = values[1] + (values[1] - values[255]) / 255  # an early writer left null here; viewers mend it so
+    return np.pad(values, (0, 256 - len(values)), constant_values=np.nan)
+
+
+def _range_tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """The same tables of version 1."""
+    levels = np.arange(256)[:, None]
+
+    def table(entry: dict[str, Any], width: int) -> FloatArray:
+        low, high = (np.array(entry[end], np.float64).reshape(width) for end in ("mins", "maxs"))
+        return from_levels(levels, low, high, 8).astype(np.float32)
+
+    colours = table(meta["sh0"], 4)
+    sh = table(meta["shN"], 1)[:, 0] if meta.get("shN") else None
+    return table(meta["scales"], 3), colours[:, :3], colours[:, 3], sh

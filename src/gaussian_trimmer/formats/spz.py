@@ -1,0 +1,218 @@
+"""Niantic's .spz: attribute after attribute in bytes, compressed with gzip (versions 2 and 3) or zstd (version 4).
+
+The format's axes are right, up, back, those of a splat PLY right, down, front. The field's converters turn the scene
+about x between the two, so we do: y and z of centres and rotations change sign, and the coefficients of every
+harmonic that is odd in y z.
+"""
+
+from __future__ import annotations
+
+import gzip
+import struct
+import zlib
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import check_count, check_finite
+from gaussian_trimmer.formats.packing import (
+    ByteArray,
+    drop_largest,
+    opacity_bytes,
+    opacity_logits_of,
+    restore_largest,
+    to_levels,
+)
+from gaussian_trimmer.formats.whole import whole_file
+from gaussian_trimmer.gaussians import FloatArray, Gaussians
+
+_HEADER = struct.Struct("<4sIIBBBB")
+_MAGIC = b"NGSP"
+_COEFFICIENTS = (0, 3, 8, 15, 24)
+_MAX_FRACTIONAL_BITS = 24
+_COLOUR_SCALE = 0.15
+_AXIS_SIGNS = np.array([1, -1, -1], np.float32)
+"""What a turn by 180 degrees about x does to a vector, and to the vector part of a quaternion."""
+_SH_SIGNS = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+"""What the same turn does to the harmonics y, z, x, xy, yz, z2, xz, x2-y2, ... of degrees 1 to 3."""
+
+
+@dataclass(frozen=True)
+class _Header:
+    version: int
+    count: int
+    sh_degree: int
+    fractional_bits: int
+    streams: int
+    """Number of compressed streams; version 4 alone."""
+
+    @property
+    def sizes(self) -> list[int]:
+        """Bytes of centres, opacities, colours, scales, rotations and coefficients."""
+        per_row = (9, 1, 3, 3, 3 if self.version == 2 else 4, 3 * _COEFFICIENTS[self.sh_degree])
+        return [self.count * size for size in per_row]
+
+
+def read(path: Path) -> Gaussians:
+    """The Gaussians of an .spz file of version 2, 3 or 4, rows in file order; degree 4 is cut to degree 3.
+
+    Version 4 needs zstd: Python 3.14, or the package backports.zstd.
+
+    Raises:
+        InputError: the file cannot be read, is no .spz, is damaged or truncated, or zstd is needed and missing.
+    """
+    try:
+        with path.open("rb") as file:
+            header, parts = _read_plain(file, path) if file.peek(4)[:4] == _MAGIC else _read_gzip(file, path)
+    except (zlib.error, EOFError, gzip.BadGzipFile) as error:
+        raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
+    except OSError as error:
+        raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
+    gaussians = _decode(header, [np.frombuffer(part, np.uint8).reshape(header.count, -1) for part in parts])
+    check_finite(gaussians, path)
+    return gaussians
+
+
+def write(gaussians: Gaussians, path: Path) -> None:
+    """Write an .spz file of version 3 in the given order, coefficients in all 8 bits, centres as fine as they fit.
+
+    Raises:
+        InputError: there are no Gaussians, or a centre lies beyond what 24 bits hold.
+    """
+    if len(gaussians) == 0:
+        raise InputError(f"Cannot write '{path}': an .spz file cannot hold zero Gaussians.")
+    reach = float(np.abs(gaussians.means).max())
+    bits = min(_MAX_FRACTIONAL_BITS - 1, int(np.floor(np.log2((2**23 - 1) / max(reach, 1e-6)))))
+    if bits < 0:
+        raise InputError(f"Cannot write '{path}': .spz holds coordinates up to 8388607, not {reach:g}.")
+    header = _HEADER.pack(_MAGIC, 3, len(gaussians), gaussians.sh_degree, bits, 0, 0)
+    payload = b"".join([header, *(part.tobytes() for part in _encode(gaussians, bits))])
+    with whole_file(path) as part:
+        part.write_bytes(gzip.compress(payload, compresslevel=6, mtime=0))
+
+
+def _read_gzip(file: BinaryIO, path: Path) -> tuple[_Header, list[bytes]]:
+    """Header and attributes of versions 2 and 3; what the header does not announce is not decompressed."""
+    with gzip.GzipFile(fileobj=file) as stream:
+        header = _parse_header(stream.read(_HEADER.size), path)
+        if header.version not in (2, 3):
+            raise InputError(f"'{path}' is of .spz version {header.version}; versions 2, 3 and 4 can be read.")
+        parts = [stream.read(size) for size in header.sizes]
+    if [len(part) for part in parts] != header.sizes:
+        raise InputError(f"'{path}' is truncated: its data ends before its {header.count} Gaussians do.")
+    return header, parts
+
+
+def _read_plain(file: BinaryIO, path: Path) -> tuple[_Header, list[bytes]]:
+    """Header and attributes of version 4: a plain header and, where it says, a table of zstd streams."""
+    header = _parse_header(file.read(_HEADER.size), path)
+    if header.version != 4:
+        raise InputError(f"'{path}' is of .spz version {header.version}; versions 2, 3 and 4 can be read.")
+    (table_start,) = struct.unpack("<I", file.read(4).ljust(4, b"\0"))
+    file.seek(table_start)
+    table = file.read(16 * header.streams)
+    sizes = [size for size in header.sizes if size]
+    entries = list(struct.iter_unpack("<QQ", table)) if len(table) == 16 * header.streams else []
+    if [size for _, size in entries] != sizes:
+        raise InputError(f"'{path}' is damaged: its streams do not fit its {header.count} Gaussians.")
+    file_size = path.stat().st_size
+    parts = [_decompress_zstd(file.read(min(packed, file_size)), size, path) for packed, size in entries]
+    return header, parts if len(parts) == 6 else [*parts, b""]
+
+
+def _parse_header(data: bytes, path: Path) -> _Header:
+    if len(data) < _HEADER.size or data[:4] != _MAGIC:
+        raise InputError(f"'{path}' is no .spz file: it does not begin with 'NGSP'.")
+    _, version, count, degree, fractional_bits, _, streams = _HEADER.unpack(data)
+    if degree >= len(_COEFFICIENTS) or fractional_bits > _MAX_FRACTIONAL_BITS:
+        raise InputError(f"'{path}' is damaged: SH degree {degree}, {fractional_bits} fractional bits.")
+    check_count(count, path)
+    return _Header(version, count, degree, fractional_bits, streams)
+
+
+def _decompress_zstd(data: bytes, size: int, path: Path) -> bytes:
+    """Exactly `size` bytes out of a zstd stream, never more."""
+    zstd = _zstd()
+    try:
+        out: bytes = zstd.ZstdDecompressor().decompress(data, max_length=size)
+    except zstd.ZstdError as error:
+        raise InputError(f"'{path}' is damaged or truncated: {error}.") from error
+    if len(out) != size:
+        raise InputError(f"'{path}' is damaged or truncated: a stream gives {len(out)} bytes, not {size}.")
+    return out
+
+
+def _zstd() -> Any:
+    """Python's zstd module, which came with version 3.14, or its backport.
+
+    Raises:
+        InputError: neither is there.
+    """
+    for name in ("compression.zstd", "backports.zstd"):
+        try:
+            return import_module(name)
+        except ImportError:
+            continue
+    raise InputError("Reading .spz version 4 needs zstd: pip install backports.zstd, or save the file as version 3.")
+
+
+def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
+    """Gaussians of the attributes' bytes, each (N, bytes a row)."""
+    centres, opacities, colours, scales, rotations, coefficients = parts
+    n = header.count
+    low, middle, high = centres.reshape(n, 3, 3).transpose(2, 0, 1).astype(np.int32)
+    fixed = (low | middle << 8 | high << 16) << 8 >> 8  # the shifts extend the sign of 24 bits
+    quaternions = _first_three(rotations) if header.version == 2 else _smallest_three(rotations)
+    quaternions[:, 1:] *= _AXIS_SIGNS
+    k = min(_COEFFICIENTS[header.sh_degree], len(_SH_SIGNS))
+    sh = coefficients.reshape(n, -1, 3)[:, :k].transpose(0, 2, 1)
+    return Gaussians(
+        means=np.ldexp(fixed, -header.fractional_bits).astype(np.float32) * _AXIS_SIGNS,
+        log_scales=scales.astype(np.float32) / 16.0 - 10.0,
+        quaternions=quaternions,
+        opacity_logits=opacity_logits_of(opacities[:, 0]),
+        sh_dc=((colours / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32),
+        sh_rest=(sh.astype(np.float32) - 128.0) / 128.0 * _SH_SIGNS[:k],
+    )
+
+
+def _encode(gaussians: Gaussians, fractional_bits: int) -> list[NDArray[Any]]:
+    """The attributes' bytes in the order of the file."""
+    turned = gaussians.quaternions.copy()
+    turned[:, 1:] *= _AXIS_SIGNS
+    fixed = np.rint(np.ldexp(gaussians.means.astype(np.float64) * _AXIS_SIGNS, fractional_bits)).astype("<i4")
+    sh = gaussians.sh_rest * _SH_SIGNS[: gaussians.sh_rest.shape[2]]
+    return [
+        np.ascontiguousarray(fixed).view(np.uint8).reshape(len(fixed), 3, 4)[..., :3],
+        opacity_bytes(gaussians),
+        to_levels(gaussians.sh_dc, -0.5 / _COLOUR_SCALE, 0.5 / _COLOUR_SCALE, 8).astype(np.uint8),
+        to_levels(gaussians.log_scales, -10.0, 255 / 16 - 10.0, 8).astype(np.uint8),
+        _pack_smallest_three(turned),
+        np.clip(np.rint(sh.transpose(0, 2, 1) * 128.0 + 128.0), 0, 255).astype(np.uint8),
+    ]
+
+
+def _first_three(rotations: ByteArray) -> FloatArray:
+    """Quaternions of version 2: x, y and z in bytes, w the positive rest of the unit length."""
+    vector = rotations / 127.5 - 1.0
+    return restore_largest(np.zeros(len(vector), np.int64), vector)
+
+
+def _smallest_three(rotations: ByteArray) -> FloatArray:
+    """Quaternions of versions 3 and 4: the largest of (x, y, z, w) in 2 bits, the others in sign and 9 bits."""
+    words = np.ascontiguousarray(rotations).view("<u4")[:, 0]
+    fields = np.column_stack([words >> 20 & 0x3FF, words >> 10 & 0x3FF, words & 0x3FF])
+    others = (fields & 0x1FF) / 511.0 * np.sqrt(0.5) * np.where(fields & 0x200, -1.0, 1.0)
+    return np.roll(restore_largest(words >> 30, others), 1, axis=1)
+
+
+def _pack_smallest_three(quaternions: FloatArray) -> NDArray[np.uint32]:
+    largest, others = drop_largest(np.roll(quaternions, -1, axis=1))
+    fields = to_levels(np.abs(others), 0.0, np.sqrt(0.5), 9) | np.where(others < 0, np.uint32(0x200), np.uint32(0))
+    a, b, c = fields.T
+    return np.asarray(largest.astype(np.uint32) << 30 | a << 20 | b << 10 | c, "<u4")

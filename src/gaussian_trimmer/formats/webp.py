@@ -1,0 +1,50 @@
+"""Lossless WebP textures, with their size known before they are decoded."""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.formats.packing import ByteArray
+
+_LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]
+
+
+def encode_webp(pixels: ByteArray) -> bytes:
+    """A lossless WebP file of pixels (H, W, 4), red, green, blue, alpha; colours under an alpha of zero are lost."""
+    done, data = cv2.imencode(".webp", pixels[..., [2, 1, 0, 3]], _LOSSLESS)
+    assert done
+    return bytes(data)
+
+
+def decode_webp(data: bytes) -> ByteArray | None:
+    """Pixels (H, W, 4), red, green, blue, alpha, of a WebP file; None if it is damaged."""
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
+    if image is None or image.ndim != 3 or image.dtype != np.uint8:
+        return None
+    pixels = np.full((*image.shape[:2], 4), 255, np.uint8)
+    pixels[..., :3] = image[..., 2::-1]
+    if image.shape[2] == 4:
+        pixels[..., 3] = image[..., 3]
+    return pixels
+
+
+def webp_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height that a WebP file announces; None if it is none."""
+    if len(data) < 30 or data[:4] != b"RIFF" or data[8:12] != b"WEBP":
+        return None
+    match data[12:16]:
+        case b"VP8L":
+            (bits,) = struct.unpack_from("<I", data, 21)
+            return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+        case b"VP8X":
+            return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+        case b"VP8 ":
+            width, height = struct.unpack_from("<HH", data, 26)
+            return width & 0x3FFF, height & 0x3FFF
+    return None

@@ -1,0 +1,237 @@
+"""SOG: both versions' tables, codebooks, round trips, damaged archives and textures."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from format_samples import ATTRIBUTES, error, real, rotation_error, round_trip, sample, smallest_three_error
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
+from gaussian_trimmer.formats.webp import decode_webp, encode_webp, webp_size
+from gaussian_trimmer.gaussians import Gaussians
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def rewrite(path: Path, contents: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in contents.items():
+            archive.writestr(name, data)
+
+
+def with_meta(path: Path, **changes: Any) -> None:
+    """Change entries of meta.json; names with two underscores reach one level down."""
+    contents = members(path)
+    meta = json.loads(contents["meta.json"])
+    for name, value in changes.items():
+        *outer, inner = name.split("__")
+        (meta[outer[0]] if outer else meta)[inner] = value
+    rewrite(path, {**contents, "meta.json": json.dumps(meta).encode()})
+
+
+def log_means(gaussians: Gaussians) -> np.ndarray:
+    means = gaussians.means.astype(np.float64)
+    return np.asarray(np.sign(means) * np.log1p(np.abs(means)))
+
+
+@pytest.mark.parametrize("opaque", [True, False])
+def test_webp_keeps_channels_in_order(opaque: bool) -> None:
+    pixels = np.random.default_rng(0).integers(1, 256, (8, 12, 4), dtype=np.uint8)
+    if opaque:
+        pixels[..., 3] = 255
+    data = encode_webp(pixels)
+    assert webp_size(data) == (12, 8)
+    np.testing.assert_array_equal(decode_webp(data), pixels)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+@pytest.mark.parametrize("n", [1, 700])
+def test_round_trip_within_quantisation(tmp_path: Path, degree: int, n: int) -> None:
+    gaussians = sample(n, degree)
+    again = round_trip(gaussians, tmp_path / "a.sog")
+    logs = log_means(gaussians)
+    # 16 bits between the least and the greatest logarithm: half a step, and float32 on top.
+    assert (np.abs(log_means(again) - logs) <= 0.5 / 65535 * np.ptp(logs, axis=0) + 1e-6).all()
+    for name in ("log_scales", "sh_dc", "sh_rest"):
+        # 256 values that are at least as well placed as evenly spaced ones: a whole step covers their unevenness.
+        values = getattr(gaussians, name)
+        assert error(again, gaussians, name) <= (np.ptp(values) / 255 if values.size else 0.0)
+    assert error(again, gaussians, "opacities") <= 0.5 / 255 + 1e-6  # 8 bits
+    assert rotation_error(again, gaussians) <= smallest_three_error(256)  # 8 bits a component
+
+
+def test_second_round_trip_changes_nothing(tmp_path: Path) -> None:
+    once = round_trip(sample(700, 2), tmp_path / "a.sog")
+    twice = round_trip(once, tmp_path / "b.sog")
+    for name in ("log_scales", "opacity_logits", "sh_dc", "sh_rest"):
+        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
+    assert error(twice, once, "means") < 2e-6
+    assert rotation_error(twice, once) <= smallest_three_error(256)  # two components may tie for the largest
+
+
+def test_colour_is_kept_down_to_the_faintest_opacity(tmp_path: Path) -> None:
+    gaussians = sample(200, 0)
+    again = round_trip(gaussians.replace(opacity_logits=np.full(200, -5.5, np.float32)), tmp_path / "a.sog")
+    assert again.opacities.max() == pytest.approx(1 / 255)
+    assert error(again, gaussians, "sh_dc") < 0.02
+
+
+def test_version_1(tmp_path: Path) -> None:
+    path = tmp_path / "a.sog"
+    gaussians = round_trip(sample(300, 1), path)
+    contents = members(path)
+    two = json.loads(contents["meta.json"])
+    one = {
+        "means": {**two["means"], "shape": [300, 3]},
+        "scales": {"mins": [-7, -6, -5], "maxs": [-1, -1, -1], "files": two["scales"]["files"]},
+        "quats": two["quats"],
+        "sh0": {"mins": [-1, -1, -1, -4], "maxs": [1, 1, 1, 4], "files": two["sh0"]["files"]},
+        "shN": {"mins": -2, "maxs": 2, "files": two["shN"]["files"]},
+    }
+    rewrite(path, {**contents, "meta.json": json.dumps(one).encode()})
+    again = formats.read(path)
+    np.testing.assert_array_equal(again.means, gaussians.means)
+    np.testing.assert_array_equal(again.quaternions, gaussians.quaternions)
+    codes = np.searchsorted(np.array(two["scales"]["codebook"], np.float32), gaussians.log_scales)
+    lows = np.array([-7, -6, -5])
+    np.testing.assert_allclose(again.log_scales, lows + (-1 - lows) * codes / 255, atol=1e-5)
+    np.testing.assert_allclose(again.opacity_logits, -4 + 8 * gaussians.opacities, atol=1e-4)
+    codes = np.searchsorted(np.array(two["shN"]["codebook"], np.float32), gaussians.sh_rest)
+    np.testing.assert_allclose(again.sh_rest, -2 + 4 * codes / 255, atol=1e-5)
+
+
+def test_null_at_the_head_of_a_codebook_is_mended(tmp_path: Path) -> None:
+    path = tmp_path / "a.sog"
+    gaussians = round_trip(sample(300, 0), path)
+    codebook = json.loads(members(path)["meta.json"])["scales"]["codebook"]
+    with_meta(path, scales__codebook=[None, *codebook[1:]])
+    again = formats.read(path)
+    first = gaussians.log_scales == np.float32(codebook[0])
+    assert first.any()
+    np.testing.assert_array_equal(again.log_scales[~first], gaussians.log_scales[~first])
+    np.testing.assert_allclose(again.log_scales[first], codebook[1] + (codebook[1] - codebook[255]) / 255, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"version": 3}, "version 3"),
+        ({"count": 0}, "zero Gaussians"),
+        ({"count": 10**9}, "announces 1000000000 Gaussians"),
+        ({"count": 1000}, "pixels for 1000 Gaussians"),
+        ({"count": "many"}, "not that of a SOG"),
+        ({"means": 7}, "not that of a SOG"),
+        ({"means__mins": [1, 2]}, "not that of a SOG"),
+        ({"means__mins": [float("nan")] * 3}, "infinite means"),
+        ({"means__maxs": [1e300] * 3}, "infinite means"),
+        ({"means__files": ["means_l.webp"]}, "too few textures"),
+        ({"quats__files": ["../../secret"]}, "no member '../../secret'"),
+        ({"quats__files": ["means_l.webp"]}, None),
+        ({"scales__codebook": [0.0] * 3}, "infinite log_scales"),
+        ({"shN__files": ["sh0.webp", "shN_labels.webp"]}, "palette of coefficients"),
+        ({"shN__files": ["shN_centroids.webp", "means_u.webp"]}, "in a palette"),
+        ({"sh0": None}, "not that of a SOG"),
+    ],
+)
+def test_damaged_meta_is_refused(tmp_path: Path, changes: dict[str, Any], message: str | None) -> None:
+    path = tmp_path / "a.sog"
+    formats.write(sample(300, 1), path)
+    with_meta(path, **changes)
+    if message is None:  # opaque pixels all say that z is the largest: wrong, but nothing that a reader could know
+        assert len(formats.read(path)) == 300
+    else:
+        with pytest.raises(InputError, match=message):
+            formats.read(path)
+
+
+def test_damaged_archives_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.sog"
+    formats.write(sample(300, 0), path)
+    contents = members(path)
+    big = bytearray(contents["quats.webp"])
+    big[21:25] = b"\xff\xff\xff\x0f"  # 16384 x 16384 pixels
+    bomb = json.dumps({"version": 2, "pad": " " * 2_000_000}).encode()
+    quats = decode_webp(contents["quats.webp"])
+    assert quats is not None
+    quats[0, 0, 3] = 7
+    for changes, message in [
+        ({"quats.webp": bytes(big)}, "claims 16384 x 16384 pixels"),
+        ({"quats.webp": b"no picture"}, "no WebP picture"),
+        ({"quats.webp": contents["quats.webp"][:60]}, "no WebP picture"),
+        ({"quats.webp": encode_webp(quats)}, "which of its components is the largest"),
+        ({"meta.json": b"["}, "not that of a SOG"),
+        ({"meta.json": b"[" * 200_000}, "not that of a SOG"),
+        ({"meta.json": b"[1]"}, "not that of a SOG"),
+        ({"meta.json": bomb}, "member 'meta.json' claims"),
+    ]:
+        rewrite(path, {**contents, **changes})
+        with pytest.raises(InputError, match=message):
+            formats.read(path)
+    del contents["meta.json"]
+    rewrite(path, contents)
+    with pytest.raises(InputError, match=r"no member 'meta.json'"):
+        formats.read(path)
+
+
+def test_a_texture_that_deflates_too_well_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.sog"
+    formats.write(sample(300, 0), path)
+    contents = members(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in contents.items():
+            archive.writestr(name, data + bytes(30_000_000) if name == "quats.webp" else data)
+    with pytest.raises(InputError, match=r"member 'quats.webp' claims"):
+        formats.read(path)
+
+
+def test_scalar_codebook_follows_the_values() -> None:
+    values = np.concatenate([np.random.default_rng(0).normal(size=5000), [100.0]]).astype(np.float32)
+    codebook, labels = scalar_codebook(values)
+    assert (np.diff(codebook) >= 0).all()
+    errors = np.abs(codebook[labels] - values)
+    assert errors[-1] < 1e-4  # the outlier has an entry of its own
+    assert np.sqrt(np.mean(errors**2)) < 0.02  # evenly spaced entries would give 0.11
+    nearest = np.abs(values[:, None] - codebook).min(axis=1)
+    np.testing.assert_allclose(errors, nearest, atol=1e-6)
+
+
+def test_row_codebook_is_exact_where_it_can_be() -> None:
+    distinct = np.random.default_rng(0).normal(size=(40, 9)).astype(np.float32)
+    rows = distinct[np.random.default_rng(1).integers(0, 40, 900)]
+    entries, labels = row_codebook(rows, 64)
+    assert len(entries) <= 40
+    np.testing.assert_array_equal(entries[labels], rows)
+
+
+def test_row_codebook_improves_with_its_size_and_ignores_order() -> None:
+    rows = np.random.default_rng(0).normal(size=(2000, 9)).astype(np.float32)
+    previous = np.inf
+    for size in (1, 16, 256):
+        entries, labels = row_codebook(rows, size)
+        assert len(entries) == size
+        squared = float(((entries[labels] - rows) ** 2).sum())
+        assert squared < 0.9 * previous
+        previous = squared
+    order = np.random.default_rng(2).permutation(len(rows))
+    shuffled, shuffled_labels = row_codebook(rows[order], 256)
+    np.testing.assert_allclose(shuffled[shuffled_labels], entries[labels][order], atol=1e-6)
+
+
+def test_real_file(tmp_path: Path) -> None:
+    gaussians = formats.read(real("statue.sog"))
+    assert len(gaussians) == 71_359
+    again = round_trip(gaussians, tmp_path / "a.sog")
+    for name in set(ATTRIBUTES) - {"quaternions", "means", "sh_dc"}:
+        np.testing.assert_array_equal(getattr(again, name), getattr(gaussians, name))
+    visible = gaussians.opacities > 1e-3
+    np.testing.assert_array_equal(again.sh_dc[visible], gaussians.sh_dc[visible])

@@ -1,0 +1,190 @@
+"""Niantic's .spz: versions 2, 3 and 4, the turn of its axes, round trips within its bits, bombs and lies."""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from format_samples import error, real, rotation_error, round_trip, sample, smallest_three_error, unit
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import spz
+
+HEADER = struct.Struct("<4sIIBBBB")
+
+
+def raw(version: int, count: int, degree: int, payload: bytes, magic: bytes = b"NGSP", bits: int = 12) -> bytes:
+    return gzip.compress(HEADER.pack(magic, version, count, degree, bits, 0, 0) + payload)
+
+
+def fixed(*values: int) -> bytes:
+    return b"".join(struct.pack("<i", value)[:3] for value in values)
+
+
+def test_known_bytes_of_version_2(tmp_path: Path) -> None:
+    coefficients = bytes([128 + 64, 128, 128, 128, 128 + 32, 128, 128, 128, 128 - 128])  # y red, z green, x blue
+    payload = fixed(4096, -8192, 2048) + bytes([128, 255, 128, 0, 160, 176, 0]) + bytes([255, 128, 128]) + coefficients
+    (tmp_path / "a.spz").write_bytes(raw(2, 1, 1, payload))
+    gaussians = formats.read(tmp_path / "a.spz")
+    np.testing.assert_array_equal(gaussians.means, [[1.0, 2.0, -0.5]])  # y and z change sign
+    np.testing.assert_array_equal(gaussians.log_scales, [[0, 1, -10]])
+    np.testing.assert_allclose(gaussians.opacities, [128 / 255], atol=1e-6)
+    np.testing.assert_allclose(gaussians.sh_dc, [[1 / 0.3, 0.5 / 255 / 0.15, -1 / 0.3]], rtol=1e-5)
+    np.testing.assert_allclose(unit(gaussians.quaternions), [[0, 1, 0, 0]], atol=0.01)
+    np.testing.assert_array_equal(gaussians.sh_rest, [[[-0.5, 0, 0], [0, -0.25, 0], [0, 0, -1]]])
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_round_trip_within_quantisation(tmp_path: Path, degree: int) -> None:
+    gaussians = sample(500, degree)
+    again = round_trip(gaussians, tmp_path / "a.spz")
+    # 24 bits of fixed point, of which the sign and the whole part of the largest coordinate are taken.
+    bits = int(np.floor(np.log2((2**23 - 1) / np.abs(gaussians.means).max())))
+    assert error(again, gaussians, "means") <= 0.5 * 2.0**-bits + 1e-6
+    assert error(again, gaussians, "log_scales") <= 0.5 / 16 + 1e-6  # 8 bits in steps of 1/16
+    assert error(again, gaussians, "opacities") <= 0.5 / 255 + 1e-6  # 8 bits
+    assert error(again, gaussians, "sh_dc") <= 0.5 / 255 / 0.15 + 1e-5  # 8 bits over 1 / 0.15
+    assert error(again, gaussians, "sh_rest") <= 0.5 / 128 + 1e-6  # 8 bits in steps of 1/128
+    assert rotation_error(again, gaussians) <= smallest_three_error(1023)  # sign and 9 bits: steps of sqrt(1/2) / 511
+
+
+def test_second_round_trip_changes_nothing(tmp_path: Path) -> None:
+    once = round_trip(sample(500, 3), tmp_path / "a.spz")
+    twice = round_trip(once, tmp_path / "b.spz")
+    for name in ("means", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
+        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
+    assert rotation_error(twice, once) <= smallest_three_error(1023)  # two components may tie for the largest
+
+
+def test_the_turn_of_the_axes_keeps_every_view_dependent_colour() -> None:
+    """Harmonics of a direction, weighted with the signs, are those of the direction turned about x."""
+    x, y, z = np.random.default_rng(0).normal(size=(3, 20))
+    turned = _harmonics(x, -y, -z)
+    np.testing.assert_allclose(turned, spz._SH_SIGNS[:, None] * _harmonics(x, y, z), atol=1e-12)
+
+
+def _harmonics(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Real harmonics of degrees 1 to 3 in the PLY's order, without their factors, which have no part in the signs."""
+    return np.stack(
+        [
+            y, z, x,
+            x * y, y * z, 2 * z * z - x * x - y * y, x * z, x * x - y * y,
+            y * (3 * x * x - y * y), x * y * z, y * (4 * z * z - x * x - y * y),
+            z * (2 * z * z - 3 * x * x - 3 * y * y),
+            x * (4 * z * z - x * x - y * y), z * (x * x - y * y), x * (x * x - 3 * y * y),
+        ]
+    )  # fmt: skip
+
+
+def test_degree_4_is_cut_to_degree_3(tmp_path: Path) -> None:
+    body = fixed(0, 0, 0) + bytes([128] * 7) + struct.pack("<I", 3 << 30) + bytes(range(72))
+    (tmp_path / "a.spz").write_bytes(raw(3, 1, 4, body))
+    gaussians = formats.read(tmp_path / "a.spz")
+    assert gaussians.sh_degree == 3
+    codes = gaussians.sh_rest[0] * spz._SH_SIGNS * 128 + 128
+    np.testing.assert_array_equal(codes, np.arange(45).reshape(15, 3).T)
+    np.testing.assert_array_equal(gaussians.quaternions, [[1, 0, 0, 0]])
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5])
+def test_centres_are_as_fine_as_24_bits_allow(tmp_path: Path, scale: float) -> None:
+    gaussians = sample(50, 0)
+    gaussians = gaussians.replace(means=gaussians.means * np.float32(scale))
+    again = round_trip(gaussians, tmp_path / "a.spz")
+    # At most 23 of the bits lie behind the point; otherwise the largest coordinate uses at least half of the range.
+    reach = float(np.abs(gaussians.means).max())
+    assert error(again, gaussians, "means") <= max(0.5 * 2.0**-23, reach * 2.0**-23) * 1.01
+
+
+def test_what_cannot_be_held_is_refused(tmp_path: Path) -> None:
+    gaussians = sample(3, 0)
+    with pytest.raises(InputError, match="up to 8388607"):
+        formats.write(gaussians.replace(means=gaussians.means + np.float32(1e7)), tmp_path / "a.spz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def as_version_4(version_3: bytes) -> bytes:
+    """The same Gaussians as plain header, table and zstd streams."""
+    name = "compression.zstd" if find_spec("compression") else "backports.zstd"
+    zstd = pytest.importorskip(name, reason="zstd comes with Python 3.14 or backports.zstd")
+    data = gzip.decompress(version_3)
+    magic, _, count, degree, bits, _, _ = HEADER.unpack(data[:16])
+    sizes = [count * size for size in (9, 1, 3, 3, 4, 3 * ((degree + 1) ** 2 - 1)) if size]
+    ends = np.cumsum([16, *sizes])
+    streams = [zstd.compress(data[a:b]) for a, b in pairwise(ends)]
+    header = HEADER.pack(magic, 4, count, degree, bits, 0, len(streams)) + struct.pack("<I", 40) + bytes(12)
+    table = b"".join(struct.pack("<QQ", len(s), size) for s, size in zip(streams, sizes, strict=True))
+    return header + b"skipped!" + table + b"".join(streams)
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+def test_version_4_is_version_3_in_other_wrapping(tmp_path: Path, degree: int) -> None:
+    three = round_trip(sample(200, degree), tmp_path / "3.spz")
+    content = as_version_4((tmp_path / "3.spz").read_bytes())
+    (tmp_path / "4.spz").write_bytes(content)
+    four = formats.read(tmp_path / "4.spz")
+    for name in ("means", "quaternions", "sh_rest"):
+        np.testing.assert_array_equal(getattr(four, name), getattr(three, name))
+    for damaged in (content[:-5], content[:60], content[:20], content[:90] + bytes(20) + content[110:]):
+        (tmp_path / "4.spz").write_bytes(damaged)
+        with pytest.raises(InputError, match="damaged"):
+            formats.read(tmp_path / "4.spz")
+
+
+def test_version_4_without_zstd_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(spz, "import_module", refuse)
+    table = b"".join(struct.pack("<QQ", 1, size) for size in (9, 1, 3, 3, 4))
+    header = HEADER.pack(b"NGSP", 4, 1, 0, 12, 0, 5) + struct.pack("<I", 32) + bytes(12)
+    (tmp_path / "a.spz").write_bytes(header + table + b"zzzzz")
+    with pytest.raises(InputError, match=r"pip install backports\.zstd"):
+        formats.read(tmp_path / "a.spz")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "no .spz file"),
+        (b"hello world, this is no archive", "no .spz file"),
+        (raw(2, 1, 0, b"")[:12], "no .spz file"),
+        (raw(2, 1, 0, bytes(16))[:-9], "no .spz file"),
+        (raw(2, 1, 0, bytes(19), magic=b"ABCD"), "does not begin with 'NGSP'"),
+        (raw(1, 1, 0, bytes(19)), "version 1"),
+        (raw(9, 1, 0, bytes(19)), "version 9"),
+        (raw(2, 0, 0, b""), "zero Gaussians"),
+        (raw(2, 2, 0, bytes(19)), "truncated"),
+        (raw(2, 1, 5, bytes(300)), "SH degree 5"),
+        (raw(2, 1, 0, bytes(19), bits=200), "200 fractional bits"),
+        (raw(3, 4_000_000_000, 3, bytes(1000)), "announces 4000000000 Gaussians"),
+        (raw(2, 1_000_000, 0, bytes(20_000_000)), "announces 1000000 Gaussians"),  # a bomb of 20 kB
+        (HEADER.pack(b"NGSP", 5, 1, 0, 12, 0, 6) + bytes(16), "version 5"),
+        (HEADER.pack(b"NGSP", 4, 1, 0, 12, 0, 255) + struct.pack("<I", 2**32 - 1), "streams do not fit"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "a.spz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        formats.read(path)
+
+
+def test_what_follows_the_gaussians_is_not_decompressed(tmp_path: Path) -> None:
+    body = fixed(0, 0, 0) + bytes([128] * 10)
+    (tmp_path / "a.spz").write_bytes(raw(2, 1, 0, body + bytes(50_000_000)))
+    assert len(formats.read(tmp_path / "a.spz")) == 1
+
+
+def test_real_file() -> None:
+    gaussians = formats.read(real("wolf.spz"))
+    assert len(gaussians) == 90_586
+    assert gaussians.sh_degree == 3
+    assert np.isfinite(gaussians.sh_rest).all()
+    np.testing.assert_allclose(np.linalg.norm(gaussians.quaternions, axis=1), 1, atol=0.02)
