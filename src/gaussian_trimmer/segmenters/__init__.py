@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from importlib import import_module
+from typing import Any, Protocol, cast
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 
 Box = tuple[int, int, int, int]
@@ -28,6 +30,8 @@ class View:
     """Alpha of the coarse object rendered alone, (H, W)."""
     object_visible: FloatArray
     """Share of the picture that coarse object Gaussians contribute, sum of their blend weights, (H, W)."""
+    expected: FloatArray
+    """Share of the picture that the object is expected to contribute, from the corrected labels, (H, W)."""
     box: Box
     """Bounding box of the coarse object rendered alone: the prompt of eq. 6."""
 
@@ -40,3 +44,23 @@ class Segmenter(Protocol):
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
         """One mask (H, W) a view, True on the object. Views are ordered by yaw, as the frames of a video."""
         ...
+
+
+# Name -> module and class; the class takes its configuration, if any, as its only argument.
+SEGMENTERS = {
+    "label-field": ("gaussian_trimmer.segmenters.label_field", "LabelFieldSegmenter"),
+    "grabcut": ("gaussian_trimmer.segmenters.grabcut", "GrabCutSegmenter"),
+    "sam2": ("gaussian_trimmer.segmenters.sam2", "Sam2Segmenter"),
+}
+
+
+def get_segmenter(name: str, *config: Any) -> Segmenter:
+    """The segmenter of that name, made with its configuration.
+
+    Raises:
+        InputError: no segmenter has that name, or what it needs is not installed.
+    """
+    if name not in SEGMENTERS:
+        raise InputError(f"Unknown segmenter '{name}'; available: {', '.join(SEGMENTERS)}.")
+    module, attribute = SEGMENTERS[name]
+    return cast(Segmenter, getattr(import_module(module), attribute)(*config))

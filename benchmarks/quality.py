@@ -1,0 +1,257 @@
+"""How good are the trims? Every scene x object x kind of coarse selection, before and after, against ground truth.
+
+    python benchmarks/quality.py ROOT [--variants default paper sagd ...] [--without-cameras] [--output DIR]
+
+ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`). No ground truth reaches the trimmer: it gets
+the scene, the coarse selection and, where the scene has them, the up vector and the training cameras.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from gaussian_trimmer.camera_files import CameraSet, read_camera_set
+from gaussian_trimmer.evaluation import metrics
+from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
+from gaussian_trimmer.pipeline import SplitConfig, TrimConfig, TrimResult, paper_config, trim
+from gaussian_trimmer.rendering import get_renderer
+
+METRICS = ("iou", "accuracy", "boundary_iou", "soft_iou", "psnr")
+Scores = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way of running the trimmer."""
+
+    config: TrimConfig = field(default_factory=TrimConfig)
+    segmenter: str = "label-field"
+    training_views: int = 0
+    """Use this many training cameras instead of virtual ones."""
+
+
+def variants() -> dict[str, Variant]:
+    base, paper = TrimConfig(), paper_config()
+
+    def with_views(n: int) -> Variant:
+        return Variant(replace(base, plan=replace(base.plan, views=n)))
+
+    no_background = replace(base, neighbours=0.0)
+    named = {
+        "default": Variant(),
+        "grabcut": Variant(segmenter="grabcut"),
+        "paper": Variant(paper, "grabcut"),
+        "sagd": Variant(replace(paper, split=SplitConfig("sagd")), "grabcut"),
+        "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
+        "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
+        "no-split": Variant(replace(base, split=SplitConfig("none"))),
+        "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
+        "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
+        "no-label-field": Variant(replace(base, labels=replace(base.labels, enabled=False))),
+        "no-virtual-cameras": Variant(training_views=5),
+        "no-background": Variant(no_background),
+        "neither": Variant(no_background, training_views=5),
+    }
+    return named | {f"views-{n}": with_views(n) for n in (1, 2, 3, 5, 7, 10)}
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Measure trims against ground truth."""
+
+    root: tyro.conf.Positional[Path]
+    """Folder with benchmark scenes, or one scene."""
+    variants: tuple[str, ...] = ("default",)
+    """Ways of running the trimmer, side by side; `ablations` stands for all of them."""
+    objects: tuple[str, ...] = ()
+    """Only these objects."""
+    kinds: tuple[str, ...] = ()
+    """Only these kinds of coarse selection."""
+    without_cameras: bool = False
+    """Give the trimmer neither cameras nor up vector."""
+    output: Path | None = None
+    """Folder for results.json and picture sheets."""
+    all_views: bool = False
+    """Count far test views as well."""
+    fidelity: bool = True
+    """Also compare object and background together with the untouched scene."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trim and its scores."""
+
+    scene: str
+    object: str
+    kind: str
+    variant: str
+    before: Scores
+    after: Scores
+    fidelity: float
+    seconds: float
+    refused: str
+    counts: dict[str, int]
+
+
+def main() -> None:
+    arguments = tyro.cli(Arguments)
+    console = Console(width=160)
+    chosen = list(variants()) if "ablations" in arguments.variants else list(arguments.variants)
+    rows = []
+    for scene in _scenes(arguments.root):
+        for row in _measure_scene(scene, chosen, arguments):
+            rows.append(row)
+            loss = "  LOSS" if row.after["iou"] < row.before["iou"] - 0.3 else ""
+            console.print(
+                f"{row.variant:18s} {row.kind:12s} {row.scene}/{row.object:12s} iou {row.before['iou']:5.1f} -> "
+                f"{row.after['iou']:5.1f}  boundary {row.before['boundary_iou']:5.1f} -> {row.after['boundary_iou']:5.1f}  "
+                f"psnr {row.before['psnr']:4.1f} -> {row.after['psnr']:4.1f}  fidelity {row.fidelity:4.1f}  "
+                f"{row.seconds:4.1f} s{loss} {row.refused}",
+                highlight=False, soft_wrap=True,
+            )  # fmt: skip
+    for variant in chosen:
+        console.print(_table(variant, [row for row in rows if row.variant == variant]))
+    if arguments.output:
+        arguments.output.mkdir(parents=True, exist_ok=True)
+        (arguments.output / "results.json").write_text(json.dumps([row.__dict__ for row in rows], indent=1))
+
+
+def _scenes(root: Path) -> Iterator[BenchmarkScene]:
+    folders = (
+        [root] if (root / "cameras.json").is_file() else sorted(path.parent for path in root.glob("*/cameras.json"))
+    )
+    for folder in folders:
+        if (folder / "coarse").is_dir():
+            yield open_scene(folder)
+
+
+def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Arguments) -> Iterator[Row]:
+    cameras = None if arguments.without_cameras else _training_cameras(scene.folder)
+    for name in scene.objects:
+        if arguments.objects and name not in arguments.objects:
+            continue
+        views = [view for view in scene.test_views(name) if arguments.all_views or not view.far]
+        untouched = [_render(scene.gaussians, view).rgb for view in views] if arguments.fidelity else []
+        for kind in arguments.kinds or scene.coarse_kinds(name):
+            coarse = scene.coarse(name, kind)
+            before, before_sheet = _score(scene.gaussians.select(coarse), views)
+            for variant in chosen:
+                start = time.perf_counter()
+                result = _trim(scene, coarse, variants()[variant], cameras, arguments)
+                seconds = time.perf_counter() - start
+                after, after_sheet = _score(result.object, views)
+                fidelity = _fidelity(result, views, untouched)
+                if arguments.output:
+                    _write_sheet(
+                        arguments.output / variant / f"{scene.name}_{name}_{kind}.png", views, before_sheet, after_sheet
+                    )
+                labels = ("kept", "pruned", "recovered", "split_inside", "split_outside")
+                counts = {label: result.count(i) for i, label in enumerate(labels)}
+                yield Row(scene.name, name, kind, variant, before, after, fidelity, seconds, result.refused, counts)
+
+
+def _training_cameras(folder: Path) -> CameraSet:
+    """The training cameras alone: held-out views are ground truth."""
+    listed = read_camera_set(folder / "cameras.json")
+    kept = tuple(camera for camera, train in zip(listed.cameras, listed.train, strict=True) if train)
+    return replace(listed, cameras=kept, train=(True,) * len(kept))
+
+
+def _trim(
+    scene: BenchmarkScene, coarse: BoolArray, variant: Variant, cameras: CameraSet | None, arguments: Arguments
+) -> TrimResult:
+    config = variant.config
+    if scene.up is not None and not arguments.without_cameras:
+        config = replace(config, up=tuple(scene.up.tolist()))
+    views = None
+    if variant.training_views:
+        n = len(scene.training_cameras)
+        views = [scene.training_cameras[i * n // variant.training_views] for i in range(variant.training_views)]
+    return trim(scene.gaussians, coarse, config, segmenter=variant.segmenter, cameras=cameras, views=views)
+
+
+def _render(gaussians: Gaussians, view: TestView) -> Any:
+    return get_renderer("numba").render(gaussians, view.camera)
+
+
+def _score(gaussians: Gaussians, views: Sequence[TestView]) -> tuple[Scores, list[Any]]:
+    """Mean of each metric over the views, percentages and dB; and the renderings."""
+    renderings = [_render(gaussians, view) for view in views]
+    scores = []
+    for shown, view in zip(renderings, views, strict=True):
+        silhouettes = (shown.alpha, view.coverage, view.valid)
+        scores.append((
+            100 * metrics.foreground_iou(*silhouettes), 100 * metrics.pixel_accuracy(*silhouettes),
+            100 * metrics.boundary_iou(*silhouettes), 100 * metrics.soft_iou(*silhouettes),
+            metrics.extraction_psnr(shown.rgb, view.image, view.coverage, valid=view.valid),
+        ))  # fmt: skip
+    return dict(zip(METRICS, np.mean(scores, axis=0).tolist(), strict=True)), renderings
+
+
+def _fidelity(result: TrimResult, views: Sequence[TestView], untouched: Sequence[Any]) -> float:
+    """PSNR of object and background together against the untouched scene, capped at 100 dB."""
+    if not untouched:
+        return float("nan")
+    together = concatenate([result.object, result.background])
+    values = [
+        metrics.psnr(np.clip(_render(together, v).rgb, 0, 1), np.clip(u, 0, 1))
+        for v, u in zip(views, untouched, strict=True)
+    ]
+    return float(np.mean(np.minimum(values, 100)))
+
+
+def _table(variant: str, rows: Sequence[Row]) -> Table:
+    """Means by kind of coarse selection, before -> after."""
+    table = Table(title=f"{variant}: {len(rows)} trims, {sum(bool(r.refused) for r in rows)} refused")
+    for column in ("coarse", *METRICS, "worst iou change", "fidelity", "median s"):
+        table.add_column(column, justify="left" if column == "coarse" else "right")
+    for kind in [*sorted({row.kind for row in rows}), "all"]:
+        chosen = [row for row in rows if kind in (row.kind, "all")]
+        cells = []
+        for metric in METRICS:
+            before, after = (np.mean([getattr(row, side)[metric] for row in chosen]) for side in ("before", "after"))
+            cells.append(f"{before:.2f} -> {after:.2f}")
+        worst = min(chosen, key=lambda row: row.after["iou"] - row.before["iou"])
+        table.add_row(
+            kind, *cells, f"{worst.after['iou'] - worst.before['iou']:+.2f} {worst.object}",
+            f"{np.mean([row.fidelity for row in chosen]):.1f}", f"{np.median([row.seconds for row in chosen]):.2f}",
+        )  # fmt: skip
+    return table
+
+
+def _write_sheet(path: Path, views: Sequence[TestView], before: Sequence[Any], after: Sequence[Any]) -> None:
+    """Ground truth, coarse, trimmed and both error maps (red: too much, green: missing), one row a view."""
+    rows = []
+    for view, coarse, trimmed in zip(views, before, after, strict=True):
+        grey = np.float32(0.35)
+        truth = view.image * view.coverage[..., None] + grey * (1 - view.coverage[..., None])
+        shown = [truth] + [np.clip(r.rgb + grey * (1 - r.alpha[..., None]), 0, 1) for r in (coarse, trimmed)]
+        errors = [_errors(r.alpha, view) for r in (coarse, trimmed)]
+        rows.append(np.concatenate([*shown, *errors], axis=1))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), (np.concatenate(rows)[..., ::-1] * 255).astype(np.uint8))
+
+
+def _errors(alpha: Any, view: TestView) -> Any:
+    ours, truth = alpha > 0.5, view.coverage > 0.5
+    picture = np.repeat(0.6 * view.image.mean(axis=2, keepdims=True), 3, axis=2)
+    picture[ours & ~truth & view.valid] = (1, 0.1, 0.1)
+    picture[~ours & truth & view.valid] = (0.1, 1, 0.1)
+    picture[~view.valid] *= 0.5
+    return picture
+
+
+if __name__ == "__main__":
+    main()

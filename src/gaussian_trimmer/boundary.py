@@ -1,0 +1,153 @@
+"""Boundary Gaussian Decomposition, detection: contour pixels, the Gaussians that paint them, their cut planes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.rendering import Renderer
+
+
+@dataclass(frozen=True)
+class BoundaryConfig:
+    """Which Gaussians straddle the boundary."""
+
+    band: int = 2
+    """Distance from the contour, in pixels, within which the painting Gaussians are looked up."""
+    contributors: int = 10
+    """Gaussians looked up at each of these pixels, k of the top-k selection."""
+    least_weight: float = 0.01
+    """Smallest blend weight that counts at a pixel."""
+    least_share: float = 0.15
+    """Smallest share of a straddler's blend weight on the lesser side of the mask."""
+    least_area: float = 4.0
+    """Smallest blend weight on the lesser side, summed over the view's pixels."""
+    along_ray_limit: float = 0.5
+    """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the depth order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Straddlers:
+    """Gaussians that paint on both sides of a mask's contour, each with the plane that cuts it best."""
+
+    rows: IntArray
+    """Row numbers, ascending, (S,)."""
+    normals: Float64Array
+    """Unit normals of the cut planes, towards the object, (S, 3)."""
+    offsets: Float64Array
+    """Signed distance of the centre from the plane, positive inside, in standard deviations along the normal, (S,)."""
+    lesser: Float64Array
+    """Blend weight on the lesser side in the view that gave the plane, (S,)."""
+
+
+def find_straddlers(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    masks: Sequence[BoolArray],
+    weights: Sequence[FloatArray],
+    renderer: Renderer,
+    config: BoundaryConfig,
+) -> Straddlers:
+    """Straddlers over all views. Where several views find one, the view that sees most of its lesser side cuts it.
+
+    Args:
+        gaussians: the coarse object and its neighbours.
+        cameras: accepted views.
+        masks: their masks, (H, W) each.
+        weights: blend weight outside and inside the mask, (N, 2) for each view.
+        renderer: gives the contributors of the contour's pixels.
+        config: thresholds.
+    """
+    found = [
+        _in_view(gaussians, camera, mask, weight, renderer, config)
+        for camera, mask, weight in zip(cameras, masks, weights, strict=True)
+    ]
+    rows = np.concatenate([view.rows for view in found])
+    normals = np.concatenate([view.normals for view in found])
+    offsets = np.concatenate([view.offsets for view in found])
+    lesser = np.concatenate([view.lesser for view in found])
+    order = np.lexsort((-lesser, rows))
+    first = order[np.unique(rows[order], return_index=True)[1]]
+    return Straddlers(rows[first], normals[first], offsets[first], lesser[first])
+
+
+def contour_pixels(mask: BoolArray, band: int) -> IntArray:
+    """Pixels (x, y) within `band` of the mask's contour on either side, (P, 2); the image's edge is no contour."""
+    kernel = np.ones((2 * band + 1, 2 * band + 1), np.uint8)
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), band, band, band, band, cv2.BORDER_REPLICATE)
+    ring = (cv2.dilate(padded, kernel) != cv2.erode(padded, kernel))[band:-band, band:-band]
+    rows, columns = np.nonzero(ring)
+    return np.stack([columns, rows], axis=1)
+
+
+def signed_distance(mask: BoolArray) -> FloatArray:
+    """Distance of every pixel to the mask's contour in pixels, positive inside, (H, W)."""
+    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(np.where(mask, inside - 0.5, 0.5 - outside), np.float32)
+
+
+def _in_view(
+    gaussians: Gaussians,
+    camera: Camera,
+    mask: BoolArray,
+    weights: FloatArray,
+    renderer: Renderer,
+    config: BoundaryConfig,
+) -> Straddlers:
+    none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    pixels = contour_pixels(mask, config.band)
+    if mask.all() or len(pixels) == 0:
+        return none
+    ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
+    rows = np.unique(ids[(ids >= 0) & (contributions >= config.least_weight)])
+    lesser, total = weights[rows].min(axis=1), weights[rows].sum(axis=1)
+    rows = rows[(lesser >= config.least_area) & (lesser >= config.least_share * total)]
+    if len(rows) == 0:
+        return none
+    normals, distances = _tangent_planes(gaussians.means[rows].astype(np.float64), camera, mask)
+    covariances = gaussians.select(rows).covariances()
+    spread = np.sqrt(np.einsum("ni,nij,nj->n", normals, covariances, normals))
+    displacement = np.einsum("nij,nj->ni", covariances, normals)
+    rays = gaussians.means[rows] - camera.centre
+    along = np.abs(np.einsum("ni,ni->n", displacement, rays))
+    limit = config.along_ray_limit * np.linalg.norm(displacement, axis=1) * np.linalg.norm(rays, axis=1)
+    usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
+    offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
+    usable &= np.abs(offsets) < 3
+    return Straddlers(
+        rows[usable], normals[usable], offsets[usable], weights[rows].min(axis=1)[usable].astype(np.float64)
+    )
+
+
+def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tuple[Float64Array, Float64Array]:
+    """The plane through the camera and the contour's tangent nearest to each projected centre.
+
+    Returns unit normals towards the mask's inside (S, 3) and the centres' signed distances in scene units (S,). The
+    contour is where the smoothed signed distance is zero; its gradient at the centre's pixel points across the contour.
+    """
+    height, width = mask.shape
+    distance = cv2.GaussianBlur(signed_distance(mask), (0, 0), 1.5)
+    slope_y, slope_x = np.gradient(distance)
+    pixels, _ = camera.project(means)
+    column = np.clip(np.nan_to_num(pixels[:, 0]), 0, width - 1).astype(np.int64)
+    row = np.clip(np.nan_to_num(pixels[:, 1]), 0, height - 1).astype(np.int64)
+    across = np.stack([slope_x[row, column], slope_y[row, column]], axis=1).astype(np.float64)
+    steepness = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.divide(across, steepness, out=np.zeros_like(across), where=steepness > 0.1)
+    # Two pixels of the tangent line: the contour's nearest point, and one beside it.
+    nearest_point = pixels - distance[row, column, None] * across
+    tangent = np.stack([-across[:, 1], across[:, 0]], axis=1)
+    first, second = (camera.ray_directions(nearest_point + step * tangent) for step in (-1.0, 1.0))
+    normals = np.cross(first, second)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    inner = camera.ray_directions(nearest_point + across)
+    normals *= np.where(np.einsum("ni,ni->n", normals, inner) < 0, -1.0, 1.0)[:, None]
+    distances = np.einsum("ni,ni->n", normals, means - camera.centre)
+    return normals, np.where(steepness[:, 0] > 0.1, distances, np.nan)

@@ -1,0 +1,159 @@
+"""Correcting the coarse labels in 3D before any picture is segmented.
+
+A rough selection is mostly right, and where it is wrong, Gaussians that lie near each other and look alike carry
+different labels. This stage is mean-field inference in a conditional random field over the visible Gaussians: a
+Gaussian follows its neighbours in the joint space of place and colour, the colours typical of the object and of its
+surroundings, and its own coarse label, which is trusted the more the farther it lies from the selection's boundary.
+All views share the result, so the masks drawn from it agree with each other, and no edge has to be found in a picture
+that the Gaussians know already.
+
+The mean-field update is that of Kraehenbuehl and Koltun, "Efficient Inference in Fully Connected CRFs with Gaussian
+Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over place and colour cut to the nearest neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.nearest import nearest
+
+_BINS = 32
+_LEAST_WEIGHT = 0.05
+_LARGEST_WEIGHT = 20.0
+_MAJORITY_OF = 17
+_COLOUR_LIMIT = 2.0
+
+
+@dataclass(frozen=True)
+class LabelFieldConfig:
+    """How coarse labels are corrected over Gaussians that are alike in place and colour."""
+
+    enabled: bool = True
+    """Correct the labels; off, the coarse selection alone tells where the object is expected."""
+    passes: int = 2
+    """How often the corrected labels are taken as the coarse ones of another round."""
+    iterations: int = 5
+    """Mean-field updates a round."""
+    neighbours: int = 32
+    """Nearest neighbours in place and colour that a Gaussian follows."""
+    place_sigma: float = 0.12
+    """Standard deviation of the kernel over place, relative to the object's radius."""
+    colour_sigma: float = 0.08
+    """Standard deviation of the kernel over colour, for channels in [0, 1]."""
+    smoothness: float = 4.0
+    """Weight of the neighbours' mean label."""
+    colour: float = 1.3
+    """Weight of the colour models' log-likelihood ratio where they tell object and surroundings apart perfectly."""
+    trust: float = 1.0
+    """Weight of the coarse label at the selection's boundary."""
+    depth_trust: float = 2.0
+    """Weight of the coarse label gained per squared `depth` of distance from the boundary, up to 1.5 depths."""
+    depth: float = 0.12
+    """Distance over which trust grows, relative to the object's radius."""
+
+
+def correct_labels(
+    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, radius: float, config: LabelFieldConfig
+) -> FloatArray:
+    """Probability of every Gaussian to belong to the object, (N,).
+
+    Args:
+        gaussians: the coarse object and its neighbours.
+        selection: the coarse labels, (N,).
+        visible: blend weight of each Gaussian summed over the views, in pixels of five views of 512 x 512, (N,).
+        radius: the object's robust radius in scene units.
+        config: weights of the terms.
+
+    Gaussians that no view shows keep their coarse label, as 0 or 1.
+    """
+    probability = selection.astype(np.float32)
+    seen = np.flatnonzero(visible > _LEAST_WEIGHT)
+    labels = selection[seen]
+    if not config.enabled or labels.all() or not labels.any():
+        return probability
+    places = gaussians.means[seen] / np.float32(radius)
+    colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc[seen], 0, 1).astype(np.float32)
+    field = _Field(places, colours, visible[seen].astype(np.float64), config)
+    for _ in range(config.passes):
+        likely = field.infer(labels)
+        labels = likely > 0.5
+        if labels.all() or not labels.any():
+            break
+    probability[seen] = likely
+    return probability
+
+
+class _Field:
+    """The graph over the visible Gaussians, built once for all rounds."""
+
+    def __init__(
+        self, places: FloatArray, colours: FloatArray, weights: Float64Array, config: LabelFieldConfig
+    ) -> None:
+        self.places, self.weights, self.config = places, weights, config
+        capped = np.minimum(weights, _LARGEST_WEIGHT)
+        features = np.concatenate([places / config.place_sigma, colours / config.colour_sigma], axis=1)
+        squared, self.alike = _others(features, config.neighbours)
+        kernel = np.exp(-0.5 * squared) * capped[self.alike]
+        self.kernel = (kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9)).astype(np.float32)
+        _, self.near = nearest(places, places, min(_MAJORITY_OF, len(places)))
+        self.near_weights = capped[self.near]
+        bins = np.minimum((colours * _BINS).astype(np.int64), _BINS - 1)
+        self.colour_bins = (bins[:, 0] * _BINS + bins[:, 1]) * _BINS + bins[:, 2]
+
+    def infer(self, labels: BoolArray) -> FloatArray:
+        """One round of mean-field inference from labels (S,), as probabilities (S,)."""
+        config = self.config
+        signs = np.where(labels, 1.0, -1.0).astype(np.float32)
+        deep = np.minimum(self._distance_to_boundary(signs) / config.depth, 1.5)
+        unary = (config.trust + config.depth_trust * deep**2) * signs
+        _, separation = self._colour_evidence(labels.astype(np.float64))
+        colour_weight = config.colour * float(np.clip((separation - 0.5) / 0.45, 0, 1)) ** 2
+        mean = signs
+        for _ in range(config.iterations):
+            evidence, _ = self._colour_evidence(0.5 * (mean + 1.0))
+            followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
+            mean = np.tanh(0.5 * (unary + config.smoothness * followed + colour_weight * evidence)).astype(np.float32)
+        return np.asarray(0.5 * (mean + 1), np.float32)
+
+    def _distance_to_boundary(self, signs: FloatArray) -> FloatArray:
+        """Distance of each Gaussian to the nearest of the other side, sides being local majorities of the labels."""
+        majority = np.sum(signs[self.near] * self.near_weights, axis=1) > 0
+        distance = np.zeros(len(signs), np.float32)
+        if majority.any() and not majority.all():
+            for side in (True, False):
+                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1)
+                distance[majority == side] = np.sqrt(squared[:, 0])
+        return distance
+
+    def _colour_evidence(self, object_share: NDArray[np.floating]) -> tuple[Float64Array, float]:
+        """Clipped log-likelihood ratio of each Gaussian's colour (S,), and how well it tells the labels apart.
+
+        The models are blurred colour histograms of object and surroundings, weighted by visibility. The second value is
+        the balanced accuracy of the ratio's sign against the labels, 0.5 for colours that tell nothing.
+        """
+        inside, outside = self.weights * object_share, self.weights * (1 - object_share)
+        models = [_blurred_histogram(self.colour_bins, weights) for weights in (inside, outside)]
+        ratio = np.log((models[0] + 1e-5) / (models[1] + 1e-5))[self.colour_bins]
+        hits = inside @ (ratio > 0) / max(inside.sum(), 1e-12), outside @ (ratio < 0) / max(outside.sum(), 1e-12)
+        return np.clip(ratio, -_COLOUR_LIMIT, _COLOUR_LIMIT), float(np.mean(hits))
+
+
+def _others(features: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]]:
+    """The k nearest others of each point: squared distances and indices, (S, k); fewer where there are not so many."""
+    k = min(k, len(features) - 1)
+    squared, indices = nearest(features, features, k + 1)
+    return squared[:, 1:], indices[:, 1:]
+
+
+def _blurred_histogram(bins: NDArray[np.int64], weights: Float64Array) -> Float64Array:
+    """Normalised colour histogram, blurred by one bin's standard deviation, flat."""
+    counts = np.bincount(bins, weights, _BINS**3).reshape((_BINS,) * 3)
+    taps = np.exp(-0.5 * np.arange(-3.0, 4.0) ** 2)
+    for axis in range(3):
+        padded = np.pad(counts, [(3, 3) if a == axis else (0, 0) for a in range(3)])
+        counts = sum(tap * np.take(padded, np.arange(i, i + _BINS), axis=axis) for i, tap in enumerate(taps))
+    return np.asarray((counts / max(counts.sum(), 1e-12)).reshape(-1))

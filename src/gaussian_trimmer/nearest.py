@@ -1,0 +1,134 @@
+"""The k nearest of a set of points in any number of dimensions: a k-d tree, compiled and parallel over queries."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.gaussians import FloatArray
+
+_LEAF = 16
+_jit = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+
+
+def nearest(points: FloatArray, queries: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Squared distances (Q, k) and indices (Q, k) of the k nearest points (N, D) of each query (Q, D), nearest first.
+
+    Where there are fewer than k points, the last columns hold infinity and the index -1.
+
+    >>> points = np.float32([[0.0, 0.0], [3.0, 4.0]])
+    >>> nearest(points, points[:1], 2)[0].tolist()
+    [[0.0, 25.0]]
+    """
+    points = np.ascontiguousarray(points, np.float32)
+    order, axes, splits = _build(points)
+    # Queries along the tree's own order walk the same branches one after another.
+    return _search(points[order], order, axes, splits, np.ascontiguousarray(queries, np.float32), k)  # type: ignore[no-any-return]
+
+
+@_jit
+def _build(points):  # type: ignore[no-untyped-def]
+    """Order the points so that every node is a contiguous range, halved at the median of its widest axis.
+
+    Nodes are numbered as in a heap; a node's range follows from its number, so only axis and split are stored.
+    """
+    n, dims = points.shape
+    order = np.arange(n).astype(np.int32)
+    n_nodes = 1
+    while _LEAF * n_nodes < n:
+        n_nodes *= 2
+    axes = np.zeros(n_nodes, np.int32)
+    splits = np.zeros(n_nodes, np.float32)
+    for node in range(1, n_nodes):
+        start, end = _range_of(node, n)
+        widest, width = 0, np.float32(-1)
+        for axis in range(dims):
+            low, high = points[order[start], axis], points[order[start], axis]
+            for i in range(start + 1, end):
+                value = points[order[i], axis]
+                low, high = min(low, value), max(high, value)
+            if high - low > width:
+                widest, width = axis, high - low
+        middle = (start + end) // 2
+        _select(points, order, widest, start, end, middle)
+        axes[node], splits[node] = widest, points[order[middle], widest]
+    return order, axes, splits
+
+
+@_jit
+def _range_of(node, n):  # type: ignore[no-untyped-def]
+    """The contiguous range of a node: follow its number's bits from the root, halving the range."""
+    depth = 0
+    while node >> (depth + 1):
+        depth += 1
+    start, end = 0, n
+    for bit in range(depth - 1, -1, -1):
+        middle = (start + end) // 2
+        if (node >> bit) & 1:
+            start = middle
+        else:
+            end = middle
+    return start, end
+
+
+@_jit
+def _select(points, order, axis, start, end, middle):  # type: ignore[no-untyped-def]
+    """Quickselect: afterwards everything before `middle` is at most, everything after it at least its value."""
+    low, high = start, end - 1
+    while low < high:
+        pivot = points[order[(low + high) // 2], axis]
+        i, j = low, high
+        while i <= j:
+            while points[order[i], axis] < pivot:
+                i += 1
+            while points[order[j], axis] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, nogil=True, parallel=True)
+def _search(points, order, axes, splits, queries, k):  # type: ignore[no-untyped-def]
+    """Depth-first search with a stack of the branches not taken; `points` lie in tree order."""
+    n, dims = points.shape
+    n_nodes = len(axes)
+    squared = np.full((len(queries), k), np.inf, np.float32)
+    found = np.full((len(queries), k), -1, np.int32)
+    for q in numba.prange(len(queries)):
+        stack = np.empty(64, np.int64)
+        bounds = np.empty(64, np.float32)
+        stack[0], bounds[0], top = 1, np.float32(0), 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if bounds[top] >= squared[q, k - 1]:
+                continue
+            bound = bounds[top]
+            while node < n_nodes:
+                gap = queries[q, axes[node]] - splits[node]
+                far = 2 * node + (1 if gap < 0 else 0)
+                stack[top], bounds[top] = far, max(bound, gap * gap)
+                top += 1
+                node = 2 * node + (0 if gap < 0 else 1)
+            start, end = _range_of(node, n)
+            for i in range(start, end):
+                distance = np.float32(0)
+                for axis in range(dims):
+                    gap = points[i, axis] - queries[q, axis]
+                    distance += gap * gap
+                if distance < squared[q, k - 1]:
+                    slot = k - 1
+                    while slot > 0 and squared[q, slot - 1] > distance:
+                        squared[q, slot], found[q, slot] = squared[q, slot - 1], found[q, slot - 1]
+                        slot -= 1
+                    squared[q, slot], found[q, slot] = distance, order[i]
+    return squared, found
