@@ -16,7 +16,7 @@ import numpy as np
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, logit, quaternions_of, rotation_matrices
 
 MAX_OFFSET = 6.0
-"""Planes farther away than so many sigma_n cut as if they were there: nothing visible lies beyond."""
+"""Planes farther from the centre, in sigma_n, cut as if they were here: nothing visible lies beyond."""
 
 PROFILE_POWER = 1.5
 """A child takes the moments of the cut profile to this power: 1 keeps mean and variance, more closes the seam."""
@@ -174,7 +174,7 @@ def _compress(
     loss = (1.0 - np.sqrt(variances))[:, None, None]
     axes, scales, _ = np.linalg.svd(factors - loss * displacements[:, :, None] * directions[:, None, :])
     axes[:, :, 2] *= np.linalg.det(axes)[:, None]  # Singular vectors may be left-handed.
-    parents = _opacities(gaussians)
+    parents = gaussians.opacities.astype(np.float64)
     opacities = np.clip(amplitudes * parents, 0.0, np.maximum(parents, MAX_OPACITY))
     return gaussians.replace(
         means=(gaussians.means + shifts[:, None] * displacements).astype(np.float32),
@@ -221,8 +221,3 @@ def _shorten(
         log_scales=(gaussians.log_scales + np.log(np.where(empty[:, None], 1.0, factors))).astype(np.float32),
         opacity_logits=logits.astype(np.float32),
     )
-
-
-def _opacities(gaussians: Gaussians) -> Float64Array:
-    """Opacities in float64, where 1 is not reached before a logit of 36, (M,)."""
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * gaussians.opacity_logits.astype(np.float64))))
