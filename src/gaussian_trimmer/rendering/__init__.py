@@ -79,12 +79,14 @@ _RENDERERS = {
 
 
 def get_renderer(name: str) -> Renderer:
-    """The renderer of that name: `numba`, `reference` or `gsplat`.
+    """The renderer of that name: `numba`, `reference`, `gsplat`, or `auto` for gsplat where it can run, else numba.
 
     Raises:
         InputError: no renderer has that name, or what it needs is not installed.
     """
+    if name == "auto":
+        name = "gsplat" if import_module(_RENDERERS["gsplat"][0]).is_available() else "numba"
     if name not in _RENDERERS:
-        raise InputError(f"Unknown renderer '{name}'; available: {', '.join(_RENDERERS)}.")
+        raise InputError(f"Unknown renderer '{name}'; available: auto, {', '.join(_RENDERERS)}.")
     module, attribute = _RENDERERS[name]
     return cast(Renderer, getattr(import_module(module), attribute)())

@@ -51,6 +51,7 @@ SEGMENTERS = {
     "label-field": ("gaussian_trimmer.segmenters.label_field", "LabelFieldSegmenter"),
     "grabcut": ("gaussian_trimmer.segmenters.grabcut", "GrabCutSegmenter"),
     "sam2": ("gaussian_trimmer.segmenters.sam2", "Sam2Segmenter"),
+    "mask-files": ("gaussian_trimmer.segmenters.mask_files", "MaskFilesSegmenter"),
 }
 
 

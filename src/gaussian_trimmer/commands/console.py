@@ -1,0 +1,83 @@
+"""What the commands show on the terminal: a progress bar over the stages, and a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from gaussian_trimmer.errors import InputError
+
+_STAGES = {
+    "read": "reading the files",
+    "plan": "planning the cameras",
+    "render": "rendering the views",
+    "correct": "correcting the labels",
+    "segment": "segmenting the views",
+    "weigh": "weighing the evidence",
+    "prune": "pruning",
+    "split": "splitting at the boundary",
+    "assemble": "putting the parts together",
+    "write": "writing files and pictures",
+}
+_STEPS = len(_STAGES) + 1
+"""Views are rendered twice: before the labels are corrected, and after."""
+_DOUBTFUL = 0.2
+"""Confidence below which the up vector may well be wrong."""
+
+
+def open_console(*, quiet: bool) -> Console:
+    """The terminal, or standard output; errors are not written to it."""
+    return Console(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
+    """Give a function to call with the name of each stage as it begins; nothing is shown outside a terminal."""
+    bar = Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=console.quiet or not console.is_terminal,
+    )
+    with bar:
+        task = bar.add_task("", total=_STEPS)
+        yield lambda stage: bar.update(task, description=_STAGES.get(stage, stage), advance=1)
+
+
+def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -> None:
+    """Counts, views, up vector and time of a finished trim, from its report."""
+    counts, up = report["counts"], report["up"]
+    accepted = sum(view["accepted"] for view in report["views"])
+    direction = " ".join(f"{value:.3f}" for value in up["direction"])
+    table = Table.grid(padding=(0, 2))
+    table.add_row("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians")
+    table.add_row("kept", f"{counts['kept']:,} whole, {counts['split']:,} split at the boundary")
+    table.add_row("pruned", f"{counts['pruned']:,}, of which {counts['floaters']:,} floated far off")
+    table.add_row("recovered", f"{counts['recovered']:,}")
+    table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
+    table.add_row("up", f"{direction} ({up['source']})")
+    table.add_row("time", f"{seconds:.1f} s")
+    console.print(table)
+    if report["refused"]:
+        console.print(f"Not trimmed: {report['refused']}; the coarse selection was written unchanged.")
+    elif up["confidence"] < _DOUBTFUL:
+        console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Keep a file from being replaced unasked.
+
+    Raises:
+        InputError: the file exists and may not be overwritten.
+    """
+    if path.exists() and not overwrite:
+        raise InputError(f"'{path}' exists; choose another name, or replace it with --overwrite.")

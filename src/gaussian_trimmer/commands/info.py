@@ -1,0 +1,32 @@
+"""`gaussian-trimmer info`: what files are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.inspection import describe_file
+
+
+@dataclass(frozen=True)
+class Info:
+    """Say what splat files, selections and camera files hold, and how a selection can be used."""
+
+    files: Positional[tuple[Path, ...]]
+    """Files, or folders with cameras."""
+
+    def run(self) -> None:
+        """Print a paragraph on every file.
+
+        Raises:
+            InputError: no file is named, or one is missing, of no known kind, or damaged.
+        """
+        if not self.files:
+            raise InputError("Name at least one file.")
+        console = open_console(quiet=False)
+        for path in self.files:
+            console.print(describe_file(path))
