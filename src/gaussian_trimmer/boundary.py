@@ -23,10 +23,12 @@ class BoundaryConfig:
     """Gaussians looked up at each of these pixels, k of the top-k selection."""
     least_weight: float = 0.01
     """Smallest blend weight that counts at a pixel."""
-    least_share: float = 0.15
+    least_share: float = 0.3
     """Smallest share of a straddler's blend weight on the lesser side of the mask."""
     least_area: float = 4.0
     """Smallest blend weight on the lesser side, summed over the view's pixels."""
+    least_spread: float = 0.008
+    """Smallest standard deviation across the cut, as a share of the image's width; finer ones are left whole."""
     along_ray_limit: float = 0.5
     """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the depth order."""
 
@@ -119,7 +121,8 @@ def _in_view(
     limit = config.along_ray_limit * np.linalg.norm(displacement, axis=1) * np.linalg.norm(rays, axis=1)
     usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
     offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
-    usable &= np.abs(offsets) < 3
+    depths = camera.to_camera(gaussians.means[rows].astype(np.float64))[:, 2]
+    usable &= (np.abs(offsets) < 3) & (spread * camera.K[0, 0] >= config.least_spread * camera.width * depths)
     return Straddlers(
         rows[usable], normals[usable], offsets[usable], weights[rows].min(axis=1)[usable].astype(np.float64)
     )

@@ -13,13 +13,15 @@ Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over place and colour 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.nearest import nearest
+from gaussian_trimmer.planning import Bounds
+from gaussian_trimmer.support import SupportConfig, attached_to_object, find_support
 
 _BINS = 32
 _LEAST_WEIGHT = 0.05
@@ -54,10 +56,15 @@ class LabelFieldConfig:
     """Weight of the coarse label gained per squared `depth` of distance from the boundary, up to 1.5 depths."""
     depth: float = 0.12
     """Distance over which trust grows, relative to the object's radius."""
+    attached: float = 3.0
+    """Weight for the object of what stands in one piece with it on the supporting surface."""
+    resting: float = 1.0
+    """Weight against the object of selected Gaussians in the supporting surface."""
+    support: SupportConfig = field(default_factory=SupportConfig)
 
 
 def correct_labels(
-    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, radius: float, config: LabelFieldConfig
+    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, bounds: Bounds, config: LabelFieldConfig
 ) -> FloatArray:
     """Probability of every Gaussian to belong to the object, (N,).
 
@@ -65,7 +72,7 @@ def correct_labels(
         gaussians: the coarse object and its neighbours.
         selection: the coarse labels, (N,).
         visible: blend weight of each Gaussian summed over the views, in pixels of five views of 512 x 512, (N,).
-        radius: the object's robust radius in scene units.
+        bounds: the object's robust bounds.
         config: weights of the terms.
 
     Gaussians that no view shows keep their coarse label, as 0 or 1.
@@ -75,11 +82,11 @@ def correct_labels(
     labels = selection[seen]
     if not config.enabled or labels.all() or not labels.any():
         return probability
-    places = gaussians.means[seen] / np.float32(radius)
+    places = gaussians.means[seen] / np.float32(bounds.radius)
     colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc[seen], 0, 1).astype(np.float32)
-    field = _Field(places, colours, visible[seen].astype(np.float64), config)
+    graph = _Field(places, colours, visible[seen].astype(np.float64), bounds, config)
     for _ in range(config.passes):
-        likely = field.infer(labels)
+        likely = graph.infer(labels)
         labels = likely > 0.5
         if labels.all() or not labels.any():
             break
@@ -91,9 +98,9 @@ class _Field:
     """The graph over the visible Gaussians, built once for all rounds."""
 
     def __init__(
-        self, places: FloatArray, colours: FloatArray, weights: Float64Array, config: LabelFieldConfig
+        self, places: FloatArray, colours: FloatArray, weights: Float64Array, bounds: Bounds, config: LabelFieldConfig
     ) -> None:
-        self.places, self.weights, self.config = places, weights, config
+        self.places, self.weights, self.bounds, self.config = places, weights, bounds, config
         capped = np.minimum(weights, _LARGEST_WEIGHT)
         features = np.concatenate([places / config.place_sigma, colours / config.colour_sigma], axis=1)
         squared, self.alike = _others(features, config.neighbours)
@@ -108,8 +115,7 @@ class _Field:
         """One round of mean-field inference from labels (S,), as probabilities (S,)."""
         config = self.config
         signs = np.where(labels, 1.0, -1.0).astype(np.float32)
-        deep = np.minimum(self._distance_to_boundary(signs) / config.depth, 1.5)
-        unary = (config.trust + config.depth_trust * deep**2) * signs
+        unary = self._trust(labels, signs)
         _, separation = self._colour_evidence(labels.astype(np.float64))
         colour_weight = config.colour * float(np.clip((separation - 0.5) / 0.45, 0, 1)) ** 2
         mean = signs
@@ -118,6 +124,19 @@ class _Field:
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
             mean = np.tanh(0.5 * (unary + config.smoothness * followed + colour_weight * evidence)).astype(np.float32)
         return np.asarray(0.5 * (mean + 1), np.float32)
+
+    def _trust(self, labels: BoolArray, signs: FloatArray) -> FloatArray:
+        """Log-odds of each Gaussian from its own label, its depth behind the boundary and the supporting surface, (S,)."""
+        config = self.config
+        deep = np.minimum(self._distance_to_boundary(signs) / config.depth, 1.5)
+        unary = (config.trust + config.depth_trust * deep**2) * signs
+        support = find_support(self.places, labels, self.weights, self.bounds, config.support)
+        if support is None:
+            return unary
+        attached = attached_to_object(self.places, labels, self.weights, support, config.support)
+        unary = np.where(attached, config.attached - config.trust, unary)
+        resting = support.on_surface & labels
+        return np.where(resting, np.minimum(unary, config.trust) - config.resting, unary)
 
     def _distance_to_boundary(self, signs: FloatArray) -> FloatArray:
         """Distance of each Gaussian to the nearest of the other side, sides being local majorities of the labels."""

@@ -69,7 +69,7 @@ class TrimConfig:
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's own choices: its framing, no correction in 3D, masks alone as evidence, splits along principal axes."""
+    """The paper's choices: its framing, no correction in 3D, masks alone as evidence, splits along principal axes."""
     config = config or TrimConfig()
     return replace(
         config,
@@ -160,7 +160,7 @@ def trim(
     clock = _Clock(progress)
     with clock("plan"):
         up = find_up(scene, cameras, config.up, selection)
-        seen_from = [camera for camera, train in zip(cameras.cameras, cameras.train) if train] if cameras else []
+        seen_from = [camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train] if cameras else []
         planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, seen_from)
         planned = list(views) if views else planned
         core, rows = _surroundings(scene, selection, bounds, config.neighbours)
@@ -168,7 +168,7 @@ def trim(
     with clock("render"):
         visible = _visible_weight(local, planned, renderer)
     with clock("correct"):
-        probability = correct_labels(local, coarse, visible, bounds.radius, config.labels)
+        probability = correct_labels(local, coarse, visible, bounds, config.labels)
     with clock("render"):
         pictures = _render_views(local, coarse, probability, planned, renderer)
     with clock("segment"):
@@ -187,7 +187,7 @@ def trim(
             if config.evidence.second_evidence and keep.any():
                 keep = keep & ~_halo(local, keep, accepted, inside + outside, renderer, config.evidence)
         with clock("split"):
-            parts = _split(local, keep, accepted, weights, renderer, config)
+            parts = _split(local, keep, accepted, renderer, config)
         if not keep.any():
             refused, keep, parts = "no Gaussian was left in the object", selection[rows], None
     with clock("assemble"):
@@ -298,20 +298,19 @@ def _halo(
 
 
 def _split(
-    local: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
-    renderer: Renderer, config: TrimConfig,
-) -> tuple[IntArray, Gaussians, Gaussians | None] | None:  # fmt: skip
-    """Rows of straddling object Gaussians, and their inner and outer parts."""
+    local: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: TrimConfig
+) -> tuple[IntArray, Gaussians, Gaussians | None] | None:
+    """Rows of object Gaussians that straddle the boundary when the object is alone, and their inner and outer parts."""
     if config.split.rule == "none":
         return None
     cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
-    found = find_straddlers(local, cameras, masks, weights, renderer, config.boundary)
-    ours = keep[found.rows]
-    rows = found.rows[ours]
-    if len(rows) == 0:
+    ours = local.select(keep)
+    weights = _weigh(ours, accepted, renderer)
+    found = find_straddlers(ours, cameras, masks, weights, renderer, config.boundary)
+    if len(found.rows) == 0:
         return None
-    inner, outer = SPLIT_RULES[config.split.rule](local.select(rows), found.normals[ours], found.offsets[ours])
-    return rows, inner, outer
+    inner, outer = SPLIT_RULES[config.split.rule](ours.select(found.rows), found.normals, found.offsets)
+    return np.flatnonzero(keep)[found.rows], inner, outer
 
 
 def _assemble(

@@ -148,11 +148,16 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
     size = float((np.array(deciles[1]) - deciles[0]).max()) / _VOXELS_ACROSS
     if size <= 0:
         return np.ones(len(means), np.bool_)
-    cells = np.floor(np.clip((means - np.median(means, axis=0)) / size, -1e6, 1e6)).astype(np.int64) + 2_000_000
+    cluster = connected_voxels(means - np.median(means, axis=0), size)
+    return np.asarray(cluster == np.argmax(np.bincount(cluster, weights)))
+
+
+def connected_voxels(points: Float64Array, size: float) -> IntArray:
+    """Number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,)."""
+    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_001
     keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
     voxels, members = np.unique(keys, return_inverse=True)
-    cluster = _connect(voxels)[members.reshape(-1)]
-    return np.asarray(cluster == np.argmax(np.bincount(cluster, weights)))
+    return np.asarray(_connect(voxels)[members.reshape(-1)])
 
 
 @numba.njit(cache=True)

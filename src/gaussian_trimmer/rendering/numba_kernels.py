@@ -146,8 +146,8 @@ def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, inline="always")
 def _tile_range(centre, half, n_tiles):  # type: ignore[no-untyped-def]
     """First and one past the last tile that [centre - half, centre + half] touches."""
-    first = max(0, int(math.floor(max((centre - half) / TILE, -1.0))))
-    last = min(n_tiles, int(math.floor(min((centre + half) / TILE, float(n_tiles)))) + 1)
+    first = max(0, math.floor(max((centre - half) / TILE, -1.0)))
+    last = min(n_tiles, math.floor(min((centre + half) / TILE, float(n_tiles))) + 1)
     return first, last
 
 
@@ -261,8 +261,8 @@ def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: 
             x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
             A, B, C, opacity = splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
             u0, v0 = -(A * x + B * y), -C * y
-            first = TILE * max(0, int(math.floor(y - splats[i, 7] - np.float32(0.5))))
-            last = TILE * min(TILE, int(math.ceil(y + splats[i, 7] + np.float32(0.5))))
+            first = TILE * max(0, math.floor(y - splats[i, 7] - np.float32(0.5)))
+            last = TILE * min(TILE, math.ceil(y + splats[i, 7] + np.float32(0.5)))
             for p in range(first, last):
                 u = A * column[p] + (B * row[p] + u0)
                 v = C * row[p] + v0

@@ -1,0 +1,94 @@
+"""The surface that an object stands on, and what stands on it together with the object.
+
+Table tops and floors are where rough selections go wrong most, and they are easy to know: a horizontal layer that
+holds much of what surrounds the object. Once it is set aside, what stands on it falls apart into pieces that do not
+touch. A piece that mostly belongs to the selection belongs to it whole: an arm in the table's colour, a leaf that the
+selection missed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.planning import Bounds, connected_voxels
+
+_REACH = 1.5
+_SEARCHED = 0.4
+_BIN = 0.02
+_OBJECT_FOOT = 0.02
+
+
+@dataclass(frozen=True)
+class SupportConfig:
+    """How the supporting surface helps to correct labels."""
+
+    enabled: bool = True
+    """Look for the surface; where there is none, nothing changes."""
+    least_share: float = 0.3
+    """Smallest share of the visible surroundings that the layer must hold to be a surface."""
+    thickness: float = 0.05
+    """Half of the layer's thickness, relative to the object's radius."""
+    gap: float = 0.05
+    """Width of the voxels that connect what stands on the surface, relative to the object's radius."""
+    least_selected: float = 0.5
+    """Smallest selected share of a piece that is taken to be the object."""
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Where each Gaussian lies relative to the surface."""
+
+    on_surface: BoolArray
+    """Gaussians of the layer, (N,)."""
+    above: BoolArray
+    """Gaussians above it, (N,)."""
+
+
+def find_support(
+    places: FloatArray, selection: BoolArray, weights: Float64Array, bounds: Bounds, config: SupportConfig
+) -> Support | None:
+    """The horizontal layer near the object's foot that holds most of its visible surroundings; None if there is none.
+
+    Args:
+        places: centres divided by the object's radius, (N, 3).
+        selection: the coarse labels, (N,).
+        weights: how much each Gaussian is visible, (N,).
+        bounds: the object's bounds: their third axis is up.
+        config: what counts as a surface.
+    """
+    local = (places - bounds.centre / bounds.radius) @ bounds.axes.T
+    height = local[:, 2]
+    around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _REACH)
+    total = weights[around].sum()
+    if not config.enabled or total <= 0 or not selection.any():
+        return None
+    foot = np.quantile(height[selection], _OBJECT_FOOT)
+    edges = np.arange(foot - _SEARCHED, foot + _SEARCHED + _BIN, _BIN)
+    counts = np.convolve(np.histogram(height[around], edges, weights=weights[around])[0], [1, 1, 1], "same")
+    best = int(np.argmax(counts))
+    if counts[best] < config.least_share * total:
+        return None
+    middle = edges[best] + _BIN / 2
+    layer = around & (np.abs(height - middle) < 1.5 * _BIN)
+    middle = np.average(height[layer], weights=weights[layer])
+    return Support(np.abs(height - middle) <= config.thickness, height > middle + config.thickness)
+
+
+def attached_to_object(
+    places: FloatArray, labels: BoolArray, weights: Float64Array, support: Support, config: SupportConfig
+) -> BoolArray:
+    """Gaussians that are not labelled object but stand in one piece with it, (N,).
+
+    Pieces are 26-connected voxels of what lies above the surface.
+    """
+    attached = np.zeros(len(labels), np.bool_)
+    rows = np.flatnonzero(support.above)
+    if len(rows) == 0:
+        return attached
+    piece = connected_voxels(places[rows].astype(np.float64), config.gap)
+    selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
+    attached[rows] = (selected > config.least_selected * total)[piece] & ~labels[rows]
+    return attached
