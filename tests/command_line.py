@@ -1,0 +1,46 @@
+"""Runs of the command line on the ball of `toy`, saved as files."""
+
+import json
+
+import cv2
+import numpy as np
+import toy
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.cli import main
+from gaussian_trimmer.planning import PlanConfig, plan_cameras
+from gaussian_trimmer.rendering import get_renderer
+
+SMALL = ["--plan.size", "160"]
+
+
+def save_ball(folder):
+    """`scene.ply`, `rough.npy`, and `cameras.json` with masks of four of its five pictures in `masks/`."""
+    scene, truth = toy.ball_on_floor()
+    formats.write(scene, folder / "scene.ply")
+    np.save(folder / "rough.npy", toy.dilated(scene, truth))
+    cameras, _ = plan_cameras(scene.select(truth), toy.UP, PlanConfig(size=96))
+    frames = [
+        {
+            "file": f"{i}.png",
+            "width": 96,
+            "height": 96,
+            "K": c.K.tolist(),
+            "world_to_camera": c.world_to_camera.tolist(),
+        }
+        for i, c in enumerate(cameras)
+    ]
+    (folder / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    (folder / "masks").mkdir()
+    for i, camera in enumerate(cameras[:4]):
+        share = get_renderer("numba").blend_values(scene, camera, truth[:, None].astype(np.float32))[..., 0]
+        assert cv2.imwrite(str(folder / "masks" / f"{i}.png"), (255 * share).astype(np.uint8))
+    return scene, truth
+
+
+def run(*arguments):
+    """Exit code of a command, whichever way it ends."""
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        return end.code

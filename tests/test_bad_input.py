@@ -1,0 +1,167 @@
+"""Bad input ends in one sentence, exit code 2, and not a trace on disk."""
+
+import numpy as np
+import pytest
+from command_line import SMALL, run, save_ball
+
+from gaussian_trimmer import formats
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    scene, _ = save_ball(folder)
+    return folder, scene
+
+
+def trim_fails(scene, *rest, output, capsys):
+    """Run `trim`, check that it fails as it should, and return what it said."""
+    before = sorted(output.parent.iterdir()) if output.parent.is_dir() else None
+    assert run("trim", scene, *rest, "--output", output, *SMALL) == 2
+    printed = capsys.readouterr().err
+    assert printed.endswith(".\n")
+    assert printed.count("\n") == 1
+    assert (sorted(output.parent.iterdir()) if output.parent.is_dir() else None) == before
+    return printed
+
+
+def damaged_scene(kind, folder, path):
+    data = (folder / "scene.ply").read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    match kind:
+        case "missing":
+            pass
+        case "folder":
+            path.mkdir()
+        case "empty":
+            path.write_bytes(b"")
+        case "no PLY":
+            path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(1000))
+        case "truncated":
+            path.write_bytes(data[:-100])
+        case "header only":
+            path.write_bytes(data[: end - 20])
+        case "zero Gaussians":
+            path.write_bytes(b"\n".join(b"element vertex 0" if line.startswith(b"element vertex") else line
+                                        for line in data[:end].split(b"\n")))  # fmt: skip
+        case "NaN" | "infinity":
+            value = np.float32(np.nan if kind == "NaN" else np.inf).tobytes()
+            path.write_bytes(data[:end] + value + data[end + 4 :])
+        case "mesh":
+            path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                             b"property float z\nend_header\n0 0 0\n")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("missing", "There is no file"),
+        ("folder", "There is no file"),
+        ("empty", "not a PLY"),
+        ("no PLY", "not a PLY"),
+        ("truncated", "truncated"),
+        ("header only", "header"),
+        ("zero Gaussians", "zero Gaussians"),
+        ("NaN", "finite"),
+        ("infinity", "finite"),
+        ("mesh", "no splat PLY"),
+    ],
+)
+def test_damaged_scenes(kind, said, ball, tmp_path, capsys):
+    folder, _ = ball
+    scene = tmp_path / "damaged.ply"
+    damaged_scene(kind, folder, scene)
+    assert said in trim_fails(scene, folder / "rough.npy", output=tmp_path / "out", capsys=capsys)
+
+
+def test_unknown_endings(ball, tmp_path, capsys):
+    folder, _ = ball
+    (tmp_path / "scene.obj").write_text("v 0 0 0\n")
+    said = trim_fails(tmp_path / "scene.obj", folder / "rough.npy", output=tmp_path / "out", capsys=capsys)
+    assert "known endings" in said
+    said = trim_fails(
+        folder / "scene.ply", folder / "rough.npy", "--format", "obj", output=tmp_path / "out", capsys=capsys
+    )
+    assert "Unknown format 'obj'" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "said"),
+    [
+        ("empty.npy", lambda n: np.zeros(n, bool), "selects none"),
+        ("full.npy", lambda n: np.ones(n, bool), "selects all"),
+        ("short.npy", lambda n: np.ones(n - 1, bool), "entries"),
+        ("scores.npy", lambda n: np.linspace(0, 1, n), "--selection.threshold"),
+        ("matrix.npy", lambda n: np.ones((3, n), bool), "is no selection"),
+        ("beyond.npy", lambda n: np.array([1, 2, n]), "row numbers 0 to"),
+        ("pickled.npy", lambda n: np.array([{}], object), "pickled.npy"),
+    ],
+)
+def test_wrong_selections(name, make, said, ball, tmp_path, capsys):
+    folder, scene = ball
+    np.save(tmp_path / name, make(len(scene)), allow_pickle=True)
+    assert said in trim_fails(folder / "scene.ply", tmp_path / name, output=tmp_path / "out", capsys=capsys)
+
+
+def test_missing_selection(ball, tmp_path, capsys):
+    folder, _ = ball
+    assert "nowhere.npy" in trim_fails(
+        folder / "scene.ply", tmp_path / "nowhere.npy", output=tmp_path / "out", capsys=capsys
+    )
+
+
+def test_cut_out_of_another_scene(ball, tmp_path, capsys):
+    folder, scene = ball
+    part = scene.select(np.arange(20))
+    formats.write(
+        part.replace(means=part.means + np.float32(0.5), sh_dc=part.sh_dc + np.float32(0.5)), tmp_path / "part.ply"
+    )
+    said = trim_fails(folder / "scene.ply", tmp_path / "part.ply", output=tmp_path / "out", capsys=capsys)
+    assert "20 of" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--up", 0, 0, 0], "up vector"),
+        (["--up", "nan", 0, 1], "up vector"),
+        (["--views", 0], "at least one"),
+        (["--views", -3], "at least one"),
+        (["--segmenter", "sam9"], "available: label-field"),
+        (["--renderer", "opengl"], "available: auto"),
+        (["--segmenter", "mask-files"], "--mask-files.folder"),
+        (["--segmenter", "mask-files", "--mask-files.folder", "masks"], "--cameras"),
+        (["--cameras", "nowhere"], "nowhere"),
+        (["--selection.object-id", 3], "object"),
+    ],
+)
+def test_wrong_options(options, said, ball, tmp_path, capsys):
+    folder, _ = ball
+    scene, rough = folder / "scene.ply", folder / "rough.npy"
+    assert said in trim_fails(scene, rough, *options, output=tmp_path / "out", capsys=capsys)
+
+
+def test_output_that_cannot_be_written(ball, tmp_path, capsys):
+    folder, _ = ball
+    (tmp_path / "file").write_text("in the way")
+    for output in (tmp_path / "file", tmp_path / "file" / "below"):
+        said = trim_fails(folder / "scene.ply", folder / "rough.npy", output=output, capsys=capsys)
+        assert "choose another" in said
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
+def test_output_is_checked_before_anything_is_computed(ball, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "object.ply").write_text("earlier results")
+    said = trim_fails(tmp_path / "missing.ply", output=tmp_path / "out", capsys=capsys)
+    assert "--overwrite" in said
+    assert (tmp_path / "out" / "object.ply").read_text() == "earlier results"
+
+
+def test_failed_run_keeps_the_results_that_it_should_overwrite(ball, tmp_path, capsys):
+    folder, _ = ball
+    (tmp_path / "object.ply").write_text("earlier results")
+    rest = [folder / "rough.npy", "--overwrite", "--views", 0]
+    trim_fails(folder / "scene.ply", *rest, output=tmp_path, capsys=capsys)
+    assert [path.name for path in tmp_path.iterdir()] == ["object.ply"]
+    assert (tmp_path / "object.ply").read_text() == "earlier results"

@@ -1,0 +1,225 @@
+"""The commands, run in this process as the terminal runs them."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import toy
+from command_line import SMALL, run, save_ball
+
+from gaussian_trimmer import __version__, cli, formats
+from gaussian_trimmer.pipeline import TrimConfig, paper_config
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    scene, truth = save_ball(folder)
+    return folder, scene, truth
+
+
+def report_of(folder):
+    return json.loads((folder / "report.json").read_text())
+
+
+def test_trim_writes_everything(ball, tmp_path, capsys):
+    folder, scene, truth = ball
+    output = tmp_path / "out"
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--up", 0, 0, 1, "--output", output, *SMALL) == 0
+    assert sorted(path.name for path in output.iterdir()) == [
+        "background.ply", "before_after.png", "labels.npz", "object.ply", "report.json", "views",
+    ]  # fmt: skip
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
+    labels = np.load(output / "labels.npz", allow_pickle=False)
+    trimmed = np.zeros(len(scene), np.bool_)
+    trimmed[labels["source_index"][: labels["n_object"]]] = True
+    rough = np.load(folder / "rough.npy")
+    assert toy.jaccard(trimmed, truth) > max(0.9, toy.jaccard(rough, truth))
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "5 of 5 accepted" in printed.out
+    assert str(output) in printed.out
+
+
+def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
+    command += ["--up", 0, -0.1, 1, "--views", 3, "--segmenter", "grabcut", "--grabcut.iterations", 1]
+    command += ["--split.rule", "none", "--evidence.no-recover", "--renderer", "numba", "--format", "splat"]
+    assert run(*command) == 0
+    report = report_of(tmp_path)
+    assert report["configuration"]["split"] == {"rule": "none"}
+    assert not report["configuration"]["evidence"]["recover"]
+    assert (len(report["views"]), report["segmenter"]) == (3, "grabcut")
+    assert report["inputs"]["segmenter_options"]["iterations"] == 1
+    assert report["up"]["direction"][1] == pytest.approx(-0.1 / np.hypot(0.1, 1))
+    assert report["counts"]["recovered"] == report["counts"]["split"] == 0
+    assert len(formats.read(tmp_path / "object.splat")) == report["counts"]["object"]
+
+
+def test_selection_options_choose_among_several_objects(ball, tmp_path):
+    folder, _, _ = ball
+    rough = np.load(folder / "rough.npy")
+    np.save(tmp_path / "labels.npy", np.where(rough, 3, 1))
+    command = ["trim", folder / "scene.ply", tmp_path / "labels.npy", "--output", tmp_path / "out", *SMALL, "--quiet"]
+    assert run(*command, "--selection.object-id", 3) == 0
+    report = report_of(tmp_path / "out")
+    assert report["counts"]["selected"] == np.count_nonzero(rough)
+    assert report["inputs"]["selection_options"]["object_id"] == [3]
+
+
+def test_preset_changes_the_defaults_and_nothing_else():
+    paper, fit = paper_config(), TrimConfig()
+    assert cli._parse("trim", ["a.ply", "b.npy"]).config == fit
+    assert cli._parse("trim", ["a.ply", "b.npy", "--preset", "paper"]).config == paper
+    mixed = cli._parse("trim", ["a.ply", "--split.rule", "plane", "--preset", "paper", "--plan.fill", "0.5"])
+    assert (mixed.config.split.rule, mixed.config.plan.fill) == ("plane", 0.5)
+    assert (mixed.config.plan.framing, mixed.config.evidence) == ("paper", paper.evidence)
+    assert str(mixed.scene) == "a.ply"
+
+
+def test_object_alone_needs_no_selection(ball, tmp_path):
+    _, scene, truth = ball
+    formats.write(scene.select(truth), tmp_path / "ball.ply")
+    command = ["trim", tmp_path / "ball.ply", "--up", 0, 0, 1, "--output", tmp_path / "out", *SMALL, "--quiet"]
+    assert run(*command) == 0
+    assert report_of(tmp_path / "out")["counts"]["selected"] == np.count_nonzero(truth)
+
+
+def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--quiet"]
+    command += ["--segmenter", "mask-files", "--mask-files.folder", folder / "masks"]
+    assert run(*command, "--cameras", folder / "cameras.json") == 0
+    report = report_of(tmp_path)
+    assert [view["name"] for view in report["views"]] == ["0.png", "1.png", "2.png", "3.png"]
+    assert report["up"]["source"] == "camera file"
+
+
+def test_output_goes_to_a_folder_named_after_the_inputs(ball, tmp_path, monkeypatch):
+    folder, _, _ = ball
+    monkeypatch.chdir(tmp_path)
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", *SMALL, "--quiet") == 0
+    assert (tmp_path / "trimmed" / "scene-rough" / "object.ply").is_file()
+
+
+def test_overwriting_leaves_no_file_of_the_earlier_run(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
+    assert run(*command, "--format", "splat") == 0
+    (tmp_path / "notes.txt").write_text("mine")
+    assert run(*command) == 2
+    assert (tmp_path / "object.splat").exists()
+    assert run(*command, "--overwrite", "--views", 2) == 0
+    assert not (tmp_path / "object.splat").exists()
+    assert len(list((tmp_path / "views").iterdir())) == 2
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert "not empty" in capsys.readouterr().err
+
+
+def test_quiet_prints_nothing(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
+    folder, scene, truth = ball
+    for method in ("assignment", "vote"):
+        selection = tmp_path / f"{method}.npy"
+        command = ["lift", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
+        assert run(*command, "--output", selection, "--method", method) == 0
+        assert toy.jaccard(np.load(selection), truth) > 0.5
+        assert "4 masks" in capsys.readouterr().out
+    assert run(*command, "--output", selection) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert run(*command, "--output", tmp_path / "a.txt") == run(*command, "--object-ids", "--method", "vote") == 2
+    labels = tmp_path / "labels.npy"
+    assert run(*command, "--output", labels, "--object-ids") == 0
+    assert np.load(labels).dtype == np.uint8
+    assert len(np.load(labels)) == len(scene)
+
+
+def test_convert_and_info(ball, tmp_path, capsys):
+    folder, scene, _ = ball
+    target = tmp_path / "ball.spz"
+    assert run("convert", folder / "scene.ply", target) == 0
+    assert run("convert", folder / "scene.ply", target) == 2
+    assert run("convert", folder / "scene.ply", target, "--overwrite", "--sort", "--quiet") == 0
+    assert f"{len(scene):,} Gaussians" in capsys.readouterr().out
+    assert run("info", target, folder / "rough.npy", folder / "cameras.json") == 0
+    printed = capsys.readouterr().out
+    for text in (f"{len(scene)} Gaussians", "bool", "5 views"):
+        assert text in printed
+    assert run("info") == 2
+
+
+@pytest.mark.parametrize("command", [*cli.COMMANDS])
+def test_every_command_explains_itself(command, capsys):
+    assert run(command, "--help") == 0
+    assert f"usage: gaussian-trimmer {command}" in capsys.readouterr().out
+
+
+def test_overview_names_every_command_and_the_version(capsys):
+    assert run() == run("--help") == 0
+    printed = capsys.readouterr().out
+    assert all(f"\n  {command} " in printed for command in cli.COMMANDS)
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"gaussian-trimmer {__version__}\n"
+
+
+def test_wrong_usage_has_exit_code_2(capsys):
+    assert run("tirm") == run("trim") == run("trim", "a.ply", "--plan.views", "x") == run("trim", "a", "--no-such") == 2
+    assert "available: trim, demo" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, ""),
+        (OSError(28, "No space left on device", "/disk/object.ply"), 2, "No space left on device: '/disk/object.ply'"),
+        (MemoryError(), 2, "not enough memory"),
+    ],
+)
+def test_what_stops_a_run_ends_in_a_code_and_a_sentence(error, code, said, monkeypatch, ball, tmp_path, capsys):
+    folder, _, _ = ball
+
+    def stop(*_):
+        raise error
+
+    monkeypatch.setattr(formats, "read", stop)
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out") == code
+    assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_defects_keep_their_traceback(monkeypatch, ball):
+    folder, _, _ = ball
+    monkeypatch.setattr(formats, "read", lambda path: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run("trim", folder / "scene.ply", folder / "rough.npy", "--output", folder / "out")
+
+
+def test_module_runs_and_the_overview_loads_nothing_heavy():
+    code = "import sys; from gaussian_trimmer.cli import main; main(['--help']); print(sorted(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "'gaussian_trimmer.cli'" in loaded
+    for module in ("numpy", "numba", "torch", "tyro", "rich"):
+        assert f"'{module}'" not in loaded
+    run_as_module = [sys.executable, "-m", "gaussian_trimmer", "--version"]
+    assert subprocess.run(run_as_module, capture_output=True, text=True, check=True).stdout.endswith(f"{__version__}\n")
+
+
+def test_warnings_of_libraries_stay_off_the_terminal(ball):
+    folder, _, _ = ball
+    code = (
+        "import sys, warnings; from gaussian_trimmer import cli, formats; read = formats.read\n"
+        "def read_and_warn(path): warnings.warn('heard'); return read(path)\n"
+        f"formats.read = read_and_warn; sys.exit(cli.main(['info', {str(folder / 'scene.ply')!r}]))"
+    )
+    for options, heard in (([], False), (["-W", "default"], True)):
+        done = subprocess.run([sys.executable, *options, "-c", code], capture_output=True, text=True, check=True)
+        assert "splats:" in done.stdout
+        assert ("heard" in done.stderr) == heard

@@ -1,0 +1,45 @@
+"""The demonstration: the sample scene is complete, and trimming it gives a good lighthouse."""
+
+import json
+
+import numpy as np
+from command_line import run
+
+from gaussian_trimmer import formats, sample
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.segmenters.mask_files import cameras_with_masks
+
+
+def test_sample_is_complete_and_small():
+    scene, selection = formats.read(sample.SCENE), np.load(sample.SELECTION, allow_pickle=False)
+    assert selection.shape == (len(scene),)
+    assert 0 < np.count_nonzero(selection) < 0.1 * len(scene)
+    assert len(cameras_with_masks(read_camera_set(sample.CAMERAS).cameras, sample.MASKS)) == 10
+    folder = sample.SCENE.parent
+    assert "CC0" in (folder / "LICENSE.txt").read_text()
+    assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) < 8_000_000
+
+
+def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "trimmed" / "demo"
+    folder.mkdir(parents=True)
+    (folder / "object.ply").write_text("of an earlier run")
+    assert run("demo") == 0
+    printed = capsys.readouterr().out
+    for name in ("before_after.png", "object.ply", "background.ply", "views", "report.json"):
+        assert f"trimmed/demo/{name}" in printed.replace("\\", "/")
+        assert (folder / name).exists()
+    report = json.loads((folder / "report.json").read_text())
+    assert report["refused"] == ""
+    assert all(view["accepted"] for view in report["views"])
+    # The table around the foot goes, and not much else.
+    assert 50 < report["counts"]["pruned"] < 250
+    assert 2100 < report["counts"]["object"] == len(formats.read(folder / "object.ply")) < 2413
+
+
+def test_demo_spares_a_folder_that_the_user_names(tmp_path, capsys):
+    (tmp_path / "object.ply").write_text("mine")
+    assert run("demo", "--quiet", "--output", tmp_path) == 2
+    assert (tmp_path / "object.ply").read_text() == "mine"
+    assert capsys.readouterr().out == ""

@@ -1,0 +1,88 @@
+"""Masks of the user's own, found by the names of the pictures."""
+
+import cv2
+import numpy as np
+import pytest
+
+from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.segmenters import View, get_segmenter
+from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with_masks, find_mask, read_mask
+
+WIDTH, HEIGHT = 12, 8
+
+
+def camera(name, width=WIDTH):
+    return Camera(np.eye(4), intrinsics(1.0, width, HEIGHT), width, HEIGHT, name)
+
+
+def view(name, width=WIDTH):
+    nothing = np.zeros((HEIGHT, width), np.float32)
+    return View(camera(name, width), np.zeros((HEIGHT, width, 3), np.float32), *[nothing] * 5, (0, 0, width, HEIGHT))
+
+
+def save(path, columns=3, value=255):
+    path.parent.mkdir(exist_ok=True)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[:, :columns] = value
+    assert cv2.imwrite(str(path), mask)
+
+
+def test_masks_are_found_by_name_and_cut_at_half(tmp_path):
+    save(tmp_path / "a.png", columns=3, value=128)
+    save(tmp_path / "b.JPG.png", columns=5, value=127)
+    segmenter = get_segmenter("mask-files", MaskFilesConfig(tmp_path))
+    first, second = segmenter.segment([view("a.jpg"), view("b.JPG")])
+    assert first[:, :3].all()
+    assert not first[:, 3:].any()
+    assert not second.any()
+
+
+def test_pictures_without_a_mask_are_passed_over(tmp_path):
+    save(tmp_path / "left" / "1.png")
+    save(tmp_path / "2.png")
+    cameras = [camera(name) for name in ("left/1.png", "right/1.png", "2.jpeg", "3.png", "")]
+    assert [found.name for found in cameras_with_masks(cameras, tmp_path)] == ["left/1.png", "2.jpeg"]
+
+
+def test_object_numbers_are_read_as_they_are(tmp_path):
+    save(tmp_path / "a.png", value=7)
+    assert set(np.unique(read_mask(tmp_path / "a.png", ids=True))) == {0, 7}
+    assert cv2.imwrite(str(tmp_path / "colours.png"), np.zeros((4, 4, 3), np.uint8))
+    assert cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((4, 4), np.uint16))
+    for name in ("colours.png", "deep.png"):
+        with pytest.raises(InputError, match=r"one grey channel of 8 bits"):
+            read_mask(tmp_path / name, ids=True)
+
+
+@pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n"])
+def test_what_is_no_picture_is_refused(tmp_path, content):
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(InputError, match=r"no picture"):
+        read_mask(tmp_path / "a.png")
+
+
+def test_mask_of_another_size_is_refused(tmp_path):
+    save(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"12 x 8 pixels.*20 x 8"):
+        get_segmenter("mask-files", MaskFilesConfig(tmp_path)).segment([view("a.png", 20)])
+
+
+def test_missing_masks_are_refused(tmp_path):
+    save(tmp_path / "other.png")
+    segmenter = get_segmenter("mask-files", MaskFilesConfig(tmp_path))
+    with pytest.raises(InputError, match=r"no mask for the view 'a.png'"):
+        segmenter.segment([view("a.png")])
+    with pytest.raises(InputError, match=r"No mask in .* such as a.png"):
+        cameras_with_masks([camera("a.png")], tmp_path)
+    with pytest.raises(InputError, match=r"no folder"):
+        cameras_with_masks([camera("a.png")], tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"--mask-files.folder"):
+        get_segmenter("mask-files", MaskFilesConfig())
+
+
+def test_two_masks_for_one_picture_are_refused(tmp_path):
+    save(tmp_path / "a.png")
+    save(tmp_path / "a.jpg")
+    with pytest.raises(InputError, match=r"several masks \(a.jpg, a.png\)"):
+        find_mask(tmp_path, camera("a.jpg"))
