@@ -1,0 +1,246 @@
+"""The trimmer end to end on a ball that stands on a floor: what it mends, and the laws that its answers obey."""
+
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+from toy import (
+    UP,
+    EmptyMasks,
+    OppositeMasks,
+    TightMasks,
+    any_rotation,
+    ball_on_floor,
+    check_parts,
+    dilated,
+    eroded,
+    jaccard,
+    moved,
+    object_rows,
+    small_config,
+    with_floaters,
+)
+
+from gaussian_trimmer.boundary import BoundaryConfig
+from gaussian_trimmer.camera_files import CameraSet
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.decomposition import SPLIT_RULES
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evidence import EvidenceConfig
+from gaussian_trimmer.pipeline import (
+    KEPT,
+    RECOVERED,
+    SPLIT_INSIDE,
+    SPLIT_OUTSIDE,
+    SplitConfig,
+    TrimConfig,
+    paper_config,
+    trim,
+)
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+
+SCENE, TRUTH = ball_on_floor()
+SPECKLED = TRUTH ^ ((np.random.default_rng(1).random(len(SCENE)) < 0.05) & dilated(SCENE, TRUTH, 1.0))
+SELECTIONS = {
+    "dilated": dilated(SCENE, TRUTH, 0.3),
+    "eroded": eroded(SCENE, TRUTH, 0.1),
+    "with floaters": with_floaters(SCENE, TRUTH),
+    "speckled": SPECKLED,
+}
+WHOLE = SplitConfig("none")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    """Kernels on so few pixels spend most of their time waiting for each other's threads."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
+
+
+@cache
+def trimmed(kind):
+    return trim(SCENE, SELECTIONS[kind], small_config(split=WHOLE))
+
+
+def splitting_config(rule):
+    """Limits low enough for the small views of the ball."""
+    return small_config(boundary=BoundaryConfig(least_share=0.1, least_area=1.0), split=SplitConfig(rule))
+
+
+@pytest.mark.parametrize("kind", SELECTIONS)
+def test_rough_selections_of_the_ball_are_mended(kind):
+    result = trimmed(kind)
+    assert result.refused == ""
+    assert jaccard(object_rows(result), TRUTH) > max(0.96, jaccard(SELECTIONS[kind], TRUTH) + 0.01)
+
+
+def test_floaters_are_counted_and_left_to_the_background():
+    result = trimmed("with floaters")
+    assert result.floaters == np.count_nonzero(SELECTIONS["with floaters"] & ~TRUTH) > 0
+    assert not object_rows(result)[SELECTIONS["with floaters"] & ~TRUTH].any()
+
+
+@pytest.mark.parametrize("kind", SELECTIONS)
+def test_without_splits_object_and_background_are_the_scene(kind):
+    result = trimmed(kind)
+    assert len(result.object) + len(result.background) == len(SCENE)
+    check_parts(result, SELECTIONS[kind])
+
+
+@pytest.mark.parametrize("rule", SPLIT_RULES)
+def test_split_gaussians_have_their_parts_on_both_sides(rule):
+    result = trim(SCENE, SPECKLED, splitting_config(rule), segmenter=TightMasks())
+    assert result.count(SPLIT_INSIDE) > 5
+    assert result.count(SPLIT_OUTSIDE) == len(result.outside_parts)
+    assert len(result.outside_parts) == (0 if rule == "sagd" else result.count(SPLIT_INSIDE))
+    check_parts(result, SPECKLED)
+
+
+def test_the_background_is_made_when_it_is_asked_for():
+    result = trim(SCENE, TRUTH, small_config(split=WHOLE))
+    assert "background" not in vars(result)
+    assert result.background is result.background
+
+
+def test_the_report_of_a_run():
+    stages = []
+    result = trim(SCENE, TRUTH, small_config(split=WHOLE), progress=stages.append)
+    assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
+    assert (result.renderer, result.segmenter) == ("numba", "label-field")
+    assert len(result.views) == 5
+    np.testing.assert_array_equal(result.up.direction, UP)
+    assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
+
+
+def test_permuting_the_scene_permutes_the_answer():
+    order = np.random.default_rng(7).permutation(len(SCENE))
+    result = trim(SCENE.select(order), SPECKLED[order], small_config(split=WHOLE))
+    np.testing.assert_array_equal(object_rows(result), object_rows(trimmed("speckled"))[order])
+
+
+def test_runs_are_equal_bit_by_bit_on_any_number_of_threads():
+    results = []
+    for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
+        numba.set_num_threads(threads)
+        results.append(trim(SCENE, SPECKLED, splitting_config("plane"), segmenter=TightMasks()))
+    assert results[0].count(SPLIT_INSIDE) > 5
+    for other in results[1:]:
+        np.testing.assert_array_equal(other.source_index, results[0].source_index)
+        np.testing.assert_array_equal(other.label, results[0].label)
+        for name in ("means", "log_scales", "quaternions", "opacity_logits"):
+            np.testing.assert_array_equal(getattr(other.object, name), getattr(results[0].object, name))
+            np.testing.assert_array_equal(getattr(other.outside_parts, name), getattr(results[0].outside_parts, name))
+
+
+@pytest.mark.parametrize(("scale", "shift", "turn"), [(1, (50, -20, 5), 0), (100, (0, 0, 0), 0), (0.01, (1, 1, 1), 3)])
+def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
+    rotation = any_rotation(turn) if turn else np.eye(3)
+    scene = moved(SCENE, rotation, scale, shift)
+    result = trim(scene, SPECKLED, small_config(split=WHOLE, up=tuple(rotation @ UP)))
+    # The yaws start elsewhere after a turn, and coordinates are rounded: a few Gaussians at the rim may differ.
+    assert jaccard(object_rows(result), object_rows(trimmed("speckled"))) > 0.98
+
+
+def test_an_object_without_its_scene_stays_whole():
+    ball = SCENE.select(TRUTH)
+    result = trim(ball, np.ones(len(ball), np.bool_), small_config(split=WHOLE))
+    assert result.refused == ""
+    assert len(result.object) > 0.98 * len(ball)
+    assert len(result.object) + len(result.background) == len(ball)
+
+
+@pytest.mark.parametrize("segmenter", [EmptyMasks(), OppositeMasks()])
+@pytest.mark.parametrize("kind", ["dilated", "with floaters"])
+def test_masks_that_contradict_the_selection_leave_it_as_it_is(segmenter, kind):
+    result = trim(SCENE, SELECTIONS[kind], small_config(), segmenter=segmenter)
+    assert "0 of 5 views" in result.refused
+    assert all(view.rejected for view in result.views)
+    np.testing.assert_array_equal(object_rows(result), SELECTIONS[kind])
+    assert set(result.label) == {KEPT}
+    check_parts(result, SELECTIONS[kind])
+
+
+def test_cameras_that_do_not_see_the_object_leave_it_as_it_is():
+    away = Camera(look_at(np.array([0, -5.0, 1]), np.array([0, -9.0, 1]), UP), intrinsics(1.0, 64, 64), 64, 64)
+    result = trim(SCENE, SPECKLED, small_config(), views=[away])
+    assert "0 pixels" in result.refused
+    np.testing.assert_array_equal(object_rows(result), SPECKLED)
+
+
+def test_given_views_replace_planned_ones():
+    K = intrinsics(0.8, 120, 90)
+    yaws = np.radians([10, 80, 150, 220, 290])
+    places = np.stack([5 * np.cos(yaws), 5 * np.sin(yaws), np.full(5, 3.5)], axis=1)
+    views = [Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 120, 90) for place in places]
+    result = trim(SCENE, SPECKLED, small_config(split=WHOLE), views=views)
+    assert [view.view.camera for view in result.views] == views
+    assert result.views[0].mask.shape == (90, 120)
+    assert jaccard(object_rows(result), TRUTH) > 0.97
+
+
+def test_training_cameras_limit_where_the_trimmer_looks_from():
+    K = intrinsics(0.8, 64, 64)
+    places = [np.array([x, -5.0, 2.0]) for x in (-0.6, 0, 0.6)] + [np.array([0, 5.0, 2.0])]
+    cameras = tuple(Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 64, 64) for place in places)
+    known = CameraSet(cameras, None, (True, True, True, False), False)  # the one behind took no training image
+    result = trim(SCENE, TRUTH, small_config(split=WHOLE), cameras=known)
+    assert all(view.view.camera.centre[1] < -1 for view in result.views)
+
+
+def test_evidence_that_only_prunes_adds_nothing():
+    rough = SELECTIONS["eroded"]
+    kept = trim(SCENE, rough, small_config(split=WHOLE, evidence=EvidenceConfig(recover=False)))
+    assert kept.count(RECOVERED) == 0
+    assert not (object_rows(kept) & ~rough).any()
+    assert trimmed("eroded").count(RECOVERED) > 0
+    without = trim(SCENE, rough, small_config(split=WHOLE, evidence=EvidenceConfig(second_evidence=False)))
+    assert not (object_rows(trimmed("eroded")) & ~object_rows(without)).any()
+
+
+def test_the_papers_choices_run():
+    config = paper_config(small_config())
+    assert config.plan.framing == "paper"
+    assert config.split.rule == "principal_axis"
+    assert config.up == (0.0, 0.0, 1.0)
+    selection = dilated(SCENE, TRUTH, 0.3)
+    result = trim(SCENE, selection, paper_config(TrimConfig(up=(0.0, 0.0, 1.0))))
+    assert result.count(RECOVERED) == 0
+    check_parts(result, selection)
+
+
+def test_names_and_objects_of_renderers_and_segmenters_are_the_same():
+    by_object = trim(SCENE, SPECKLED, small_config(split=WHOLE), renderer=NumbaRenderer(), segmenter="grabcut")
+    assert by_object.segmenter == "grabcut"
+    assert jaccard(object_rows(by_object), TRUTH) > 0.97
+
+
+@pytest.mark.parametrize(
+    ("selection", "words"),
+    [
+        (np.zeros(len(SCENE), np.bool_), "empty"),
+        (np.ones(3, np.bool_), "booleans"),
+        (np.ones((len(SCENE), 1), np.bool_), "booleans"),
+        (TRUTH.astype(np.uint8), "booleans"),
+    ],
+)
+def test_selections_that_do_not_fit_are_refused(selection, words):
+    with pytest.raises(InputError, match=words):
+        trim(SCENE, selection, small_config())
+
+
+@pytest.mark.parametrize("wrong", [{"renderer": "numbar"}, {"segmenter": "sam9"}, {"config": TrimConfig(up=(0, 0, 0))}])
+def test_wrong_names_and_up_vectors_are_refused(wrong):
+    with pytest.raises(InputError):
+        trim(SCENE, TRUTH, **wrong)
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_objects_too_small_to_be_judged_are_left_as_they_are(count):
+    tiny = np.zeros(len(SCENE), np.bool_)
+    tiny[np.flatnonzero(TRUTH)[:count]] = True
+    result = trim(SCENE, tiny, small_config())
+    assert result.refused
+    np.testing.assert_array_equal(object_rows(result), tiny)

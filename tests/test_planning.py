@@ -1,0 +1,199 @@
+"""Cameras around boxes, balls and rough selections: distances by hand, angles, and what must not move them."""
+
+import numpy as np
+import pytest
+from toy import CENTRE, RADIUS, UP, any_rotation, ball_on_floor, gaussians, moved, with_floaters
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning import (
+    Bounds,
+    PlanConfig,
+    neighbours,
+    plain_bounds,
+    plan_cameras,
+    robust_bounds,
+    up_frame,
+)
+
+
+def box(half=(1.0, 0.5, 2.0), centre=(3.0, -1.0, 0.5), n=24):
+    """A dense box of Gaussians, half extents along x, y and z."""
+    steps = np.linspace(-1, 1, n)
+    return gaussians(
+        np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3) * half + centre, (0.05,) * 3, (0.5, 0.5, 0.5)
+    )
+
+
+def centres(cameras):
+    return np.array([camera.centre for camera in cameras])
+
+
+def yaws_and_pitches(cameras, bounds):
+    local = (centres(cameras) - bounds.centre) @ bounds.axes.T
+    yaws = np.degrees(np.arctan2(local[:, 1], local[:, 0]))
+    return yaws % 360, np.degrees(np.arcsin(local[:, 2] / np.linalg.norm(local, axis=1)))
+
+
+def ring(yaws_degrees, pitch_degrees=10.0, radius=6.0, target=(3.0, -1.0, 0.5)):
+    """Training cameras at yaws in the frame that the planner uses for the up vector z."""
+    yaws, pitch = np.radians(yaws_degrees), np.radians(pitch_degrees)
+    flat = np.cos(pitch)
+    directions = np.stack([np.cos(yaws) * flat, np.sin(yaws) * flat, np.full_like(yaws, np.sin(pitch))], 1)
+    places = directions @ up_frame(UP) * radius + target
+    K = intrinsics(0.9, 64, 64)
+    return [Camera(look_at(place, np.array(target), UP), K, 64, 64) for place in places]
+
+
+def test_all_cameras_look_at_the_bounds_centre_and_stand_upright():
+    cameras, bounds = plan_cameras(box(), UP)
+    for camera in cameras:
+        pixels, depths = camera.project(bounds.centre[None])
+        np.testing.assert_allclose(pixels, [[256, 256]], atol=1e-6)
+        assert depths[0] > 0
+        assert camera.rotation[1] @ UP < 0  # the image's down axis points down
+        np.testing.assert_allclose(camera.rotation[0] @ UP, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("fill", [0.5, 0.75])
+def test_fit_is_the_smallest_distance_at_which_the_bounds_fill_that_share_of_a_view(fill):
+    cameras, bounds = plan_cameras(box(), UP, PlanConfig(fill=fill))
+    reach = [np.abs(camera.project(bounds.corners())[0] - 256).max() / 256 for camera in cameras]
+    assert max(reach) == pytest.approx(fill, abs=1e-9)
+
+
+def test_paper_distance_is_the_larger_of_both_extents_by_their_lambdas_from_the_plain_centroid():
+    thing = concatenate([box(), gaussians([[3.5, -1, 0.5]] * 2000, (0.05,) * 3, (0.5, 0.5, 0.5))])
+    centroid = thing.means.astype(np.float64).mean(0)
+    assert centroid[0] > 3.05
+    for lambdas, distance in [((20.0, 6.0), 20.0 * 2), ((3.0, 6.0), 6.0 * 4)]:  # max(l, w) = 2 and h = 4
+        config = PlanConfig(framing="paper", lambda_1=lambdas[0], lambda_2=lambdas[1])
+        cameras, _ = plan_cameras(thing, UP, config)
+        np.testing.assert_allclose(np.linalg.norm(centres(cameras) - centroid, axis=1), distance, rtol=1e-6)
+        np.testing.assert_allclose(cameras[2].project(centroid[None])[0], [[256, 256]], atol=1e-3)
+
+
+def test_intrinsics_follow_equation_5():
+    cameras, _ = plan_cameras(box(), UP, PlanConfig(size=200, fov_degrees=90))
+    np.testing.assert_allclose(cameras[0].K, [[100, 0, 100], [0, 100, 100], [0, 0, 1]], atol=1e-9)
+    assert (cameras[0].width, cameras[0].height) == (200, 200)
+
+
+def test_yaws_are_uniform_over_the_circle_at_thirty_degrees_pitch():
+    yaws, pitches = yaws_and_pitches(*plan_cameras(box(), UP, PlanConfig(views=5)))
+    np.testing.assert_allclose(np.diff(np.append(yaws, yaws[0] + 360)), 72, atol=1e-6)
+    np.testing.assert_allclose(pitches, 30, atol=1e-6)
+
+
+def test_given_yaw_range_and_pitch_are_kept():
+    config = PlanConfig(views=3, yaw_range_degrees=(10, 100), pitch_degrees=-12)
+    yaws, pitches = yaws_and_pitches(*plan_cameras(box(), UP, config, ring(np.arange(0, 360, 20))))
+    assert yaws.min() >= 10 - 1e-6
+    assert yaws.max() <= 100 + 1e-6
+    np.testing.assert_allclose(np.diff(yaws), 30, atol=1e-6)
+    np.testing.assert_allclose(pitches, -12, atol=1e-6)
+
+
+@pytest.mark.parametrize("middle", [40.0, 180.0, 355.0])  # one span holds the seam of arctan2, one that of 0 degrees
+def test_forward_facing_training_cameras_limit_yaw_and_pitch(middle):
+    cameras, bounds = plan_cameras(box(), UP, seen_from=ring(middle + np.linspace(-12, 12, 7)))
+    yaws, pitches = yaws_and_pitches(cameras, bounds)
+    assert np.abs((yaws - middle + 180) % 360 - 180).max() < 12.5
+    assert len(np.unique(yaws.round(6))) == 5
+    np.testing.assert_allclose(pitches, 10, atol=1.5)
+
+
+def test_one_training_camera_from_above_does_not_raise_the_pitch():
+    seen_from = ring(np.linspace(-12, 12, 7), target=robust_bounds(box(), up_frame(UP)).centre)
+    cameras, bounds = plan_cameras(box(), UP, seen_from=[*seen_from, *ring(np.zeros(1), pitch_degrees=70)])
+    np.testing.assert_allclose(yaws_and_pitches(cameras, bounds)[1], 10, atol=0.5)
+
+
+def test_training_cameras_all_around_leave_the_full_circle():
+    yaws, _ = yaws_and_pitches(*plan_cameras(box(), UP, seen_from=ring(np.arange(0, 360, 30))))
+    np.testing.assert_allclose(np.diff(np.sort(yaws)), 72, atol=1e-6)
+
+
+def test_robust_bounds_are_those_of_the_box_in_the_frame_of_up():
+    bounds = robust_bounds(box(), up_frame(UP))
+    np.testing.assert_allclose(bounds.centre, [3, -1, 0.5], atol=1e-6)
+    extents = np.abs(bounds.axes.T @ bounds.half_extents)
+    np.testing.assert_allclose(extents, [1, 0.5, 2], rtol=1e-5)
+    assert bounds.radius == pytest.approx(np.sqrt(1 + 0.25 + 4), rel=1e-5)
+
+
+def test_far_floaters_do_not_move_robust_bounds_but_ruin_plain_ones():
+    scene, truth = ball_on_floor()
+    axes = up_frame(UP)
+    ball, rough = scene.select(truth), scene.select(with_floaters(scene, truth))
+    clean, robust, plain = robust_bounds(ball, axes), robust_bounds(rough, axes), plain_bounds(rough, axes)
+    np.testing.assert_allclose(robust.centre, clean.centre, atol=0.02 * RADIUS)
+    np.testing.assert_allclose(robust.half_extents, clean.half_extents, rtol=0.02)
+    assert plain.radius > 5 * clean.radius
+
+
+def test_transparent_gaussians_do_not_move_robust_bounds_however_many_they_are():
+    thing = box()
+    far = thing.means[:, None] + np.float32([[9, 0, 0], [9.01, 0.01, 0]])
+    haze = gaussians(far.reshape(-1, 3), (0.05,) * 3, (1, 1, 1), 1e-4)
+    alone, hazy = (robust_bounds(target, up_frame(UP)) for target in (thing, concatenate([thing, haze])))
+    np.testing.assert_allclose(hazy.centre, alone.centre, atol=1e-5)
+    np.testing.assert_allclose(hazy.half_extents, alone.half_extents, rtol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+@pytest.mark.parametrize("framing", ["fit", "paper"])
+def test_cameras_scale_with_the_scene(scale, framing):
+    thing, config = box(), PlanConfig(framing=framing)
+    cameras, _ = plan_cameras(thing, UP, config)
+    scaled, _ = plan_cameras(moved(thing, np.eye(3), scale), 7 * UP, config)
+    np.testing.assert_allclose(centres(scaled), scale * centres(cameras), rtol=1e-5, atol=1e-4 * scale)
+    np.testing.assert_allclose([c.rotation for c in scaled], [c.rotation for c in cameras], atol=1e-5)
+
+
+@pytest.mark.parametrize("framing", ["fit", "paper"])
+def test_cameras_turn_with_the_scene(framing):
+    cycle = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x to y to z to x, which the choice of axes follows
+    thing, config = box(), PlanConfig(framing=framing)
+    cameras, _ = plan_cameras(thing, UP, config)
+    turned, _ = plan_cameras(moved(thing, cycle), cycle @ UP, config)
+    np.testing.assert_allclose(centres(turned), centres(cameras) @ cycle.T, rtol=1e-5)
+
+
+def test_distance_and_pitch_hold_for_a_ball_under_any_rotation():
+    scene, truth = ball_on_floor(n_ball=3000)
+    rotation = any_rotation(3)
+    cameras, bounds = plan_cameras(moved(scene.select(truth), rotation), rotation @ UP)
+    outward = centres(cameras) - rotation @ CENTRE
+    straight, _ = plan_cameras(scene.select(truth), UP)
+    expected = np.linalg.norm(centres(straight) - CENTRE, axis=1).mean()
+    np.testing.assert_allclose(np.linalg.norm(outward, axis=1), expected, rtol=0.03)
+    np.testing.assert_allclose(yaws_and_pitches(cameras, bounds)[1], 30, atol=1e-6)
+    np.testing.assert_allclose(bounds.axes[2], rotation @ UP, atol=1e-6)
+
+
+def test_up_frame_is_right_handed_for_every_direction():
+    for up in np.random.default_rng(0).normal(size=(20, 3)):
+        axes = up_frame(up)
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+        np.testing.assert_allclose(np.cross(axes[0], axes[1]), up / np.linalg.norm(up), atol=1e-12)
+
+
+def test_neighbours_are_near_and_not_of_the_object():
+    scene = gaussians([[0, 0, 0], [1, 0, 0], [2.9, 0, 0], [3.1, 0, 0], [0, -2, 0]], (0.1,) * 3, (1, 1, 1))
+    bounds = Bounds(np.zeros(3), np.eye(3), np.array([2.0, 0, 0]))
+    selection = np.array([True, False, False, False, True])
+    assert neighbours(scene, selection, bounds, 1.5).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("views", [0, -1])
+def test_no_views_are_refused(views):
+    with pytest.raises(InputError, match="at least one"):
+        plan_cameras(box(), UP, PlanConfig(views=views))
+
+
+@pytest.mark.parametrize("up", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 0)])
+def test_an_up_vector_without_direction_is_refused(up):
+    with pytest.raises(InputError, match="up vector"):
+        plan_cameras(box(), np.array(up, np.float64))

@@ -1,0 +1,143 @@
+"""A red ball on a checkered floor, made of Gaussians whose true labels are known, rough selections of it, and trims."""
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.gaussians import SH_C0, Gaussians, logit, quaternions_of, rotation_matrices
+from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimConfig
+from gaussian_trimmer.planning import PlanConfig
+
+UP = np.array([0.0, 0.0, 1.0])
+CENTRE = np.array([0.0, 0.0, 1.0])
+RADIUS = 1.0
+RED, WHITE, BLUE = (0.8, 0.15, 0.1), (0.85, 0.85, 0.8), (0.2, 0.3, 0.6)
+
+
+def gaussians(means, scales, colours, opacity=0.95):
+    """Gaussians along the axes; `scales` (3,) or (N, 3), `colours` (3,) or (N, 3), `opacity` a number or (N,)."""
+    means = np.asarray(means, np.float32).reshape(-1, 3)
+    n = len(means)
+    return Gaussians(
+        means,
+        np.log(np.broadcast_to(scales, (n, 3))).astype(np.float32),
+        np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
+        logit(np.broadcast_to(opacity, (n,)).astype(np.float64)).astype(np.float32),
+        ((np.broadcast_to(colours, (n, 3)) - 0.5) / SH_C0).astype(np.float32),
+        np.zeros((n, 3, 0), np.float32),
+    )
+
+
+def ball_on_floor(seed=0, n_ball=700, floor_side=30, n_floaters=12):
+    """The scene, rows in random order, and which of them are the ball, (N,). The floaters lie 15 to 30 radii away."""
+    rng = np.random.default_rng(seed)
+    outward = rng.normal(size=(n_ball, 3))
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    grid = (np.arange(floor_side) + 0.5) / floor_side * 6 - 3
+    floor = np.stack(np.meshgrid(grid, grid, [-0.05], indexing="ij"), -1).reshape(-1, 3)
+    floor[:, :2] += rng.uniform(-0.03, 0.03, (len(floor), 2))
+    checks = np.where((np.floor(floor[:, 0]) + np.floor(floor[:, 1]))[:, None] % 2 == 0, WHITE, BLUE)
+    away = rng.normal(size=(n_floaters, 3))
+    away *= rng.uniform(15, 30, (n_floaters, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+    n = n_ball + len(floor) + n_floaters
+    colours = np.concatenate([np.tile(RED, (n_ball, 1)), checks, np.tile(WHITE, (n_floaters, 1))])
+    scales = np.full((n, 3), 0.08)
+    scales[n_ball:] = 0.11, 0.11, 0.02
+    means = np.concatenate([CENTRE + RADIUS * outward, floor, away])
+    scene = gaussians(means, scales, colours + rng.normal(0, 0.02, (n, 3)))
+    order = rng.permutation(n)
+    return scene.select(order), order < n_ball
+
+
+def dilated(scene, truth, reach=0.5):
+    """The ball and whatever lies within `reach` of its surface."""
+    return truth | (np.linalg.norm(scene.means - CENTRE, axis=1) < RADIUS + reach)
+
+
+def eroded(scene, truth, depth=0.3):
+    """The ball without a cap of that depth at its side."""
+    return truth & (scene.means[:, 0] < RADIUS - depth)
+
+
+def with_floaters(scene, truth):
+    """The ball and all that floats far from it."""
+    return truth | (np.linalg.norm(scene.means, axis=1) > 10)
+
+
+def moved(scene, rotation, scale=1.0, shift=(0, 0, 0)):
+    """The scene after x -> scale rotation x + shift; only for colours of SH degree 0."""
+    return scene.replace(
+        means=(scale * scene.means @ rotation.T + shift).astype(np.float32),
+        log_scales=scene.log_scales + np.float32(np.log(scale)),
+        quaternions=quaternions_of(rotation @ rotation_matrices(scene.quaternions)),
+    )
+
+
+def any_rotation(seed=0):
+    """A rotation (3, 3) about no axis in particular."""
+    return rotation_matrices(np.random.default_rng(seed).normal(size=(1, 4)).astype(np.float32))[0]
+
+
+def jaccard(a, b):
+    """Intersection over union of two selections."""
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+def small_config(**stages):
+    """Views of 160 pixels and the true up vector."""
+    return TrimConfig(**{"up": (0.0, 0.0, 1.0), "plan": PlanConfig(size=160), **stages})
+
+
+class EmptyMasks:
+    """A segmenter that finds nothing."""
+
+    name = "empty"
+
+    def segment(self, views):
+        return [np.zeros(view.alpha.shape, np.bool_) for view in views]
+
+
+class OppositeMasks:
+    """A segmenter that finds all but the object."""
+
+    name = "opposite"
+
+    def segment(self, views):
+        return [view.expected <= 0.5 for view in views]
+
+
+class TightMasks:
+    """A segmenter of masks a little smaller than the object, so that its rim lies across their contours."""
+
+    name = "tight"
+
+    def segment(self, views):
+        return [cv2.erode((view.expected > 0.5).astype(np.uint8), np.ones((5, 5))) > 0 for view in views]
+
+
+def object_rows(result):
+    """Which rows of the scene the object has, whole or in part, (N,)."""
+    rows = np.zeros(len(result.scene), np.bool_)
+    rows[result.source_index[: len(result.object)]] = True
+    return rows
+
+
+def check_parts(result, selection):
+    """Every row of the scene is in the object, in the background, or split into both; labels tell which and why."""
+    n_object, source, label = len(result.object), result.source_index, result.label
+    assert len(source) == len(label) == n_object + len(result.background)
+    mine, rest, why_mine, why_rest = source[:n_object], source[n_object:], label[:n_object], label[n_object:]
+    whole = np.concatenate([mine[why_mine != SPLIT_INSIDE], rest[why_rest != SPLIT_OUTSIDE]])
+    split = mine[why_mine == SPLIT_INSIDE]
+    np.testing.assert_array_equal(np.sort(np.concatenate([whole, split])), np.arange(len(result.scene)))
+    np.testing.assert_array_equal(rest[why_rest == SPLIT_OUTSIDE], split[: len(result.outside_parts)])
+    assert set(why_mine) <= {KEPT, RECOVERED, SPLIT_INSIDE}
+    assert set(why_rest) <= {KEPT, PRUNED, SPLIT_OUTSIDE}
+    assert selection[mine[why_mine == KEPT]].all()
+    assert not selection[mine[why_mine == RECOVERED]].any()
+    assert selection[rest[why_rest == PRUNED]].all()
+    assert not selection[rest[why_rest == KEPT]].any()
+    for part, rows, why in ((result.object, mine, why_mine), (result.background, rest, why_rest)):
+        untouched = why < SPLIT_INSIDE
+        for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc"):
+            np.testing.assert_array_equal(getattr(part, name)[untouched], getattr(result.scene, name)[rows[untouched]])
+        np.testing.assert_array_equal(part.sh_dc, result.scene.sh_dc[rows])
