@@ -7,7 +7,7 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmenters import View, get_segmenter
-from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with_masks, find_mask, read_mask
+from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with_masks, find_mask, ids_of, mask_of
 
 WIDTH, HEIGHT = 12, 8
 
@@ -47,19 +47,19 @@ def test_pictures_without_a_mask_are_passed_over(tmp_path):
 
 def test_object_numbers_are_read_as_they_are(tmp_path):
     save(tmp_path / "a.png", value=7)
-    assert set(np.unique(read_mask(tmp_path / "a.png", ids=True))) == {0, 7}
-    assert cv2.imwrite(str(tmp_path / "colours.png"), np.zeros((4, 4, 3), np.uint8))
-    assert cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((4, 4), np.uint16))
+    assert set(np.unique(ids_of(camera("a.jpg"), tmp_path))) == {0, 7}
+    assert cv2.imwrite(str(tmp_path / "colours.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    assert cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((HEIGHT, WIDTH), np.uint16))
     for name in ("colours.png", "deep.png"):
-        with pytest.raises(InputError, match=r"one grey channel of 8 bits"):
-            read_mask(tmp_path / name, ids=True)
+        with pytest.raises(InputError, match=r"one grey channel of 8"):
+            ids_of(camera(name), tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n"])
 def test_what_is_no_picture_is_refused(tmp_path, content):
     (tmp_path / "a.png").write_bytes(content)
     with pytest.raises(InputError, match=r"no picture"):
-        read_mask(tmp_path / "a.png")
+        mask_of(camera("a.png"), tmp_path)
 
 
 def test_mask_of_another_size_is_refused(tmp_path):

@@ -67,7 +67,7 @@ def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Render
     rows = [
         (f"coarse selection: {len(coarse):,} Gaussians", coarse),
         (f"{after}{len(result.object):,} Gaussians", result.object),
-        ("the scene without the object", around),
+        ("what was cut off" if selection.all() else "the scene without the object", around),
     ]
     return np.vstack([_row(caption, gaussians, cameras, renderer) for caption, gaussians in rows])
 

@@ -19,7 +19,7 @@ from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmenters.mask_files import cameras_with_masks, find_mask, read_mask
+from gaussian_trimmer.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Lift:
         refuse_existing(self.output, overwrite=self.overwrite)
         scene = formats.read(self.scene)
         cameras = cameras_with_masks(read_camera_set(self.cameras).pinhole_cameras(), self.masks)
-        lifted = self._lift(scene, cameras, [self._read_mask(camera) for camera in cameras])
+        lifted = self._lift(scene, cameras)
         if not lifted.any():
             raise InputError("No Gaussian was lifted; check that the cameras and masks belong to this scene.")
         with whole_file(self.output) as part, part.open("wb") as file:
@@ -76,14 +76,11 @@ class Lift:
         choice = " --selection.object-id ID" if self.object_ids else ""
         console.print(f"Now: gaussian-trimmer trim {self.scene} {self.output} --cameras {self.cameras}{choice}")
 
-    def _read_mask(self, camera: Camera) -> NDArray[np.uint8]:
-        path = find_mask(self.masks, camera)
-        assert path is not None
-        return read_mask(path, ids=self.object_ids)
-
-    def _lift(self, scene: Gaussians, cameras: list[Camera], masks: list[NDArray[np.uint8]]) -> NDArray[Any]:
+    def _lift(self, scene: Gaussians, cameras: list[Camera]) -> NDArray[Any]:
+        if self.object_ids:
+            labels = [ids_of(camera, self.masks) for camera in cameras]
+            return lift_objects_by_assignment(scene, cameras, labels, get_renderer(self.renderer), self.gamma)
+        masks = [mask_of(camera, self.masks) for camera in cameras]
         if self.method == "vote":
             return lift_by_vote(scene, cameras, masks, self.threshold)
-        renderer = get_renderer(self.renderer)
-        lift = lift_objects_by_assignment if self.object_ids else lift_by_assignment
-        return lift(scene, cameras, masks, renderer, self.gamma)
+        return lift_by_assignment(scene, cameras, masks, get_renderer(self.renderer), self.gamma)

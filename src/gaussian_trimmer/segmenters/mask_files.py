@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -51,19 +52,30 @@ class MaskFilesSegmenter:
         Raises:
             InputError: a view has no mask, or one that cannot be read or is of another size.
         """
-        return [self._mask_of(view.camera) for view in views]
+        return [mask_of(view.camera, self._folder) for view in views]
 
-    def _mask_of(self, camera: Camera) -> BoolArray:
-        path = find_mask(self._folder, camera)
-        if path is None:
-            raise InputError(f"The folder '{self._folder}' has no mask for the view '{camera.name}'.")
-        mask = read_mask(path)
-        if mask.shape != (camera.height, camera.width):
-            raise InputError(
-                f"The mask '{path}' has {mask.shape[1]} x {mask.shape[0]} pixels, but its camera has "
-                f"{camera.width} x {camera.height}; resize the masks, keeping hard edges, or the cameras."
-            )
-        return np.asarray(mask > _HALF_COVERAGE)
+
+def mask_of(camera: Camera, folder: Path) -> BoolArray:
+    """The mask of a camera's picture, True where the file is brighter than half, (H, W).
+
+    Raises:
+        InputError: the folder has none, or it cannot be read or is of another size.
+    """
+    return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > _HALF_COVERAGE)
+
+
+def ids_of(camera: Camera, folder: Path) -> NDArray[np.uint8]:
+    """The object numbers of a camera's picture, 0 for the background, (H, W).
+
+    Raises:
+        InputError: as for `mask_of`, or the file has colours or more than 8 bits.
+    """
+    ids = _read(camera, folder, cv2.IMREAD_UNCHANGED)
+    if ids.ndim != 2 or ids.dtype != np.uint8:
+        raise InputError(
+            f"The mask of '{camera.name}' has colours or more than 8 bits; object numbers need one grey channel of 8."
+        )
+    return ids
 
 
 def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
@@ -99,22 +111,21 @@ def find_mask(folder: Path, camera: Camera) -> Path | None:
     return found[0] if found else None
 
 
-def read_mask(path: Path, *, ids: bool = False) -> NDArray[np.uint8]:
-    """Coverage 0..255, or 8-bit object numbers, as (H, W).
-
-    Raises:
-        InputError: the file is no picture, or object numbers are asked for and it has colours or more than 8 bits.
-    """
+def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
+    path = find_mask(folder, camera)
+    if path is None:
+        raise InputError(f"The folder '{folder}' has no mask for the view '{camera.name}'.")
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), mode)
     except OSError as error:
         raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
-    try:
-        mask = cv2.imdecode(data, cv2.IMREAD_UNCHANGED if ids else cv2.IMREAD_GRAYSCALE)
     except cv2.error:  # an empty file, or a picture larger than OpenCV allows
-        mask = None
-    if mask is None:
+        picture = None
+    if picture is None:
         raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    if ids and (mask.ndim != 2 or mask.dtype != np.uint8):
-        raise InputError(f"'{path}' has colours or more than 8 bits; object numbers need one grey channel of 8 bits.")
-    return np.asarray(mask, np.uint8)
+    if picture.shape[:2] != (camera.height, camera.width):
+        raise InputError(
+            f"The mask '{path}' has {picture.shape[1]} x {picture.shape[0]} pixels, but its camera has "
+            f"{camera.width} x {camera.height}; resize the masks, keeping hard edges, or the cameras."
+        )
+    return picture
