@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer
 
@@ -30,7 +31,7 @@ class BoundaryConfig:
     least_spread: float = 0.008
     """Smallest standard deviation across the cut, as a share of the image's width; finer ones are left whole."""
     along_ray_limit: float = 0.5
-    """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the depth order."""
+    """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,12 @@ def find_straddlers(
         weights: blend weight outside and inside the mask, (N, 2) for each view.
         renderer: gives the contributors of the contour's pixels.
         config: thresholds.
+
+    Raises:
+        InputError: the band is narrower than a pixel.
     """
+    if config.band < 1:
+        raise InputError(f"The contour's band is {config.band} pixels; at least one is needed.")
     found = [
         _in_view(gaussians, camera, mask, weight, renderer, config)
         for camera, mask, weight in zip(cameras, masks, weights, strict=True)
@@ -144,7 +150,7 @@ def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tup
     steepness = np.linalg.norm(across, axis=1, keepdims=True)
     across = np.divide(across, steepness, out=np.zeros_like(across), where=steepness > 0.1)
     # Two pixels of the tangent line: the contour's nearest point, and one beside it.
-    nearest_point = pixels - distance[row, column, None] * across
+    nearest_point = np.stack([column, row], axis=1) + 0.5 - distance[row, column, None] * across
     tangent = np.stack([-across[:, 1], across[:, 0]], axis=1)
     first, second = (camera.ray_directions(nearest_point + step * tangent) for step in (-1.0, 1.0))
     normals = np.cross(first, second)

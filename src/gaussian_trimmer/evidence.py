@@ -24,6 +24,8 @@ class EvidenceConfig:
     """Weight of the corrected label beside the share of blend weight inside the masks; 0: the masks alone decide."""
     recover: bool = True
     """Whether Gaussians outside the coarse selection may join the object."""
+    recover_limit: float = 0.3
+    """Least corrected label of a Gaussian that joins: what is only seen through the object must not."""
     second_evidence: bool = True
     """Whether a Gaussian is pruned for what it shows outside the masks when the object is rendered alone."""
     alone_limit: float = 0.5
@@ -47,22 +49,25 @@ def judge(
     total = inside + outside
     share = np.divide(inside, total, out=np.full_like(total, 0.5), where=total > 0)
     supported = np.where(total > _SEEN, share - 0.5 + config.prior * (probability - 0.5), probability - 0.5) > 0
-    return supported if config.recover else supported & coarse
+    return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
 
 
 def shows_outside(
-    alone_inside: FloatArray, alone_outside: FloatArray, seen: FloatArray, config: EvidenceConfig
+    alone_inside: FloatArray, alone_outside: FloatArray, inside: FloatArray, seen: FloatArray, config: EvidenceConfig
 ) -> BoolArray:
     """Which Gaussians paint beside the object when it is rendered alone, (N,).
 
     These are the halo under and behind an object: hidden in the scene, so that the first evidence cannot judge them.
+    A Gaussian that the scene shows inside the masks more than the object alone shows it outside is none of them: the
+    far wall of a hollow object, seen through a hole of a bad selection, is not to be pruned as well.
 
     Args:
         alone_inside: blend weight inside the masks, in the object alone, (N,).
         alone_outside: blend weight outside them, (N,).
-        seen: blend weight in the views of the whole scene, (N,).
+        inside: blend weight inside the masks in the views of the whole scene, (N,).
+        seen: all blend weight in the views of the whole scene, (N,).
         config: thresholds.
     """
     total = alone_inside + alone_outside
     limit = np.where(seen > _SEEN, config.alone_limit, config.hidden_limit)
-    return np.asarray((total > _SEEN) & (alone_outside > limit * total))
+    return np.asarray((total > _SEEN) & (alone_outside > limit * total) & (alone_outside > inside))

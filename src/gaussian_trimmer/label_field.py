@@ -126,7 +126,7 @@ class _Field:
         return np.asarray(0.5 * (mean + 1), np.float32)
 
     def _trust(self, labels: BoolArray, signs: FloatArray) -> FloatArray:
-        """Log-odds of each Gaussian from its own label, its depth behind the boundary and the supporting surface, (S,)."""
+        """Log-odds of each Gaussian by its own label, its depth behind the boundary and the surface below, (S,)."""
         config = self.config
         deep = np.minimum(self._distance_to_boundary(signs) / config.depth, 1.5)
         unary = (config.trust + config.depth_trust * deep**2) * signs
@@ -136,7 +136,7 @@ class _Field:
         attached = attached_to_object(self.places, labels, self.weights, support, config.support)
         unary = np.where(attached, config.attached - config.trust, unary)
         resting = support.on_surface & labels
-        return np.where(resting, np.minimum(unary, config.trust) - config.resting, unary)
+        return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
 
     def _distance_to_boundary(self, signs: FloatArray) -> FloatArray:
         """Distance of each Gaussian to the nearest of the other side, sides being local majorities of the labels."""

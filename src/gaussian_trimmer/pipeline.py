@@ -24,6 +24,7 @@ from gaussian_trimmer.orientation import UpVector, find_up
 from gaussian_trimmer.planning import Bounds, PlanConfig, neighbours, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmenters import Box, Segmenter, View, get_segmenter
+from gaussian_trimmer.visibility import restrict_to_seen
 
 KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE = range(5)
 """Labels of output rows: unchanged side, taken from the object, added to it, and the two parts of a split Gaussian."""
@@ -154,17 +155,25 @@ def trim(
         InputError: the selection has the wrong length or is empty, or the up vector is zero.
     """
     config = config or TrimConfig()
+    _check(config)
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     selection = _checked(selection, len(scene))
     clock = _Clock(progress)
     with clock("plan"):
         up = find_up(scene, cameras, config.up, selection)
-        seen_from = [camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train] if cameras else []
+        seen_from = (
+            [camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train] if cameras else []
+        )
         planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, seen_from)
-        planned = list(views) if views else planned
         core, rows = _surroundings(scene, selection, bounds, config.neighbours)
         local, coarse = scene.select(rows), core[rows]
+        if views:
+            planned = list(views)
+        elif not seen_from:
+            plan = restrict_to_seen(local, coarse, up.direction, config.plan, renderer)
+            if plan is not config.plan:
+                planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
     with clock("render"):
         visible = _visible_weight(local, planned, renderer)
     with clock("correct"):
@@ -185,7 +194,7 @@ def trim(
             keep = judge(inside, outside, probability, coarse, config.evidence)
         with clock("prune"):
             if config.evidence.second_evidence and keep.any():
-                keep = keep & ~_halo(local, keep, accepted, inside + outside, renderer, config.evidence)
+                keep = keep & ~_halo(local, keep, accepted, inside, inside + outside, renderer, config.evidence)
         with clock("split"):
             parts = _split(local, keep, accepted, renderer, config)
         if not keep.any():
@@ -197,6 +206,13 @@ def trim(
             scene, *_assemble(scene, selection, final, rows, parts), up, bounds, tuple(judged),
             int(selection.sum() - core.sum()), refused, clock.seconds, renderer.name, segmenter.name,
         )  # fmt: skip
+
+
+def _check(config: TrimConfig) -> None:
+    if config.split.rule not in (*SPLIT_RULES, "none"):
+        raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
+    if config.labels.passes < 1:
+        raise InputError("Labels are corrected in at least one pass; use --labels.no-enabled to leave them.")
 
 
 def _checked(selection: BoolArray, n: int) -> BoolArray:
@@ -262,8 +278,8 @@ def _accept(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptCon
     judged = []
     for view, mask in zip(views, masks, strict=True):
         expected = view.expected > 0.5
-        union = np.count_nonzero(mask | expected)
-        overlap = np.count_nonzero(mask & expected) / max(union, 1)
+        union = int(np.count_nonzero(mask | expected))
+        overlap = int(np.count_nonzero(mask & expected)) / max(union, 1)
         reason = ""
         if np.count_nonzero(expected) < config.least_silhouette:
             reason = f"the object is expected in only {np.count_nonzero(expected)} pixels"
@@ -287,13 +303,13 @@ def _weigh(local: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer
 
 
 def _halo(
-    local: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], seen: FloatArray, renderer: Renderer,
-    config: EvidenceConfig,
+    local: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], inside: FloatArray, seen: FloatArray,
+    renderer: Renderer, config: EvidenceConfig,
 ) -> BoolArray:  # fmt: skip
     """Kept Gaussians that paint beside the object when it is rendered alone, (N,)."""
     alone = np.sum(_weigh(local.select(keep), accepted, renderer), axis=0)
     halo = np.zeros(len(local), np.bool_)
-    halo[keep] = shows_outside(alone[:, 1], alone[:, 0], seen[keep], config)
+    halo[keep] = shows_outside(alone[:, 1], alone[:, 0], inside[keep], seen[keep], config)
     return halo
 
 

@@ -15,6 +15,8 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntAr
 
 _FULL_CIRCLE_GAP = np.radians(100)
 _VOXELS_ACROSS = 16
+_DOMINANT_SHARE = 0.5
+_SECOND_SHARE = 0.25
 _BOUND_PERCENTILES = (1.0, 99.0)
 
 
@@ -67,7 +69,7 @@ class Bounds:
 def plan_cameras(
     target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), seen_from: Sequence[Camera] = ()
 ) -> tuple[list[Camera], Bounds]:
-    """Cameras around the coarse object, ordered by yaw, the best-seen first, and the bounds that they frame.
+    """Cameras around the coarse object, ordered by yaw, and the bounds that they frame.
 
     Args:
         target: the coarse object.
@@ -76,10 +78,9 @@ def plan_cameras(
         seen_from: training cameras, if known; they limit yaw and pitch to what was really observed.
 
     Raises:
-        InputError: the number of views is not positive, or the up vector is zero.
+        InputError: a setting is out of its range, or the up vector is zero.
     """
-    if config.views < 1:
-        raise InputError(f"The number of views is {config.views}; at least one is needed.")
+    _check(config)
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
     yaws, pitch = _angles(bounds, config, seen_from)
@@ -96,6 +97,21 @@ def plan_cameras(
     K = intrinsics(fov, config.size, config.size)
     poses = [look_at(centre + distance * direction, centre, axes[2]) for direction in outward]
     return [Camera(pose, K, config.size, config.size) for pose in poses], bounds
+
+
+def _check(config: PlanConfig) -> None:
+    if config.views < 1:
+        raise InputError(f"The number of views is {config.views}; at least one is needed.")
+    if config.framing not in ("fit", "paper"):
+        raise InputError(f"Unknown framing '{config.framing}'; available: fit, paper.")
+    if not 16 <= config.size <= 8192:
+        raise InputError(f"The virtual views are {config.size} pixels wide; 16 to 8192 are possible.")
+    if not 1 <= config.fov_degrees <= 150:
+        raise InputError(f"The field of view is {config.fov_degrees} degrees; 1 to 150 are possible.")
+    if not 0.05 <= config.fill <= 1:
+        raise InputError(f"The object is to fill {config.fill} of the frame; 0.05 to 1 are possible.")
+    if config.pitch_degrees is not None and not -89 <= config.pitch_degrees <= 89:
+        raise InputError(f"The pitch is {config.pitch_degrees} degrees; -89 to 89 are possible.")
 
 
 def up_frame(up: Float64Array) -> Float64Array:
@@ -124,8 +140,7 @@ def plain_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
 def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     """The box of the object's dominant cluster: far floaters of a bad selection do not move it.
 
-    Centres are weighted by opacity. Those of the heaviest connected cluster of occupied voxels, and of clusters
-    that touch its box, are kept; the box spans percentiles 1 to 99 of them.
+    Centres are weighted by opacity. The box spans percentiles 1 to 99 of those in the dominant clusters.
     """
     rows = dominant_cluster(target)
     local = target.means[rows].astype(np.float64) @ axes.T
@@ -138,9 +153,10 @@ def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
 
 
 def dominant_cluster(target: Gaussians) -> BoolArray:
-    """Which Gaussians belong to the heaviest cluster of connected voxels, (N,).
+    """Which Gaussians belong to the heaviest cluster of connected voxels, or to one of a quarter of its weight, (N,).
 
-    The voxels are a sixteenth of the weighted interdecile range wide, so the result does not depend on units.
+    The voxels are a sixteenth of the weighted interdecile range wide, so the result does not depend on units; they grow
+    until the heaviest cluster holds half of the weight, since a few sparse Gaussians are one object as well.
     """
     means = target.means.astype(np.float64)
     weights = target.opacities.astype(np.float64)
@@ -148,8 +164,12 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
     size = float((np.array(deciles[1]) - deciles[0]).max()) / _VOXELS_ACROSS
     if size <= 0:
         return np.ones(len(means), np.bool_)
-    cluster = connected_voxels(means - np.median(means, axis=0), size)
-    return np.asarray(cluster == np.argmax(np.bincount(cluster, weights)))
+    while True:
+        cluster = connected_voxels(means - np.median(means, axis=0), size)
+        shares = np.bincount(cluster, weights) / weights.sum()
+        if shares.max() >= _DOMINANT_SHARE:
+            return np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
+        size *= 1.5
 
 
 def connected_voxels(points: Float64Array, size: float) -> IntArray:

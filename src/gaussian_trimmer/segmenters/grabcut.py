@@ -50,20 +50,20 @@ class GrabCutSegmenter:
         rows, columns = _window(near, int(0.1 * size) + 5)
         picture = (np.clip(view.rgb[rows, columns, ::-1], 0, 1) * 255).astype(np.uint8)
         cut = np.ascontiguousarray(trimap[rows, columns])
-        sure = [np.any(cut == value) for value in (cv2.GC_BGD, cv2.GC_PR_BGD)]
-        if not any(sure):
+        if not np.any((cut == cv2.GC_BGD) | (cut == cv2.GC_PR_BGD)):
             mask[rows, columns] = True
             return mask
         cv2.setRNGSeed(0)  # Its colour clustering draws random seeds; the same input shall give the same mask.
         models = np.zeros((1, 65)), np.zeros((1, 65))
-        cv2.grabCut(np.ascontiguousarray(picture), cut, None, *models, self.config.iterations, cv2.GC_INIT_WITH_MASK)
+        unused = (0, 0, 1, 1)  # The rectangle counts only where no mask is given.
+        cv2.grabCut(np.ascontiguousarray(picture), cut, unused, *models, self.config.iterations, cv2.GC_INIT_WITH_MASK)
         mask[rows, columns] = (cut == cv2.GC_FGD) | (cut == cv2.GC_PR_FGD)
         return mask
 
     def _trimap(self, expected: NDArray[np.uint8], size: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """GrabCut's four labels by distance from the expected contour, and all that may be object."""
-        sure = cv2.erode(expected, _disk(self.config.inner * size))
-        near = cv2.dilate(expected, _disk(self.config.outer * size))
+        sure = np.asarray(cv2.erode(expected, _disk(self.config.inner * size)), np.uint8)
+        near = np.asarray(cv2.dilate(expected, _disk(self.config.outer * size)), np.uint8)
         trimap = np.full(expected.shape, cv2.GC_BGD, np.uint8)
         trimap[near > 0] = cv2.GC_PR_BGD
         trimap[expected > 0] = cv2.GC_PR_FGD
