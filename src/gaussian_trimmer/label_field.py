@@ -129,7 +129,7 @@ class _Field:
         """Log-odds of each Gaussian by its own label, its depth behind the boundary and the surface below, (S,)."""
         config = self.config
         deep = np.minimum(self._distance_to_boundary(signs) / config.depth, 1.5)
-        unary = (config.trust + config.depth_trust * deep**2) * signs
+        unary = np.asarray((config.trust + config.depth_trust * deep**2) * signs, np.float32)
         support = find_support(self.places, labels, self.weights, self.bounds, config.support)
         if support is None:
             return unary

@@ -263,24 +263,26 @@ def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: 
             u0, v0 = -(A * x + B * y), -C * y
             first = TILE * max(0, math.floor(y - splats[i, 7] - np.float32(0.5)))
             last = TILE * min(TILE, math.ceil(y + splats[i, 7] + np.float32(0.5)))
-            for p in range(first, last):
-                u = A * column[p] + (B * row[p] + u0)
-                v = C * row[p] + v0
+            # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
+            columns, rows, light_left, painted = column[first:last], row[first:last], transmittance[first:last], weights[first:last]
+            for p in range(len(painted)):
+                u = A * columns[p] + (B * rows[p] + u0)
+                v = C * rows[p] + v0
                 alpha = min(opacity * _falloff(u * u + v * v), _CAP)
                 alpha = alpha if alpha >= _CUTOFF else _ZERO
-                before = transmittance[p]
+                before = light_left[p]
                 after = before * (_ONE - alpha)
                 goes_on = after >= _STOP
-                weights[p] = alpha * before if goes_on else _ZERO
-                transmittance[p] = after if goes_on else -abs(before)
+                painted[p] = alpha * before if goes_on else _ZERO
+                light_left[p] = after if goes_on else -abs(before)
             for c in range(n_values):
-                value = values[i, c]
-                for p in range(first, last):
-                    sums[c, p] += weights[p] * value
+                value, total_value = values[i, c], sums[c, first:last]
+                for p in range(len(painted)):
+                    total_value[p] += painted[p] * value
             for label in range(n_labels):
-                total = _ZERO
-                for p in range(first, last):
-                    total += weights[p] * marks[label, p]
+                total, mark = _ZERO, marks[label, first:last]
+                for p in range(len(painted)):
+                    total += painted[p] * mark[p]
                 pairs[pair, label] = total
         for c in range(n_values):
             for p in range(_AREA):
