@@ -23,8 +23,8 @@ def nearest(points: FloatArray, queries: FloatArray, k: int) -> tuple[FloatArray
     """
     points = np.ascontiguousarray(points, np.float32)
     order, axes, splits = _build(points)
-    # Queries along the tree's own order walk the same branches one after another.
-    return _search(points[order], order, axes, splits, np.ascontiguousarray(queries, np.float32), k)  # type: ignore[no-any-return]
+    squared, found = _search(points[order], order, axes, splits, np.ascontiguousarray(queries, np.float32), k)
+    return squared, found
 
 
 @_jit
@@ -98,37 +98,49 @@ def _select(points, order, axis, start, end, middle):  # type: ignore[no-untyped
 
 @numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, nogil=True, parallel=True)
 def _search(points, order, axes, splits, queries, k):  # type: ignore[no-untyped-def]
-    """Depth-first search with a stack of the branches not taken; `points` lie in tree order."""
+    """Depth-first search with a stack of the branches not taken; `points` lie in tree order.
+
+    A branch keeps how far its box lies from the query along each axis, so that its distance adds up over the axes.
+    """
     n, dims = points.shape
     n_nodes = len(axes)
     squared = np.full((len(queries), k), np.inf, np.float32)
     found = np.full((len(queries), k), -1, np.int32)
     for q in numba.prange(len(queries)):
+        query = queries[q]
+        best, ids = squared[q], found[q]
         stack = np.empty(64, np.int64)
         bounds = np.empty(64, np.float32)
+        gaps = np.zeros((64, dims), np.float32)
+        offset = np.zeros(dims, np.float32)
         stack[0], bounds[0], top = 1, np.float32(0), 1
         while top > 0:
             top -= 1
-            node = stack[top]
-            if bounds[top] >= squared[q, k - 1]:
+            node, bound = stack[top], bounds[top]
+            if bound >= best[k - 1]:
                 continue
-            bound = bounds[top]
+            offset[:] = gaps[top]
             while node < n_nodes:
-                gap = queries[q, axes[node]] - splits[node]
+                axis = axes[node]
+                gap = query[axis] - splits[node]
                 far = 2 * node + (1 if gap < 0 else 0)
-                stack[top], bounds[top] = far, max(bound, gap * gap)
-                top += 1
+                far_bound = bound - offset[axis] * offset[axis] + gap * gap
+                if far_bound < best[k - 1]:
+                    stack[top], bounds[top] = far, far_bound
+                    gaps[top] = offset
+                    gaps[top, axis] = gap
+                    top += 1
                 node = 2 * node + (0 if gap < 0 else 1)
             start, end = _range_of(node, n)
             for i in range(start, end):
                 distance = np.float32(0)
                 for axis in range(dims):
-                    gap = points[i, axis] - queries[q, axis]
-                    distance += gap * gap
-                if distance < squared[q, k - 1]:
+                    step = points[i, axis] - query[axis]
+                    distance += step * step
+                if distance < best[k - 1]:
                     slot = k - 1
-                    while slot > 0 and squared[q, slot - 1] > distance:
-                        squared[q, slot], found[q, slot] = squared[q, slot - 1], found[q, slot - 1]
+                    while slot > 0 and best[slot - 1] > distance:
+                        best[slot], ids[slot] = best[slot - 1], ids[slot - 1]
                         slot -= 1
-                    squared[q, slot], found[q, slot] = distance, order[i]
+                    best[slot], ids[slot] = distance, order[i]
     return squared, found

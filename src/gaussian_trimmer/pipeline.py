@@ -5,80 +5,48 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.boundary import BoundaryConfig, find_straddlers
+from gaussian_trimmer.boundary import find_straddlers
 from gaussian_trimmer.camera_files import CameraSet
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.config import (
+    AcceptConfig,
+    BoundaryConfig,
+    EvidenceConfig,
+    LabelFieldConfig,
+    PlanConfig,
+    SplitConfig,
+    TrimConfig,
+    check_config,
+    paper_config,
+)
 from gaussian_trimmer.decomposition import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evidence import EvidenceConfig, judge, shows_outside
+from gaussian_trimmer.evidence import judge, shows_outside
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.label_field import LabelFieldConfig, correct_labels
+from gaussian_trimmer.label_field import correct_labels
 from gaussian_trimmer.orientation import UpVector, find_up
-from gaussian_trimmer.planning import Bounds, PlanConfig, neighbours, plan_cameras
+from gaussian_trimmer.planning import Bounds, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.segmenters import Box, Segmenter, View, get_segmenter
+from gaussian_trimmer.segmenters import Segmenter, View, get_segmenter
+from gaussian_trimmer.views import render_views, visible_weight
 from gaussian_trimmer.visibility import restrict_to_seen
+
+__all__ = [
+    "KEPT", "PRUNED", "RECOVERED", "SPLIT_INSIDE", "SPLIT_OUTSIDE", "AcceptConfig", "BoundaryConfig", "EvidenceConfig",
+    "LabelFieldConfig", "PlanConfig", "SplitConfig", "TrimConfig", "TrimResult", "TrimmedView", "paper_config", "trim",
+]  # fmt: skip
 
 KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE = range(5)
 """Labels of output rows: unchanged side, taken from the object, added to it, and the two parts of a split Gaussian."""
 
-_REFERENCE_PIXELS = 5 * 512 * 512
+_LEAST_REACH = 1.8
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class SplitConfig:
-    """What is done to Gaussians that straddle the boundary."""
-
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
-    """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
-
-
-@dataclass(frozen=True)
-class AcceptConfig:
-    """When a view's mask is believed, and when the whole trim is."""
-
-    least_overlap: float = 0.6
-    """Smallest intersection over union of a mask with the silhouette that the corrected labels expect."""
-    least_silhouette: int = 64
-    """Smallest expected silhouette in pixels; less of the object cannot be judged."""
-    least_views: float = 0.4
-    """Smallest share of views that must be accepted for the trim to stand."""
-
-
-@dataclass(frozen=True)
-class TrimConfig:
-    """Every setting of the trimmer, by stage."""
-
-    up: tuple[float, float, float] | None = None
-    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
-    plan: PlanConfig = field(default_factory=PlanConfig)
-    neighbours: float = 1.8
-    """Non-object Gaussians within this many object radii surround the object in the views (eq. 7); 0: none."""
-    labels: LabelFieldConfig = field(default_factory=LabelFieldConfig)
-    accept: AcceptConfig = field(default_factory=AcceptConfig)
-    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
-    boundary: BoundaryConfig = field(default_factory=BoundaryConfig)
-    split: SplitConfig = field(default_factory=SplitConfig)
-
-
-def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its framing, no correction in 3D, masks alone as evidence, splits along principal axes."""
-    config = config or TrimConfig()
-    return replace(
-        config,
-        plan=replace(config.plan, framing="paper"),
-        labels=replace(config.labels, enabled=False),
-        evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
-        split=SplitConfig("principal_axis"),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,67 +120,63 @@ def trim(
         progress: called with a stage's name when it begins.
 
     Raises:
-        InputError: the selection has the wrong length or is empty, or the up vector is zero.
+        InputError: the selection has the wrong length or is empty, or a setting is out of its range.
     """
     config = config or TrimConfig()
-    _check(config)
+    check_config(config)
+    selection = _checked(selection, len(scene))
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
-    selection = _checked(selection, len(scene))
     clock = _Clock(progress)
     with clock("plan"):
-        up = find_up(scene, cameras, config.up, selection)
-        seen_from = (
-            [camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train] if cameras else []
-        )
-        planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, seen_from)
-        core, rows = _surroundings(scene, selection, bounds, config.neighbours)
-        local, coarse = scene.select(rows), core[rows]
-        if views:
-            planned = list(views)
-        elif not seen_from:
-            plan = restrict_to_seen(local, coarse, up.direction, config.plan, renderer)
-            if plan is not config.plan:
-                planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
+        scope = _plan(scene, selection, config, renderer, cameras, views)
     with clock("render"):
-        visible = _visible_weight(local, planned, renderer)
+        visible = visible_weight(scope.local, scope.cameras, renderer)
     with clock("correct"):
-        probability = correct_labels(local, coarse, visible, bounds, config.labels)
+        probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.labels)
     with clock("render"):
-        pictures = _render_views(local, coarse, probability, planned, renderer)
+        pictures = render_views(scope.local, scope.coarse, probability, scope.cameras, renderer)
     with clock("segment"):
         judged = _accept(pictures, segmenter.segment(pictures), config.accept)
-    accepted = [view for view in judged if not view.rejected]
-    refused = _refusal(judged, accepted, config.accept)
-    keep, parts = coarse, None
-    if refused:
-        keep = selection[rows]
-    else:
-        with clock("weigh"):
-            weights = _weigh(local, accepted, renderer)
-            inside, outside = np.sum([w[:, 1] for w in weights], axis=0), np.sum([w[:, 0] for w in weights], axis=0)
-            keep = judge(inside, outside, probability, coarse, config.evidence)
-        with clock("prune"):
-            if config.evidence.second_evidence and keep.any():
-                keep = keep & ~_halo(local, keep, accepted, inside, inside + outside, renderer, config.evidence)
-        with clock("split"):
-            parts = _split(local, keep, accepted, renderer, config)
-        if not keep.any():
-            refused, keep, parts = "no Gaussian was left in the object", selection[rows], None
+    refused, verdict = _refusal(judged, config.accept), None
+    if not refused:
+        verdict = _judge(scope, probability, [view for view in judged if not view.rejected], renderer, config, clock)
+        if verdict is None:
+            refused = "no Gaussian was left in the object"
     with clock("assemble"):
-        final = selection.copy() if refused else np.zeros(len(scene), np.bool_)
-        final[rows] = keep
-        return TrimResult(
-            scene, *_assemble(scene, selection, final, rows, parts), up, bounds, tuple(judged),
-            int(selection.sum() - core.sum()), refused, clock.seconds, renderer.name, segmenter.name,
-        )  # fmt: skip
+        rows = _assemble(scene, selection, scope.rows, verdict)
+    floaters = int(selection.sum() - scope.coarse.sum())
+    return TrimResult(
+        scene, *rows, scope.up, scope.bounds, tuple(judged), floaters, refused, clock.seconds, renderer.name,
+        segmenter.name,
+    )  # fmt: skip
 
 
-def _check(config: TrimConfig) -> None:
-    if config.split.rule not in (*SPLIT_RULES, "none"):
-        raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
-    if config.labels.passes < 1:
-        raise InputError("Labels are corrected in at least one pass; use --labels.no-enabled to leave them.")
+@dataclass(frozen=True, eq=False)
+class _Scope:
+    """The part of the scene that is looked at, and from where."""
+
+    up: UpVector
+    bounds: Bounds
+    cameras: list[Camera]
+    rows: IntArray
+    """Scene rows of the object and its neighbours, ascending, (L,)."""
+    local: Gaussians
+    """Those Gaussians."""
+    coarse: BoolArray
+    """Which of them the selection holds, far floaters left out, (L,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Verdict:
+    """What the views say of the Gaussians of a scope."""
+
+    keep: BoolArray
+    """Object or not, (L,)."""
+    split: IntArray
+    """Object rows of the scope that are cut in two, (S,)."""
+    inner: Gaussians | None
+    outer: Gaussians | None
 
 
 def _checked(selection: BoolArray, n: int) -> BoolArray:
@@ -226,51 +190,35 @@ def _checked(selection: BoolArray, n: int) -> BoolArray:
     return selection
 
 
-def _surroundings(scene: Gaussians, selection: BoolArray, bounds: Bounds, reach: float) -> tuple[BoolArray, IntArray]:
-    """The selection without far floaters (N,), and the rows of it and its neighbours, ascending."""
+def _plan(
+    scene: Gaussians, selection: BoolArray, config: TrimConfig, renderer: Renderer, cameras: CameraSet | None,
+    views: Sequence[Camera] | None,
+) -> _Scope:  # fmt: skip
+    """Up vector, cameras, and the object with its neighbours."""
+    up = find_up(scene, cameras, config.up, selection)
+    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
+    seen_from = [camera for camera, train in listed if train]
+    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, seen_from)
+    rows, coarse = _surroundings(scene, selection, bounds, config.neighbours)
+    local = scene.select(rows)
+    if views:
+        planned = list(views)
+    elif not seen_from:
+        plan = restrict_to_seen(local, coarse, up.direction, config.plan, renderer)
+        if plan is not config.plan:
+            planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
+    return _Scope(up, bounds, planned, rows, local, coarse)
+
+
+def _surroundings(scene: Gaussians, selection: BoolArray, bounds: Bounds, reach: float) -> tuple[IntArray, BoolArray]:
+    """Rows of the object and its neighbours, eq. 7, and which of them are the object: far floaters are neither."""
     offset = scene.means - bounds.centre.astype(np.float32)
-    near = np.einsum("ni,ni->n", offset, offset) < (max(reach, 1.8) * bounds.radius) ** 2
-    core = selection & near
+    squared = np.einsum("ni,ni->n", offset, offset)
+    core = selection & (squared < (max(reach, _LEAST_REACH) * bounds.radius) ** 2)
     if not core.any():
         core = selection
-    rows = np.flatnonzero(core)
-    if reach > 0:
-        rows = np.sort(np.concatenate([rows, neighbours(scene, selection, bounds, reach)]))
-    return core, rows
-
-
-def _visible_weight(local: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> FloatArray:
-    """Blend weight of each Gaussian over all views, in pixels of five views of 512 x 512, (N,)."""
-    total = np.zeros(len(local), np.float32)
-    for camera in cameras:
-        total += renderer.blend_weights(local, camera, np.zeros((camera.height, camera.width), np.uint8), 1)[:, 0]
-    pixels = sum(camera.height * camera.width for camera in cameras)
-    return total * np.float32(_REFERENCE_PIXELS / pixels)
-
-
-def _render_views(
-    local: Gaussians, coarse: BoolArray, probability: FloatArray, cameras: Sequence[Camera], renderer: Renderer
-) -> list[View]:
-    alone = local.select(coarse)
-    values = np.stack([coarse.astype(np.float32), probability], axis=1)
-    views = []
-    for camera in cameras:
-        picture = renderer.render(local, camera)
-        shares = renderer.blend_values(local, camera, values)
-        object_alpha = renderer.render(alone, camera).alpha
-        views.append(
-            View(camera, picture.rgb, picture.depth, picture.alpha, object_alpha,
-                 np.ascontiguousarray(shares[..., 0]), np.ascontiguousarray(shares[..., 1]), _box(object_alpha > 0.5))
-        )  # fmt: skip
-    return views
-
-
-def _box(mask: BoolArray) -> Box:
-    """Bounding box of a mask; the whole image if it is empty."""
-    if not mask.any():
-        return 0, 0, mask.shape[1], mask.shape[0]
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+    rows = np.flatnonzero(core | (~selection & (squared < (reach * bounds.radius) ** 2)))
+    return rows, core[rows]
 
 
 def _accept(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptConfig) -> list[TrimmedView]:
@@ -278,72 +226,84 @@ def _accept(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptCon
     judged = []
     for view, mask in zip(views, masks, strict=True):
         expected = view.expected > 0.5
-        union = int(np.count_nonzero(mask | expected))
-        overlap = int(np.count_nonzero(mask & expected)) / max(union, 1)
+        size = int(np.count_nonzero(expected))
+        overlap = int(np.count_nonzero(mask & expected)) / max(int(np.count_nonzero(mask | expected)), 1)
         reason = ""
-        if np.count_nonzero(expected) < config.least_silhouette:
-            reason = f"the object is expected in only {np.count_nonzero(expected)} pixels"
+        if size < config.least_silhouette:
+            reason = f"the object is expected in only {size} pixels"
         elif overlap < config.least_overlap:
             reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {config.least_overlap} is needed"
         judged.append(TrimmedView(view, mask, reason))
     return judged
 
 
-def _refusal(judged: Sequence[TrimmedView], accepted: Sequence[TrimmedView], config: AcceptConfig) -> str:
+def _refusal(judged: Sequence[TrimmedView], config: AcceptConfig) -> str:
     """Why the coarse selection must stay as it is; empty if the views suffice."""
-    if len(accepted) < max(1.0, config.least_views * len(judged)):
-        reasons = "; ".join(sorted({view.rejected for view in judged if view.rejected}))
-        return f"only {len(accepted)} of {len(judged)} views were accepted ({reasons})"
-    return ""
+    accepted = sum(not view.rejected for view in judged)
+    if accepted >= max(1.0, config.least_views * len(judged)):
+        return ""
+    reasons = "; ".join(sorted({view.rejected for view in judged if view.rejected}))
+    return f"only {accepted} of {len(judged)} views were accepted ({reasons})"
 
 
-def _weigh(local: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:
+def _judge(
+    scope: _Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: TrimConfig,
+    clock: _Clock,
+) -> _Verdict | None:  # fmt: skip
+    """Evidence in the whole picture, evidence of the object alone, and cuts; None if nothing is left of the object."""
+    with clock("weigh"):
+        outside, inside = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
+        keep = judge(inside, outside, probability, scope.coarse, config.evidence)
+    rows = np.flatnonzero(keep)
+    with clock("prune"):
+        alone = scope.local.select(rows)
+        weights = _weigh(alone, accepted, renderer) if len(rows) else []
+        if config.evidence.second_evidence and len(rows):
+            beside, within = np.sum(weights, axis=0).T
+            halo = shows_outside(within, beside, inside[rows], (inside + outside)[rows], config.evidence)
+            keep[rows[halo]] = False
+    if not keep.any():
+        return None
+    with clock("split"):
+        cut, inner, outer = _split(alone, keep[rows], accepted, weights, renderer, config)
+    return _Verdict(keep, rows[cut], inner, outer)
+
+
+def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:
     """Blend weights outside and inside the mask, (N, 2) for each view."""
-    return [renderer.blend_weights(local, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
-
-
-def _halo(
-    local: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], inside: FloatArray, seen: FloatArray,
-    renderer: Renderer, config: EvidenceConfig,
-) -> BoolArray:  # fmt: skip
-    """Kept Gaussians that paint beside the object when it is rendered alone, (N,)."""
-    alone = np.sum(_weigh(local.select(keep), accepted, renderer), axis=0)
-    halo = np.zeros(len(local), np.bool_)
-    halo[keep] = shows_outside(alone[:, 1], alone[:, 0], inside[keep], seen[keep], config)
-    return halo
+    return [renderer.blend_weights(part, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
 
 
 def _split(
-    local: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: TrimConfig
-) -> tuple[IntArray, Gaussians, Gaussians | None] | None:
-    """Rows of object Gaussians that straddle the boundary when the object is alone, and their inner and outer parts."""
+    alone: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
+    renderer: Renderer, config: TrimConfig,
+) -> tuple[IntArray, Gaussians | None, Gaussians | None]:  # fmt: skip
+    """Rows of Gaussians that straddle the boundary when the object is alone, and their inner and outer parts."""
     if config.split.rule == "none":
-        return None
+        return np.zeros(0, np.int64), None, None
     cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
-    ours = local.select(keep)
-    weights = _weigh(ours, accepted, renderer)
-    found = find_straddlers(ours, cameras, masks, weights, renderer, config.boundary)
-    if len(found.rows) == 0:
-        return None
-    inner, outer = SPLIT_RULES[config.split.rule](ours.select(found.rows), found.normals, found.offsets)
-    return np.flatnonzero(keep)[found.rows], inner, outer
+    found = find_straddlers(alone, cameras, masks, weights, renderer, config.boundary)
+    ours = keep[found.rows]
+    rows = found.rows[ours]
+    return rows, *SPLIT_RULES[config.split.rule](alone.select(rows), found.normals[ours], found.offsets[ours])
 
 
 def _assemble(
-    scene: Gaussians, selection: BoolArray, final: BoolArray, rows: IntArray,
-    parts: tuple[IntArray, Gaussians, Gaussians | None] | None,
-) -> tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]:  # fmt: skip
-    """Object, outer parts, and source row and label of every output row."""
-    whole = final.copy()
+    scene: Gaussians, selection: BoolArray, rows: IntArray, verdict: _Verdict | None
+) -> tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]:
+    """Object, outer parts, and source row and label of every output row; the selection unchanged without a verdict."""
+    final = selection.copy() if verdict is None else np.zeros(len(scene), np.bool_)
     nothing = scene.select(np.zeros(0, np.int64))
-    split_rows, inner, outer = (np.zeros(0, np.int64), nothing, nothing)
-    if parts is not None:
-        split_rows, inner, outer = rows[parts[0]], parts[1], parts[2] or nothing
-        whole[split_rows] = False
+    split, inner, outer = np.zeros(0, np.int64), nothing, nothing
+    if verdict is not None:
+        final[rows] = verdict.keep
+        split, inner, outer = rows[verdict.split], verdict.inner or nothing, verdict.outer or nothing
+    whole = final.copy()
+    whole[split] = False
     inside, beside = np.flatnonzero(whole), np.flatnonzero(~final)
-    source = np.concatenate([inside, split_rows, beside, split_rows[: len(outer)]])
+    source = np.concatenate([inside, split, beside, split[: len(outer)]])
     label = np.concatenate([
-        np.where(selection[inside], KEPT, RECOVERED), np.full(len(split_rows), SPLIT_INSIDE),
+        np.where(selection[inside], KEPT, RECOVERED), np.full(len(split), SPLIT_INSIDE),
         np.where(selection[beside], PRUNED, KEPT), np.full(len(outer), SPLIT_OUTSIDE),
     ]).astype(np.uint8)  # fmt: skip
     return concatenate([scene.select(inside), inner]), outer, source, label

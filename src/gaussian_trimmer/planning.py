@@ -203,12 +203,6 @@ def _connect(voxels):  # type: ignore[no-untyped-def]
     return parent
 
 
-def neighbours(scene: Gaussians, selection: BoolArray, bounds: Bounds, reach: float) -> IntArray:
-    """Rows of the non-object Gaussians within `reach` times the object's radius: eq. 7's background augmentation."""
-    distance = np.linalg.norm(scene.means - bounds.centre.astype(np.float32), axis=1)
-    return np.flatnonzero(~selection & (distance < reach * bounds.radius))
-
-
 def _angles(bounds: Bounds, config: PlanConfig, seen_from: Sequence[Camera]) -> tuple[Float64Array, float]:
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi

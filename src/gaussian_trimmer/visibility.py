@@ -15,7 +15,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.planning import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
 
-_PROBES = 12
+_PROBES = 8
 _PROBE_SIZE = 96
 _FREE = 0.85
 _BLOCKED = 0.75
@@ -43,7 +43,8 @@ def restrict_to_seen(
     probes, _ = plan_cameras(alone, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
     labels = selection.astype(np.float32)[:, None]
     shown = np.array([renderer.blend_values(local, camera, labels).sum() for camera in probes])
-    whole = np.array([renderer.render(alone, camera).alpha.sum() for camera in probes])
+    ones = np.ones((len(alone), 1), np.float32)
+    whole = np.array([renderer.blend_values(alone, camera, ones).sum() for camera in probes])
     free = shown / np.maximum(whole, 1e-9)
     if np.mean(free < _BLOCKED * free.max()) < _BLOCKED_SHARE:
         return config

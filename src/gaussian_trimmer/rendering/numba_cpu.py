@@ -128,7 +128,8 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
     with _LOCK:
         splats, colours, drawn = project(
             gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,
-            gaussians.sh_dc, gaussians.sh_rest, np.ascontiguousarray(camera.world_to_camera), camera.centre, lens, limits,
+            gaussians.sh_dc, gaussians.sh_rest, np.ascontiguousarray(camera.world_to_camera), camera.centre, lens,
+            limits,
         )  # fmt: skip
         # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
         candidates = np.flatnonzero(drawn)

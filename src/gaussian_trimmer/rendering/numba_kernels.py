@@ -264,7 +264,12 @@ def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: 
             first = TILE * max(0, math.floor(y - splats[i, 7] - np.float32(0.5)))
             last = TILE * min(TILE, math.ceil(y + splats[i, 7] + np.float32(0.5)))
             # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
-            columns, rows, light_left, painted = column[first:last], row[first:last], transmittance[first:last], weights[first:last]
+            columns, rows, light_left, painted = (
+                column[first:last],
+                row[first:last],
+                transmittance[first:last],
+                weights[first:last],
+            )
             for p in range(len(painted)):
                 u = A * columns[p] + (B * rows[p] + u0)
                 v = C * rows[p] + v0

@@ -1,0 +1,78 @@
+"""Every setting of the trimmer: one small dataclass a stage, nested in `TrimConfig`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from gaussian_trimmer.boundary import BoundaryConfig
+from gaussian_trimmer.decomposition import SPLIT_RULES
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evidence import EvidenceConfig
+from gaussian_trimmer.label_field import LabelFieldConfig
+from gaussian_trimmer.planning import PlanConfig
+
+__all__ = [
+    "AcceptConfig", "BoundaryConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig", "SplitConfig", "TrimConfig",
+    "check_config", "paper_config",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SplitConfig:
+    """What is done to Gaussians that straddle the boundary."""
+
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
+    """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
+
+
+@dataclass(frozen=True)
+class AcceptConfig:
+    """When a view's mask is believed, and when the whole trim is."""
+
+    least_overlap: float = 0.6
+    """Smallest intersection over union of a mask with the silhouette that the corrected labels expect."""
+    least_silhouette: int = 64
+    """Smallest expected silhouette in pixels; less of the object cannot be judged."""
+    least_views: float = 0.4
+    """Smallest share of views that must be accepted for the trim to stand."""
+
+
+@dataclass(frozen=True)
+class TrimConfig:
+    """Every setting of the trimmer, by stage."""
+
+    up: tuple[float, float, float] | None = None
+    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
+    plan: PlanConfig = field(default_factory=PlanConfig)
+    neighbours: float = 1.8
+    """Non-object Gaussians within this many object radii surround the object in the views (eq. 7); 0: none."""
+    labels: LabelFieldConfig = field(default_factory=LabelFieldConfig)
+    accept: AcceptConfig = field(default_factory=AcceptConfig)
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+    boundary: BoundaryConfig = field(default_factory=BoundaryConfig)
+    split: SplitConfig = field(default_factory=SplitConfig)
+
+
+def paper_config(config: TrimConfig | None = None) -> TrimConfig:
+    """The paper's choices: its framing, no correction in 3D, masks alone as evidence, splits along principal axes."""
+    config = config or TrimConfig()
+    return replace(
+        config,
+        plan=replace(config.plan, framing="paper"),
+        labels=replace(config.labels, enabled=False),
+        evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
+        split=SplitConfig("principal_axis"),
+    )
+
+
+def check_config(config: TrimConfig) -> None:
+    """Refuse settings that no stage would notice.
+
+    Raises:
+        InputError: a setting has no meaning.
+    """
+    if config.split.rule not in (*SPLIT_RULES, "none"):
+        raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
+    if config.labels.passes < 1:
+        raise InputError("Labels are corrected in at least one pass; use --labels.no-enabled to leave them.")

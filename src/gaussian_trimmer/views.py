@@ -1,0 +1,63 @@
+"""The pictures that are segmented: two renders a view, the object with its neighbours and the object alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.segmenters import Box, View
+
+_REFERENCE_PIXELS = 5 * 512 * 512
+_VISIBILITY_SCALE = 0.5
+
+
+def visible_weight(local: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> FloatArray:
+    """Blend weight of each Gaussian over all views, in pixels of five views of 512 x 512, (N,).
+
+    Measured at half the resolution: it only tells what is seen, and about how much of it.
+    """
+    total, pixels = np.zeros(len(local), np.float32), 0
+    for camera in (camera.resized(_VISIBILITY_SCALE) for camera in cameras):
+        total += renderer.blend_weights(local, camera, np.zeros((camera.height, camera.width), np.uint8), 1)[:, 0]
+        pixels += camera.height * camera.width
+    return total * np.float32(_REFERENCE_PIXELS / pixels)
+
+
+def render_views(
+    local: Gaussians, coarse: BoolArray, probability: FloatArray, cameras: Sequence[Camera], renderer: Renderer
+) -> list[View]:
+    """What the segmenter gets to see from each camera.
+
+    Args:
+        local: the coarse object and its neighbours, (N,).
+        coarse: which of them are the coarse object, (N,).
+        probability: their corrected labels, (N,).
+        cameras: the views.
+        renderer: draws them.
+    """
+    alone = local.select(coarse)
+    shares = np.stack([coarse.astype(np.float32), probability], axis=1)
+    views = []
+    for camera in cameras:
+        picture = renderer.render(local, camera)
+        shown = renderer.blend_values(local, camera, shares)
+        object_alpha = renderer.blend_values(alone, camera, np.ones((len(alone), 1), np.float32))[..., 0]
+        views.append(
+            View(
+                camera, picture.rgb, picture.depth, picture.alpha, object_alpha, np.ascontiguousarray(shown[..., 0]),
+                np.ascontiguousarray(shown[..., 1]), bounding_box(object_alpha > 0.5),
+            )
+        )  # fmt: skip
+    return views
+
+
+def bounding_box(mask: BoolArray) -> Box:
+    """Bounding box of a mask (H, W), the prompt of eq. 6; the whole image if the mask is empty."""
+    if not mask.any():
+        return 0, 0, mask.shape[1], mask.shape[0]
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
