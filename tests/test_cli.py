@@ -10,7 +10,7 @@ import toy
 from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import __version__, cli, formats
-from gaussian_trimmer.pipeline import TrimConfig, paper_config
+from gaussian_trimmer.config import TrimConfig, paper_config
 
 
 @pytest.fixture(scope="module")

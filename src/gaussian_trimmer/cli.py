@@ -77,7 +77,7 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     kind = getattr(import_module(module), attribute)
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
-        from gaussian_trimmer.pipeline import paper_config
+        from gaussian_trimmer.config import paper_config
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
         default = replace(command, config=paper_config())

@@ -12,9 +12,10 @@ import numpy as np
 
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.pictures import draw_before_after, draw_view, write_picture
-from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimConfig, TrimResult
+from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
 from gaussian_trimmer.rendering import Renderer
 
 LABEL_NAMES = ("kept", "pruned", "recovered", "split_inside", "split_outside")

@@ -14,10 +14,11 @@ from gaussian_trimmer import formats, report
 from gaussian_trimmer.camera_files import CameraSet, read_camera_set
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output_folder import whole_folder
-from gaussian_trimmer.pipeline import TrimConfig, trim
+from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmenters import SEGMENTERS, Segmenter, get_segmenter
 from gaussian_trimmer.segmenters.grabcut import GrabCutConfig
