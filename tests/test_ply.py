@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from format_samples import ATTRIBUTES, sample
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import Gaussians, concatenate
 
 NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
 NAMES += [*[f"scale_{i}" for i in range(3)], *[f"rot_{i}" for i in range(4)]]
@@ -56,12 +59,54 @@ def test_layout_is_inrias(tmp_path: Path) -> None:
     np.testing.assert_array_equal(row[3:6], 0)
 
 
-def test_arrays_are_views_of_the_mapped_file(tmp_path: Path) -> None:
+def test_arrays_are_views_of_the_mapped_file_but_the_centres(tmp_path: Path) -> None:
     ply.write(sample(10), tmp_path / "a.ply")
     gaussians = ply.read(tmp_path / "a.ply")
     for name in ATTRIBUTES:
-        assert not getattr(gaussians, name).flags.owndata
+        assert getattr(gaussians, name).flags.owndata == (name == "means")
         assert not getattr(gaussians, name).flags.writeable
+    assert gaussians.means.flags.c_contiguous
+
+
+def test_reading_takes_no_memory_for_the_columns(tmp_path: Path) -> None:
+    n = 50_000
+    ply.write(sample(n, 3), tmp_path / "a.ply")
+    tracemalloc.start()
+    ply.read(tmp_path / "a.ply")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12 * n + 4e6  # the centres and two buffers; the file has 248 bytes a Gaussian
+
+
+def test_a_file_that_shrinks_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.ply"
+    ply.write(sample(9000, 1), path)
+
+    def shrinking(*arguments: Any) -> Any:
+        columns = read_columns(*arguments)
+        os.truncate(path, path.stat().st_size // 2)
+        return columns
+
+    read_columns = ply.read_columns
+    monkeypatch.setattr(ply, "read_columns", shrinking)
+    with pytest.raises(InputError, match="became shorter"):
+        ply.read(path)
+
+
+@pytest.mark.parametrize("n_appended", [0, 7])
+def test_selected_rows_are_written_as_if_gathered_first(tmp_path: Path, n_appended: int) -> None:
+    ply.write(sample(10_000, 2).replace(extras={"mask": np.zeros(10_000, np.uint8)}), tmp_path / "a.ply", extras=True)
+    gaussians, appended = ply.read(tmp_path / "a.ply"), sample(20, 2).select(slice(0, n_appended))
+    rows = np.flatnonzero(np.arange(10_000) % 3 > 0)
+    ply.write(concatenate([gaussians.select(rows), appended]), tmp_path / "gathered.ply")
+    ply.write_selected(gaussians, rows, appended, tmp_path / "selected.ply")
+    assert (tmp_path / "selected.ply").read_bytes() == (tmp_path / "gathered.ply").read_bytes()
+
+
+def test_selected_rows_and_an_appendix_of_another_degree_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="SH degrees 2 and 1"):
+        ply.write_selected(sample(5, 2), np.arange(3), sample(5, 1), tmp_path / "a.ply")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])

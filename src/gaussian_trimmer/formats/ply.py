@@ -1,16 +1,20 @@
 """The standard splat PLY: a vertex element with the Inria property names, binary or ascii.
 
-Property order is free, nx/ny/nz are optional, and unknown scalar columns are kept as extras. A binary file whose
-columns are all little-endian float32 is memory-mapped and its arrays are views: opening it takes one pass that looks
-for non-finite values, at the speed at which the file can be read, and no memory for a copy.
+Property order is free, nx/ny/nz are optional, and unknown scalar columns are kept as extras.
+
+A binary file whose columns are all little-endian float32 is memory-mapped, and its arrays are views that take memory
+only where they are used; the centres alone are copied, since nearly every step looks at all of them. The rows
+interleave the columns, so a disk or a cache that delivers one column delivers all: a single pass through a small
+buffer collects the centres and finds values that are not finite in any column, at the speed of reading the file.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import all_finite, check_finite, check_rotations
+from gaussian_trimmer.formats.checks import check_finite
 from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.formats.whole import whole_file
-from gaussian_trimmer.gaussians import FloatArray, Gaussians
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 
 _SCALAR_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -36,7 +40,9 @@ _ROTATION = ["rot_0", "rot_1", "rot_2", "rot_3"]
 _REQUIRED = [*_POSITION, *_DC, "opacity", *_SCALE, *_ROTATION]
 _REST_COUNTS = (0, 9, 24, 45)
 _MAX_HEADER_BYTES = 1 << 20
-_ROWS_PER_CHUNK = 1 << 16
+# What is read or written together stays in the cache: 4096 rows of SH degree 3 have about a megabyte as well.
+_BYTES_PER_READ = 1 << 20
+_ROWS_PER_WRITE = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -120,10 +126,11 @@ def read(path: Path) -> Gaussians:
         sh_rest=_block(columns, rest).reshape(n, 3, len(rest) // 3),
         extras={name: column for name, column in columns.items() if name not in known},
     )
-    table = columns["x"].base
-    if isinstance(table, np.memmap) and table.ndim == 2 and all_finite(table):
-        check_rotations(gaussians.quaternions, path)  # whole rows are tested several times faster than parts of rows
-    else:
+    table, sound = columns["x"].base, False
+    if isinstance(table, np.memmap) and table.ndim == 2:
+        means, sound = _read_through(table, path, list(columns))
+        gaussians = gaussians.replace(means=means)
+    if not sound:
         gaussians = with_finite_limits(gaussians)
         check_finite(gaussians, path)
     return gaussians
@@ -137,18 +144,45 @@ def write(gaussians: Gaussians, path: Path, *, extras: bool = False) -> None:
     Raises:
         ValueError: an extra column is of a type, or has a name, that a PLY cannot hold.
     """
-    rest = gaussians.sh_rest.shape[1] * gaussians.sh_rest.shape[2]
+    _write_chunks(_chunks(gaussians), gaussians, len(gaussians), path, extras=extras)
+
+
+def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: Path) -> None:
+    """Write `concatenate([gaussians.select(rows), appended])`, gathering few rows at a time, without extra columns.
+
+    A background is nearly as large as its scene; gathered whole it would need that memory again, and several times
+    as long.
+
+    Raises:
+        ValueError: the SH degrees of the two parts differ.
+    """
+    if len(appended) and appended.sh_degree != gaussians.sh_degree:
+        raise ValueError(f"The parts have SH degrees {gaussians.sh_degree} and {appended.sh_degree}; equal are needed.")
+    bare, tail = gaussians.replace(extras={}), appended.replace(extras={})
+    starts = range(0, len(rows), _ROWS_PER_WRITE)
+    gathered = (bare.select(rows[start : start + _ROWS_PER_WRITE]) for start in starts)
+    _write_chunks(chain(gathered, _chunks(tail)), bare, len(rows) + len(tail), path, extras=False)
+
+
+def _chunks(gaussians: Gaussians) -> Iterator[Gaussians]:
+    for start in range(0, len(gaussians), _ROWS_PER_WRITE):
+        yield gaussians.select(slice(start, start + _ROWS_PER_WRITE))
+
+
+def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path: Path, *, extras: bool) -> None:
+    """Write chunks of `count` Gaussians in all, whose columns are those of `like`."""
+    rest = like.sh_rest.shape[1] * like.sh_rest.shape[2]
     names = [*_POSITION, *_NORMAL, *_DC, *[f"f_rest_{i}" for i in range(rest)], "opacity", *_SCALE, *_ROTATION]
     fields = [(name, "<f4") for name in names]
     if extras:
-        fields += [(name, column.dtype.newbyteorder("<").str) for name, column in gaussians.extras.items()]
-    header = "ply\nformat binary_little_endian 1.0\n" + f"element vertex {len(gaussians)}\n"
+        fields += [(name, column.dtype.newbyteorder("<").str) for name, column in like.extras.items()]
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
     header += "".join(_property_line(name, kind) for name, kind in fields) + "end_header\n"
     row_type = np.dtype(fields)
     with whole_file(path) as part, part.open("wb") as file:
         file.write(header.encode("ascii"))
-        for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
-            _rows(gaussians.select(slice(start, start + _ROWS_PER_CHUNK)), row_type, len(names)).tofile(file)
+        for chunk in chunks:
+            _rows(chunk, row_type, len(names)).tofile(file)
 
 
 def _parse_header(file: BinaryIO, path: Path) -> Header:
@@ -207,6 +241,28 @@ def _binary_columns(path: Path, header: Header, element: Element, before: list[E
         return {name: matrix[:, i] for i, name in enumerate(names)}
     rows = np.memmap(path, row_type, "r", start, (element.count,))
     return {name: rows[f"{i}"] for i, name in enumerate(names)}
+
+
+def _read_through(table: np.memmap[Any, Any], path: Path, names: list[str]) -> tuple[FloatArray, bool]:
+    """The centres (N, 3) of a mapped table, and whether all its values are finite and its quaternions not zero.
+
+    The file is read into a buffer: passing over the mapping would take a page fault for every few rows, and all pages
+    would count as this process's memory.
+    """
+    position, rotation = [names.index(name) for name in _POSITION], [names.index(name) for name in _ROTATION]
+    centres, sound = np.empty((len(table), 3), np.float32), True
+    step = max(1, _BYTES_PER_READ // table.strides[0])
+    buffer = np.empty((min(step, len(table)), table.shape[1]), table.dtype)
+    with path.open("rb") as file:
+        file.seek(table.offset)
+        for start in range(0, len(table), step):
+            rows = buffer[: len(table) - start]
+            if file.readinto(rows.data.cast("B")) < rows.nbytes:
+                raise InputError(f"'{path}' became shorter while it was read; try again when it is complete.")
+            centres[start : start + len(rows)] = rows[:, position]
+            sound = sound and bool(np.isfinite(rows).all() and rows[:, rotation].any(axis=1).all())
+    centres.flags.writeable = False
+    return centres, sound
 
 
 def _ascii_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
