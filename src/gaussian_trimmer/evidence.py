@@ -53,21 +53,26 @@ def judge(
 
 
 def shows_outside(
-    alone_inside: FloatArray, alone_outside: FloatArray, inside: FloatArray, seen: FloatArray, config: EvidenceConfig
+    alone: FloatArray, inside: FloatArray, outside: FloatArray, free_standing: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
     """Which Gaussians paint beside the object when it is rendered alone, (N,).
 
     These are the halo under and behind an object: hidden in the scene, so that the first evidence cannot judge them.
-    A Gaussian that the scene shows inside the masks more than the object alone shows it outside is none of them: the
-    far wall of a hollow object, seen through a hole of a bad selection, is not to be pruned as well.
+    Two kinds of Gaussians are none of them, however much they paint outside the masks when alone. What the scene shows
+    inside the masks more than the object alone shows outside: the far wall of a hollow object, seen through a hole of
+    a bad selection. And what stands clear of the surface below but behind something nearer, if the scene shows it
+    mostly inside from elsewhere.
 
     Args:
-        alone_inside: blend weight inside the masks, in the object alone, (N,).
-        alone_outside: blend weight outside them, (N,).
+        alone: blend weight in the object alone: outside the masks, inside, and outside but hidden in the scene by
+            something clearly nearer, (N, 3).
         inside: blend weight inside the masks in the views of the whole scene, (N,).
-        seen: all blend weight in the views of the whole scene, (N,).
+        outside: blend weight outside them in those views, (N,).
+        free_standing: what lies above the surface that the object stands on, (N,).
         config: thresholds.
     """
-    total = alone_inside + alone_outside
-    limit = np.where(seen > _SEEN, config.alone_limit, config.hidden_limit)
-    return np.asarray((total > _SEEN) & (alone_outside > limit * total) & (alone_outside > inside))
+    supported = free_standing & (inside > outside)
+    beside = alone[:, 0] + np.where(supported, 0, alone[:, 2])
+    total = beside + alone[:, 1]
+    limit = np.where(inside + outside > _SEEN, config.alone_limit, config.hidden_limit)
+    return np.asarray((total > _SEEN) & (beside > limit * total) & (beside > inside))

@@ -42,6 +42,8 @@ class LabelFieldConfig:
     """Mean-field updates a round."""
     neighbours: int = 32
     """Nearest neighbours in place and colour that a Gaussian follows."""
+    hidden_neighbours: int = 8
+    """Nearest visible Gaussians in place that one which no view shows follows."""
     place_sigma: float = 0.12
     """Standard deviation of the kernel over place, relative to the object's radius."""
     colour_sigma: float = 0.08
@@ -75,7 +77,9 @@ def correct_labels(
         bounds: the object's robust bounds.
         config: weights of the terms.
 
-    Gaussians that no view shows keep their coarse label, as 0 or 1.
+    Gaussians that no view shows take a third of their probability from their coarse label and the rest from the visible
+    Gaussians around them: what lies hidden inside an object would stay behind as its ghost, and what lies hidden in
+    the table below it would come along.
     """
     probability = selection.astype(np.float32)
     seen = np.flatnonzero(visible > _LEAST_WEIGHT)
@@ -91,6 +95,12 @@ def correct_labels(
         if labels.all() or not labels.any():
             break
     probability[seen] = likely
+    unseen = np.flatnonzero(visible <= _LEAST_WEIGHT)
+    _, near = nearest(
+        places, gaussians.means[unseen] / np.float32(bounds.radius), min(config.hidden_neighbours, len(seen))
+    )
+    around = likely[near].mean(axis=1)
+    probability[unseen] = (probability[unseen] + 2 * around) / 3
     return probability
 
 

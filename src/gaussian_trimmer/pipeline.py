@@ -34,6 +34,7 @@ from gaussian_trimmer.orientation import UpVector, find_up
 from gaussian_trimmer.planning import Bounds, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmenters import Segmenter, View, get_segmenter
+from gaussian_trimmer.support import find_support
 from gaussian_trimmer.views import render_views, visible_weight
 from gaussian_trimmer.visibility import restrict_to_seen
 
@@ -46,6 +47,8 @@ KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE = range(5)
 """Labels of output rows: unchanged side, taken from the object, added to it, and the two parts of a split Gaussian."""
 
 _LEAST_REACH = 1.8
+_IN_FRONT = 0.1
+"""Depth difference, in object radii, from which something in the scene hides the object rather than touches it."""
 Progress = Callable[[str], None]
 
 
@@ -257,10 +260,10 @@ def _judge(
     rows = np.flatnonzero(keep)
     with clock("prune"):
         alone = scope.local.select(rows)
-        weights = _weigh(alone, accepted, renderer) if len(rows) else []
+        weights = _weigh_alone(alone, accepted, scope.bounds.radius, renderer) if len(rows) else []
         if config.evidence.second_evidence and len(rows):
-            beside, within = np.sum(weights, axis=0).T
-            halo = shows_outside(within, beside, inside[rows], (inside + outside)[rows], config.evidence)
+            free = _above_support(scope, keep, inside + outside, config)
+            halo = shows_outside(np.sum(weights, axis=0), inside[rows], outside[rows], free[rows], config.evidence)
             keep[rows[halo]] = False
     if not keep.any():
         return None
@@ -274,6 +277,27 @@ def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer)
     return [renderer.blend_weights(part, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
 
 
+def _above_support(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> BoolArray:
+    """What lies above the surface that the object stands on, (L,); nothing where no surface is found."""
+    places = scope.local.means / np.float32(scope.bounds.radius)
+    support = find_support(places, keep, seen.astype(np.float64), scope.bounds, config.labels.support)
+    return np.zeros(len(keep), np.bool_) if support is None else support.above
+
+
+def _weigh_alone(
+    alone: Gaussians, accepted: Sequence[TrimmedView], radius: float, renderer: Renderer
+) -> list[FloatArray]:
+    """Blend weights of the object alone: outside the mask, inside, and outside behind something nearer, (N, 3) a view."""
+    weights = []
+    for shown in accepted:
+        camera, nearest_depth = shown.view.camera, shown.view.depth
+        depth = renderer.render(alone, camera).depth
+        occluded = (nearest_depth > 0) & (nearest_depth < depth - _IN_FRONT * radius)
+        labels = np.where(shown.mask, np.uint8(1), np.where(occluded, np.uint8(2), np.uint8(0)))
+        weights.append(renderer.blend_weights(alone, camera, labels, 3))
+    return weights
+
+
 def _split(
     alone: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
     renderer: Renderer, config: TrimConfig,
@@ -282,7 +306,8 @@ def _split(
     if config.split.rule == "none":
         return np.zeros(0, np.int64), None, None
     cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
-    found = find_straddlers(alone, cameras, masks, weights, renderer, config.boundary)
+    sides = [weight[:, :2] for weight in weights]
+    found = find_straddlers(alone, cameras, masks, sides, renderer, config.boundary)
     ours = keep[found.rows]
     rows = found.rows[ours]
     return rows, *SPLIT_RULES[config.split.rule](alone.select(rows), found.normals[ours], found.offsets[ours])
