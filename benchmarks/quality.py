@@ -114,13 +114,12 @@ def main() -> None:
         for row in _measure_scene(scene, chosen, arguments):
             rows.append(row)
             loss = "  LOSS" if row.after["iou"] < row.before["iou"] - 0.3 else ""
-            console.print(
-                f"{row.variant:18s} {row.kind:12s} {row.scene}/{row.object:12s} iou {row.before['iou']:5.1f} -> "
-                f"{row.after['iou']:5.1f}  boundary {row.before['boundary_iou']:5.1f} -> {row.after['boundary_iou']:5.1f}  "
-                f"psnr {row.before['psnr']:4.1f} -> {row.after['psnr']:4.1f}  fidelity {row.fidelity:4.1f}  "
-                f"{row.seconds:4.1f} s{loss} {row.refused}",
-                highlight=False, soft_wrap=True,
-            )  # fmt: skip
+            shown = "  ".join(
+                f"{m} {row.before[m]:5.1f} -> {row.after[m]:5.1f}" for m in ("iou", "boundary_iou", "psnr")
+            )
+            run = f"{row.variant:18s} {row.kind:12s} {row.scene}/{row.object:12s}"
+            tail = f"fidelity {row.fidelity:4.1f}  {row.seconds:4.1f} s{loss} {row.refused}"
+            console.print(f"{run} {shown}  {tail}", highlight=False, soft_wrap=True)
     for variant in chosen:
         console.print(_table(variant, [row for row in rows if row.variant == variant]))
     if arguments.output:

@@ -138,7 +138,8 @@ def make_view(colour=(0.2, 0.5, 0.8), box=(30, 10, 60, 40), width=120, height=80
     silhouette[box[1] : box[3], box[0] : box[2]] = 1.0
     rgb = np.full((height, width, 3), colour, np.float32)
     camera = Camera(np.eye(4), intrinsics(1.0, width, height), width, height)
-    return View(camera, rgb, np.ones_like(silhouette), np.ones_like(silhouette), silhouette, silhouette, box)
+    whole = np.ones_like(silhouette)
+    return View(camera, rgb, whole, whole, silhouette, silhouette, silhouette, box)
 
 
 def textured_views(n: int) -> list[View]:

@@ -80,7 +80,7 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
         from gaussian_trimmer.config import paper_config
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(command, config=paper_config())
+        default = replace(command, config=paper_config(), segmenter="grabcut")
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
     return cast(Command, command)
 

@@ -62,6 +62,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         plan=replace(config.plan, framing="paper"),
         labels=replace(config.labels, enabled=False),
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
+        boundary=replace(config.boundary, least_share=0.05, least_area=0.25, least_spread=0.0, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
     )
 
