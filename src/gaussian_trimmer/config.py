@@ -55,12 +55,13 @@ class TrimConfig:
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its framing, no correction in 3D, masks alone as evidence, splits along principal axes."""
+    """The paper's choices: its framing, no correction in 3D, every mask believed and sole evidence, principal-axis splits."""
     config = config or TrimConfig()
     return replace(
         config,
         plan=replace(config.plan, framing="paper"),
         labels=replace(config.labels, enabled=False),
+        accept=AcceptConfig(least_overlap=0.0, least_silhouette=1, least_views=0.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
         boundary=replace(config.boundary, least_share=0.05, least_area=0.25, least_spread=0.0, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
