@@ -55,7 +55,7 @@ class TrimConfig:
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its framing, no correction in 3D, every mask believed and sole evidence, principal-axis splits."""
+    """The paper's choices: its framing, no correction in 3D, every mask believed, splits along principal axes."""
     config = config or TrimConfig()
     return replace(
         config,
