@@ -1,0 +1,131 @@
+"""The number of threads changes no bit of any result, and calls from several Python threads do not disturb each other.
+
+Numba's fallback threading layer, workqueue, aborts the process when two threads enter parallel kernels at the same
+time; the layer is chosen when Numba is loaded, so that what may abort runs in a process of its own.
+"""
+
+import hashlib
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+from toy import TightMasks, ball_on_floor, dilated, small_config
+
+from gaussian_trimmer.nearest import nearest
+from gaussian_trimmer.pipeline import SPLIT_INSIDE, SplitConfig, trim
+from gaussian_trimmer.planning import PlanConfig, plan_cameras
+from gaussian_trimmer.rendering import get_renderer
+
+N_CALLS = 12
+ABORTS = pytest.mark.xfail(reason="The search for nearest neighbours does not take the renderer's lock.", strict=False)
+
+
+def digest(arrays):
+    """One number for the exact contents of arrays."""
+    total = hashlib.sha256()
+    for array in arrays:
+        total.update(f"{array.shape} {array.dtype}".encode() + np.ascontiguousarray(array).tobytes())
+    return total.hexdigest()
+
+
+@cache
+def ball_and_view():
+    scene, truth = ball_on_floor()
+    cameras, _ = plan_cameras(scene.select(truth), np.array([0.0, 0.0, 1.0]), PlanConfig(size=100))
+    return scene, truth, cameras[0]
+
+
+def rendered():
+    """What the renderer's kernels make of the toy scene."""
+    scene, truth, camera = ball_and_view()
+    renderer = get_renderer("numba")
+    shown = renderer.render(scene, camera)
+    labels = (shown.alpha > 0.5).astype(np.uint8)
+    pixels = np.argwhere(labels)[::7, ::-1]
+    return digest([
+        shown.rgb, shown.alpha, shown.depth, renderer.blend_values(scene, camera, truth[:, None].astype(np.float32)),
+        renderer.blend_weights(scene, camera, labels, 2), *renderer.top_contributors(scene, camera, pixels, 5),
+    ])  # fmt: skip
+
+
+def neighbours():
+    """The nearest centres of every centre of the toy scene."""
+    means = ball_and_view()[0].means
+    return digest(nearest(means, means, 32))
+
+
+def trimmed():
+    """A whole trim, splits included."""
+    scene, truth, _ = ball_and_view()
+    config = small_config(split=SplitConfig("plane"))
+    result = trim(scene, dilated(scene, truth), config, segmenter=TightMasks())
+    assert result.refused == ""
+    assert result.count(SPLIT_INSIDE) > 5
+    parts = [
+        getattr(part, name)
+        for part in (result.object, result.outside_parts)
+        for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
+    ]
+    return digest([result.source_index, result.label, *parts, *(view.mask for view in result.views)])
+
+
+def at_the_same_time(function):
+    """What many calls return, four of them running at any time."""
+    with ThreadPoolExecutor(4) as pool:
+        return {future.result() for future in [pool.submit(function) for _ in range(N_CALLS)]}
+
+
+def in_a_process(expression, **environment):
+    """The words that an expression of this module prints in a process with other environment variables."""
+    path = os.pathsep.join(path for path in sys.path if path)
+    done = subprocess.run(
+        [sys.executable, "-c", f"from test_threads import *\nprint({expression})"],
+        env={**os.environ, "PYTHONPATH": path, **environment},
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@pytest.fixture
+def threads():
+    """Sets the number of threads, and sets it back in the end."""
+    before = numba.get_num_threads()
+    yield numba.set_num_threads
+    numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize("work", [rendered, neighbours, trimmed])
+def test_one_and_two_threads_agree(work, threads):
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("Numba was started with one thread.")
+    results = set()
+    for n in (1, 2):
+        threads(n)
+        results.add(work())
+    assert len(results) == 1
+
+
+@pytest.mark.parametrize("layer", ["default", "workqueue"])
+def test_eight_threads_agree_however_few_cores_there_are(layer):
+    expected = ["8", rendered(), neighbours(), trimmed()]
+    expression = "numba.get_num_threads(), rendered(), neighbours(), trimmed()"
+    assert in_a_process(expression, NUMBA_NUM_THREADS="8", NUMBA_THREADING_LAYER=layer) == expected
+
+
+@pytest.mark.parametrize("work", [rendered, neighbours, trimmed])
+def test_simultaneous_calls_agree(work):
+    assert at_the_same_time(work) == {work()}
+
+
+@pytest.mark.parametrize(
+    "work", ["rendered", pytest.param("neighbours", marks=ABORTS), pytest.param("trimmed", marks=ABORTS)]
+)
+def test_simultaneous_calls_do_not_abort_the_fallback_threading_layer(work):
+    expression = f"at_the_same_time({work}) == {{{work}()}}"
+    assert in_a_process(expression, NUMBA_NUM_THREADS="2", NUMBA_THREADING_LAYER="workqueue") == ["True"]
