@@ -6,6 +6,7 @@ from toy import gaussians
 
 from gaussian_trimmer.boundary import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.rendering import get_renderer
 
@@ -78,7 +79,7 @@ def test_a_needle_across_the_edge_is_cut_at_the_edge(x, y):
     assert found.rows.tolist() == [0]
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1)
     np.testing.assert_allclose(found.normals[0], [-1, 0, 0], atol=0.02)
-    assert found.offsets[0] == pytest.approx(-x / 0.3, abs=0.6 * PIXEL / 0.3)
+    assert found.offsets[0] == pytest.approx(-x / 0.3, abs=0.05 * PIXEL / 0.3)
 
 
 def test_the_offset_changes_sign_with_the_side_of_the_centre():
@@ -111,6 +112,12 @@ def test_a_plane_passes_through_the_camera_and_the_slanted_edge():
 def test_gaussians_on_one_side_are_no_straddlers():
     assert len(straddlers(needle(0.9)).rows) == 0
     assert len(straddlers(needle(-0.9)).rows) == 0
+
+
+@pytest.mark.parametrize("band", [0, -3])
+def test_a_band_narrower_than_a_pixel_is_refused(band):
+    with pytest.raises(InputError, match=f"band is {band} pixels; at least one is needed"):
+        straddlers(needle(), band=band)
 
 
 @pytest.mark.parametrize("value", [True, False])

@@ -1,11 +1,16 @@
 """Judgements by hand, and laws that hold for any evidence."""
 
+from functools import cache
+
 import numpy as np
 import pytest
+from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
 from gaussian_trimmer.evidence import EvidenceConfig, judge, shows_outside
+from gaussian_trimmer.pipeline import RECOVERED, PlanConfig, SplitConfig, trim
 
 COARSE, OTHER = True, False
+FREE, RESTING = True, False
 
 
 @pytest.mark.parametrize(
@@ -24,6 +29,10 @@ COARSE, OTHER = True, False
         (0, 0, 0.1, COARSE, {}, False),
         (0, 5e-4, 0.9, COARSE, {}, True),  # next to nothing is nothing
         (0, 0, 0.9, OTHER, {"recover": False}, False),
+        (10, 0, 0.25, OTHER, {}, False),  # seen through the object: the masks want it, its label does not
+        (10, 0, 0.25, COARSE, {}, True),  # the limit is for those that join
+        (10, 0, 0.25, OTHER, {"recover_limit": 0.2}, True),
+        (10, 0, 0.35, OTHER, {}, True),
     ],
 )
 def test_judgement(inside, outside, probability, coarse, config, kept):
@@ -32,27 +41,43 @@ def test_judgement(inside, outside, probability, coarse, config, kept):
 
 
 @pytest.mark.parametrize(
-    ("inside", "outside", "seen", "shown"),
+    ("alone", "inside", "outside", "free", "shown"),
     [
-        (4, 6, 1.0, True),
-        (6, 4, 1.0, False),
-        (6, 4, 0.0, True),  # the scene hides it: 0.4 is above its lower limit of 0.3
-        (8, 2, 0.0, False),
-        (0, 0, 0.0, False),
-        (0, 5e-4, 0.0, False),
-        (5, 5, 1.0, False),  # a limit is the largest share that is allowed
+        ((6, 4, 0), 0, 1, RESTING, True),
+        ((4, 6, 0), 0, 1, RESTING, False),
+        ((4, 6, 0), 0, 0, RESTING, True),  # the scene hides it: 0.4 is above its lower limit of 0.3
+        ((2, 8, 0), 0, 0, RESTING, False),
+        ((0, 0, 0), 0, 0, RESTING, False),
+        ((5e-4, 0, 0), 0, 0, RESTING, False),
+        ((5, 5, 0), 0, 1, RESTING, False),  # a limit is the largest share that is allowed
+        ((6, 4, 0), 5, 4, RESTING, True),
+        ((6, 4, 0), 6, 4, RESTING, False),  # the scene shows as much of it inside as the object alone does outside
+        ((6, 0, 0), 7, 0, RESTING, False),
+        ((0, 4, 6), 5, 4, RESTING, True),
+        ((0, 4, 6), 5, 4, FREE, False),  # behind something nearer, and mostly inside from elsewhere
+        ((0, 4, 6), 4, 5, FREE, True),
+        ((6, 4, 0), 5, 4, FREE, True),  # nothing stands before it
+        ((0, 4, 6), 0, 0, FREE, True),  # no view speaks for it
     ],
 )
-def test_what_shows_outside_when_alone(inside, outside, seen, shown):
-    arrays = [np.array([value], np.float32) for value in (inside, outside, seen)]
+def test_what_shows_outside_when_alone(alone, inside, outside, free, shown):
+    arrays = [np.array([value], np.float32) for value in (alone, inside, outside)]
     config = EvidenceConfig(alone_limit=0.5, hidden_limit=0.3)
-    assert shows_outside(*arrays, config).tolist() == [shown]
+    assert shows_outside(*arrays, np.array([free]), config).tolist() == [shown]
 
 
 def some_evidence(n=2000):
     rng = np.random.default_rng(0)
     inside, outside = rng.exponential(2, (2, n)) * rng.integers(0, 2, (2, n))
     return inside.astype(np.float32), outside.astype(np.float32), rng.random(n).astype(np.float32), rng.random(n) < 0.5
+
+
+def shown_evidence(n=2000):
+    """Weights of the object alone, weights in the scene inside and outside, and what stands free."""
+    rng = np.random.default_rng(1)
+    alone = rng.exponential(2, (n, 3)) * rng.integers(0, 2, (n, 3))
+    inside, outside, _, free = some_evidence(n)
+    return alone.astype(np.float32), inside, outside, free
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, 5.0])
@@ -62,6 +87,15 @@ def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
     bound = judge(inside, outside, probability, coarse, EvidenceConfig(prior=prior, recover=False))
     assert (free & ~coarse).any()
     np.testing.assert_array_equal(bound, free & coarse)
+
+
+@pytest.mark.parametrize("limit", [0.1, 0.3, 0.6])
+def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit):
+    inside, outside, probability, coarse = some_evidence()
+    free = judge(inside, outside, probability, coarse, EvidenceConfig(recover_limit=0.0))
+    kept = judge(inside, outside, probability, coarse, EvidenceConfig(recover_limit=limit))
+    assert (free & ~kept).any()
+    np.testing.assert_array_equal(kept, free & (coarse | (probability > limit)))
 
 
 def test_more_weight_inside_or_a_likelier_label_never_prunes():
@@ -79,15 +113,88 @@ def test_judgements_do_not_depend_on_the_size_of_the_pictures():
 
 
 def test_looser_limits_show_less():
-    inside, outside, _, coarse = some_evidence()
-    seen = np.where(coarse, 1, 0).astype(np.float32)
-    strict = shows_outside(inside, outside, seen, EvidenceConfig(alone_limit=0.3, hidden_limit=0.1))
-    loose = shows_outside(inside, outside, seen, EvidenceConfig(alone_limit=0.6, hidden_limit=0.4))
+    evidence = shown_evidence()
+    strict = shows_outside(*evidence, EvidenceConfig(alone_limit=0.3, hidden_limit=0.1))
+    loose = shows_outside(*evidence, EvidenceConfig(alone_limit=0.6, hidden_limit=0.4))
     assert np.count_nonzero(loose) < np.count_nonzero(strict)
     assert not (loose & ~strict).any()
+
+
+def test_the_more_the_scene_shows_inside_the_less_shows_outside():
+    alone, inside, outside, free = shown_evidence()
+    answers = [shows_outside(alone, inside + more, outside + 1, free, EvidenceConfig()) for more in (0, 1, 5)]
+    assert np.count_nonzero(answers[0]) > np.count_nonzero(answers[1]) > np.count_nonzero(answers[2])
+    assert not (answers[1] & ~answers[0]).any()
+    assert not (answers[2] & ~answers[1]).any()
+
+
+def test_what_stands_free_shows_outside_no_more_than_what_rests():
+    alone, inside, outside, free = shown_evidence()
+    standing, resting = (
+        shows_outside(alone, inside, outside, np.full_like(free, one), EvidenceConfig()) for one in (FREE, RESTING)
+    )
+    assert not (standing & ~resting).any()
+    assert (resting & ~standing).any()
+    assert (inside > outside)[resting & ~standing].all()
 
 
 def test_nothing_in_nothing_out():
     none, mask = np.zeros(0, np.float32), np.zeros(0, np.bool_)
     assert judge(none, none, none, mask, EvidenceConfig()).shape == (0,)
-    assert shows_outside(none, none, none, EvidenceConfig()).shape == (0,)
+    assert shows_outside(none.reshape(0, 3), none, none, mask, EvidenceConfig()).shape == (0,)
+
+
+@cache
+def sparse_ball(n_ball, seed):
+    return ball_on_floor(seed, n_ball)
+
+
+@one_thread()
+def trimmed(selection, n_ball, seed, views=5, **evidence):
+    config = small_config(
+        split=SplitConfig("none"), plan=PlanConfig(size=160, views=views), evidence=EvidenceConfig(**evidence)
+    )
+    return trim(sparse_ball(n_ball, seed)[0], selection, config)
+
+
+@pytest.mark.parametrize("views", [3, 5])
+@pytest.mark.parametrize(("n_ball", "seed"), [(300, 0), (300, 1), (700, 0), (700, 1)])
+def test_what_is_only_seen_through_the_object_is_not_recovered(n_ball, seed, views):
+    truth = sparse_ball(n_ball, seed)[1]
+    result, eager = trimmed(truth, n_ball, seed, views), trimmed(truth, n_ball, seed, views, recover_limit=0.0)
+    assert eager.count(RECOVERED) > 0  # floor behind the gaps of the ball, which the masks alone take for it
+    assert result.count(RECOVERED) == 0
+    assert jaccard(object_rows(result), truth) >= 0.98
+
+
+@pytest.mark.parametrize("n_ball", [100, 200, 300])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_sparse_ball_that_is_selected_exactly_stays_whole(n_ball, seed):
+    truth = sparse_ball(n_ball, seed)[1]
+    result = trimmed(truth, n_ball, seed)
+    assert (result.refused, result.floaters) == ("", 0)
+    assert jaccard(object_rows(result), truth) >= 0.95
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_each_part_of_the_evidence_can_be_left_out(seed):
+    rough = eroded(*sparse_ball(700, seed), 0.3)
+    both, no_recovery, first_only = (
+        trimmed(rough, 700, seed, **part) for part in ({}, {"recover": False}, {"second_evidence": False})
+    )
+    assert both.count(RECOVERED) > 0
+    assert no_recovery.count(RECOVERED) == 0
+    assert not (object_rows(no_recovery) & ~rough).any()
+    assert not (object_rows(both) & ~object_rows(first_only)).any()
+    assert (object_rows(first_only) & ~object_rows(both)).any()
+
+
+@pytest.mark.parametrize("n_ball", [300, 700, 1500])
+@pytest.mark.parametrize("depth", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_a_hollow_ball_that_misses_a_cap_is_not_made_worse(n_ball, depth, seed):
+    scene, truth = sparse_ball(n_ball, seed)
+    rough = eroded(scene, truth, depth)
+    result = trimmed(rough, n_ball, seed)
+    assert result.refused == ""
+    assert jaccard(object_rows(result), truth) >= jaccard(rough, truth)

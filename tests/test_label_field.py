@@ -59,14 +59,42 @@ def test_a_straight_boundary_without_any_colour_edge_stays_about_where_it_is():
     assert (np.abs(plain.means[changed, 0] - 0.2) < 0.15).all()
 
 
-def test_what_no_view_shows_keeps_its_label():
+def with_hidden():
+    """The patch with a ninth of it wrongly labelled and shown by no view: both labels, visible weights, what is."""
     thing, red = patch()
-    rough = red.copy()
-    rough[::9] ^= True
-    seen = visible(thing)
-    seen[::9] = 0
+    hidden = np.arange(len(red)) % 9 == 0
+    return thing, red, red ^ hidden, np.where(hidden, 0, visible(thing)).astype(np.float32), hidden
+
+
+def test_what_no_view_shows_follows_what_surrounds_it_and_is_a_third_its_own():
+    thing, red, rough, seen, hidden = with_hidden()
     probability = corrected(thing, rough, seen)
-    np.testing.assert_array_equal(probability[::9], rough[::9].astype(np.float32))
+    deep = hidden & (np.abs(thing.means[:, 0]) > 0.3)
+    np.testing.assert_allclose(probability[deep & red], 2 / 3, atol=0.01)
+    np.testing.assert_allclose(probability[deep & ~red], 1 / 3, atol=0.01)
+    assert (probability[hidden] >= rough[hidden] / 3 - 1e-6).all()
+    assert (probability[hidden] <= (2 + rough[hidden]) / 3 + 1e-6).all()
+    one = corrected(thing, rough, seen, config=LabelFieldConfig(hidden_neighbours=1))[hidden]
+    np.testing.assert_allclose(np.minimum(one % (1 / 3), 1 / 3 - one % (1 / 3)), 0, atol=0.05)
+
+
+def test_labels_of_what_no_view_shows_tell_nothing_of_what_is_seen():
+    thing, red, rough, seen, hidden = with_hidden()
+    np.testing.assert_array_equal(corrected(thing, rough, seen)[~hidden], corrected(thing, red, seen)[~hidden])
+
+
+@pytest.mark.parametrize("n_seen", [2, 5])
+def test_more_hidden_neighbours_than_visible_gaussians(n_seen):
+    thing, red = patch()
+    seen = np.zeros(len(red), np.float32)
+    seen[np.flatnonzero(red)[: n_seen - 1]] = seen[np.flatnonzero(~red)[0]] = 5
+    probability = corrected(thing, red, seen)
+    assert ((probability >= 0) & (probability <= 1)).all()
+
+
+def test_without_visible_gaussians_labels_stay():
+    thing, red = patch()
+    np.testing.assert_array_equal(corrected(thing, red, np.zeros(len(red), np.float32)), red.astype(np.float32))
 
 
 def test_disabled_it_returns_the_selection():

@@ -18,21 +18,24 @@ from toy import (
     jaccard,
     moved,
     object_rows,
+    one_thread,
     small_config,
     with_floaters,
 )
 
-from gaussian_trimmer.boundary import BoundaryConfig
 from gaussian_trimmer.camera_files import CameraSet
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evidence import EvidenceConfig
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import (
     KEPT,
     RECOVERED,
     SPLIT_INSIDE,
     SPLIT_OUTSIDE,
+    BoundaryConfig,
+    LabelFieldConfig,
+    PlanConfig,
     SplitConfig,
     TrimConfig,
     paper_config,
@@ -52,12 +55,9 @@ WHOLE = SplitConfig("none")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    """Kernels on so few pixels spend most of their time waiting for each other's threads."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
+def few_pixels_need_one_thread():
+    with one_thread():
+        yield
 
 
 @cache
@@ -75,6 +75,16 @@ def test_rough_selections_of_the_ball_are_mended(kind):
     result = trimmed(kind)
     assert result.refused == ""
     assert jaccard(object_rows(result), TRUTH) > max(0.96, jaccard(SELECTIONS[kind], TRUTH) + 0.01)
+
+
+@pytest.mark.parametrize(("apart", "n_second"), [(2.5, 700), (2.5, 250), (5.0, 350), (8.0, 700)])
+def test_both_pieces_of_a_selection_are_kept(apart, n_second):
+    second = moved(SCENE.select(np.flatnonzero(TRUTH)[:n_second]), np.eye(3), 1.0, (apart, 0, 0))
+    truth = np.append(TRUTH, np.ones(n_second, np.bool_))
+    result = trim(concatenate([SCENE, second]), truth, small_config(split=WHOLE))
+    assert (result.refused, result.floaters) == ("", 0)
+    assert object_rows(result)[len(SCENE) :].mean() > 0.98
+    assert jaccard(object_rows(result), truth) > 0.97
 
 
 def test_floaters_are_counted_and_left_to_the_background():
@@ -99,12 +109,6 @@ def test_split_gaussians_have_their_parts_on_both_sides(rule):
     check_parts(result, SPECKLED)
 
 
-def test_the_background_is_made_when_it_is_asked_for():
-    result = trim(SCENE, TRUTH, small_config(split=WHOLE))
-    assert "background" not in vars(result)
-    assert result.background is result.background
-
-
 def test_the_report_of_a_run():
     stages = []
     result = trim(SCENE, TRUTH, small_config(split=WHOLE), progress=stages.append)
@@ -113,6 +117,8 @@ def test_the_report_of_a_run():
     assert len(result.views) == 5
     np.testing.assert_array_equal(result.up.direction, UP)
     assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
+    assert "background" not in vars(result)  # made when it is asked for
+    assert result.background is result.background
 
 
 def test_permuting_the_scene_permutes_the_answer():
@@ -190,21 +196,9 @@ def test_training_cameras_limit_where_the_trimmer_looks_from():
     assert all(view.view.camera.centre[1] < -1 for view in result.views)
 
 
-def test_evidence_that_only_prunes_adds_nothing():
-    rough = SELECTIONS["eroded"]
-    kept = trim(SCENE, rough, small_config(split=WHOLE, evidence=EvidenceConfig(recover=False)))
-    assert kept.count(RECOVERED) == 0
-    assert not (object_rows(kept) & ~rough).any()
-    assert trimmed("eroded").count(RECOVERED) > 0
-    without = trim(SCENE, rough, small_config(split=WHOLE, evidence=EvidenceConfig(second_evidence=False)))
-    assert not (object_rows(trimmed("eroded")) & ~object_rows(without)).any()
-
-
 def test_the_papers_choices_run():
     config = paper_config(small_config())
-    assert config.plan.framing == "paper"
-    assert config.split.rule == "principal_axis"
-    assert config.up == (0.0, 0.0, 1.0)
+    assert (config.plan.framing, config.split.rule, config.up) == ("paper", "principal_axis", (0.0, 0.0, 1.0))
     selection = dilated(SCENE, TRUTH, 0.3)
     result = trim(SCENE, selection, paper_config(TrimConfig(up=(0.0, 0.0, 1.0))))
     assert result.count(RECOVERED) == 0
@@ -217,24 +211,33 @@ def test_names_and_objects_of_renderers_and_segmenters_are_the_same():
     assert jaccard(object_rows(by_object), TRUTH) > 0.97
 
 
-@pytest.mark.parametrize(
-    ("selection", "words"),
-    [
-        (np.zeros(len(SCENE), np.bool_), "empty"),
-        (np.ones(3, np.bool_), "booleans"),
-        (np.ones((len(SCENE), 1), np.bool_), "booleans"),
-        (TRUTH.astype(np.uint8), "booleans"),
-    ],
-)
-def test_selections_that_do_not_fit_are_refused(selection, words):
-    with pytest.raises(InputError, match=words):
+@pytest.mark.parametrize("selection", [TRUTH[:3], TRUTH[:, None], TRUTH.astype(np.uint8)])
+def test_selections_that_do_not_fit_are_refused(selection):
+    with pytest.raises(InputError, match=f"{len(SCENE)} booleans are needed"):
         trim(SCENE, selection, small_config())
 
 
-@pytest.mark.parametrize("wrong", [{"renderer": "numbar"}, {"segmenter": "sam9"}, {"config": TrimConfig(up=(0, 0, 0))}])
-def test_wrong_names_and_up_vectors_are_refused(wrong):
-    with pytest.raises(InputError):
+def test_empty_selections_are_refused():
+    with pytest.raises(InputError, match="selection is empty"):
+        trim(SCENE, np.zeros_like(TRUTH), small_config())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"renderer": "numbar"}, "Unknown renderer 'numbar'; available: .*numba"),
+        ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*label-field"),
+        ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
+        ({"config": small_config(plan=PlanConfig(views=0))}, "number of views is 0; at least one is needed"),
+        ({"config": small_config(labels=LabelFieldConfig(passes=0))}, "at least one pass"),
+        ({"config": small_config(boundary=BoundaryConfig(band=0))}, "band is 0 pixels; at least one is needed"),
+        ({"config": small_config(split=SplitConfig("plain"))}, "rule of splitting 'plain'; available: .*sagd, none"),
+    ],
+)
+def test_wrong_names_and_settings_are_refused_in_one_sentence(wrong, sentence):
+    with pytest.raises(InputError, match=sentence) as refusal:
         trim(SCENE, TRUTH, **wrong)
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("count", [1, 4])

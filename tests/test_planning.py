@@ -7,15 +7,7 @@ from toy import CENTRE, RADIUS, UP, any_rotation, ball_on_floor, gaussians, move
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.planning import (
-    Bounds,
-    PlanConfig,
-    neighbours,
-    plain_bounds,
-    plan_cameras,
-    robust_bounds,
-    up_frame,
-)
+from gaussian_trimmer.planning import PlanConfig, dominant_cluster, plain_bounds, plan_cameras, robust_bounds, up_frame
 
 
 def box(half=(1.0, 0.5, 2.0), centre=(3.0, -1.0, 0.5), n=24):
@@ -180,17 +172,75 @@ def test_up_frame_is_right_handed_for_every_direction():
         np.testing.assert_allclose(np.cross(axes[0], axes[1]), up / np.linalg.norm(up), atol=1e-12)
 
 
-def test_neighbours_are_near_and_not_of_the_object():
-    scene = gaussians([[0, 0, 0], [1, 0, 0], [2.9, 0, 0], [3.1, 0, 0], [0, -2, 0]], (0.1,) * 3, (1, 1, 1))
-    bounds = Bounds(np.zeros(3), np.eye(3), np.array([2.0, 0, 0]))
-    selection = np.array([True, False, False, False, True])
-    assert neighbours(scene, selection, bounds, 1.5).tolist() == [1, 2]
+def blobs(*sizes, apart=10.0, opacity=0.95, seed=0):
+    """Balls of that many Gaussians in a row, and which ball each Gaussian is of, (N,)."""
+    which = np.repeat(np.arange(len(sizes)), sizes)
+    means = np.random.default_rng(seed).normal(0, 0.3, (len(which), 3)) + apart * which[:, None] * [1, 0, 0]
+    return gaussians(means, (0.05,) * 3, (0.5, 0.5, 0.5), opacity), which
 
 
-@pytest.mark.parametrize("views", [0, -1])
-def test_no_views_are_refused(views):
-    with pytest.raises(InputError, match="at least one"):
-        plan_cameras(box(), UP, PlanConfig(views=views))
+@pytest.mark.parametrize(("sizes", "kept"), [((1000, 400), (0, 1)), ((1000, 150), (0,)), ((1000, 400, 150), (0, 1))])
+def test_clusters_of_a_quarter_of_the_heaviest_are_kept(sizes, kept):
+    thing, which = blobs(*sizes)
+    share = [dominant_cluster(thing)[which == blob].mean() for blob in range(len(sizes))]
+    np.testing.assert_allclose(share, [blob in kept for blob in range(len(sizes))], atol=0.08)
+
+
+def test_clusters_weigh_as_much_as_they_are_opaque():
+    opaque, which = blobs(1000, 400)
+    faint, _ = blobs(1000, 400, opacity=np.where(which == 0, 0.95, 0.3))
+    assert dominant_cluster(opaque)[which == 1].mean() > 0.9
+    assert not dominant_cluster(faint)[which == 1].any()
+
+
+def test_voxels_grow_until_one_cluster_holds_half_of_the_weight():
+    thing, _ = blobs(300, 300, 300, 300)
+    assert dominant_cluster(thing).all()
+
+
+@pytest.mark.parametrize("n", [60, 100, 200, 300])
+@pytest.mark.parametrize("seed", range(3))
+def test_few_gaussians_on_a_sphere_have_the_spheres_bounds(n, seed):
+    outward = np.random.default_rng(seed).normal(size=(n, 3))
+    sphere = gaussians(outward / np.linalg.norm(outward, axis=1, keepdims=True), (0.05,) * 3, (0.5, 0.5, 0.5))
+    assert dominant_cluster(sphere).mean() >= 0.5
+    bounds = robust_bounds(sphere, up_frame(UP))
+    np.testing.assert_allclose(bounds.centre, 0, atol=0.1)
+    np.testing.assert_allclose(bounds.half_extents, 0.95, atol=0.07)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_single_gaussians_have_bounds(n):
+    thing = gaussians(np.arange(3.0 * n).reshape(n, 3), (0.05,) * 3, (0.5, 0.5, 0.5))
+    assert (robust_bounds(thing, up_frame(UP)).half_extents > 0).all()
+
+
+def test_clusters_follow_a_permutation_and_do_not_depend_on_units():
+    thing, _ = blobs(500, 300, 60)
+    order = np.random.default_rng(1).permutation(len(thing))
+    rows = dominant_cluster(thing)
+    assert 0.5 < rows.mean() < 1
+    np.testing.assert_array_equal(dominant_cluster(thing.select(order)), rows[order])
+    np.testing.assert_array_equal(dominant_cluster(moved(thing, np.eye(3), 2.0**10)), rows)
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ({"views": -1}, "number of views is -1; at least one"),
+        ({"framing": "tight"}, "Unknown framing 'tight'; available: fit, paper"),
+        ({"size": 8}, "8 pixels wide; 16 to 8192"),
+        ({"size": 9000}, "9000 pixels wide; 16 to 8192"),
+        ({"fov_degrees": np.nan}, "field of view is nan degrees"),
+        ({"fill": 0.0}, "fill 0.0 of the frame; 0.05 to 1"),
+        ({"fill": 1.5}, "fill 1.5 of the frame; 0.05 to 1"),
+        ({"pitch_degrees": 90.0}, "pitch is 90.0 degrees; -89 to 89"),
+        ({"pitch_degrees": -100.0}, "pitch is -100.0 degrees; -89 to 89"),
+    ],
+)
+def test_settings_out_of_range_are_refused_with_what_is_possible(setting, sentence):
+    with pytest.raises(InputError, match=sentence):
+        plan_cameras(box(n=4), UP, PlanConfig(**setting))
 
 
 @pytest.mark.parametrize("up", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 0)])

@@ -1,6 +1,9 @@
 """A red ball on a checkered floor, made of Gaussians whose true labels are known, rough selections of it, and trims."""
 
+from contextlib import contextmanager
+
 import cv2
+import numba
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, logit, quaternions_of, rotation_matrices
@@ -85,6 +88,17 @@ def jaccard(a, b):
 def small_config(**stages):
     """Views of 160 pixels and the true up vector."""
     return TrimConfig(**{"up": (0.0, 0.0, 1.0), "plan": PlanConfig(size=160), **stages})
+
+
+@contextmanager
+def one_thread():
+    """Kernels on so few pixels spend most of their time waiting for each other's threads."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 class EmptyMasks:
