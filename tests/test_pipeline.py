@@ -229,7 +229,7 @@ def test_empty_selections_are_refused():
         ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*label-field"),
         ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
         ({"config": small_config(plan=PlanConfig(views=0))}, "number of views is 0; at least one is needed"),
-        ({"config": small_config(labels=LabelFieldConfig(passes=0))}, "at least one pass"),
+        ({"config": small_config(labels=LabelFieldConfig(passes=0))}, "labels.passes is 0"),
         ({"config": small_config(boundary=BoundaryConfig(band=0))}, "band is 0 pixels; at least one is needed"),
         ({"config": small_config(split=SplitConfig("plain"))}, "rule of splitting 'plain'; available: .*sagd, none"),
     ],

@@ -182,3 +182,11 @@ def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_know
     assert corrected[thing.of(ARM)].all() == enabled
     assert corrected[thing.of(BLOCK)].mean() > 0.95
     assert not corrected[thing.of(TABLE, POST)].any()
+
+
+def test_corrected_labels_take_a_missed_arm_in_the_tables_colour():
+    thing = desk()
+    seen = weights(thing).astype(np.float32)
+    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelFieldConfig()) > 0.5
+    assert corrected[thing.of(ARM)].all()
+    assert not corrected[thing.of(TABLE, POST)].any()

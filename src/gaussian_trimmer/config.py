@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -36,6 +37,8 @@ class AcceptConfig:
     """Smallest expected silhouette in pixels; less of the object cannot be judged."""
     least_views: float = 0.4
     """Smallest share of views that must be accepted for the trim to stand."""
+    least_remaining: float = 0.4
+    """Smallest share of what the selection shows that must remain of it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         config,
         plan=replace(config.plan, framing="paper"),
         labels=replace(config.labels, enabled=False),
-        accept=AcceptConfig(least_overlap=0.0, least_silhouette=1, least_views=0.0),
+        accept=AcceptConfig(least_overlap=0.0, least_silhouette=1, least_views=0.0, least_remaining=0.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
         boundary=replace(config.boundary, least_share=0.05, least_area=0.25, least_spread=0.0, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
@@ -69,12 +72,34 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
 
 
 def check_config(config: TrimConfig) -> None:
-    """Refuse settings that no stage would notice.
+    """Refuse settings that have no meaning, before any work is done.
 
     Raises:
-        InputError: a setting has no meaning.
+        InputError: a setting is out of its range; the message names it as the command line does.
     """
     if config.split.rule not in (*SPLIT_RULES, "none"):
         raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
-    if config.labels.passes < 1:
-        raise InputError("Labels are corrected in at least one pass; use --labels.no-enabled to leave them.")
+    labels, support, accept = config.labels, config.labels.support, config.accept
+    _at_least(1, {
+        "labels.passes": labels.passes, "labels.iterations": labels.iterations, "labels.neighbours": labels.neighbours,
+        "labels.hidden-neighbours": labels.hidden_neighbours, "boundary.contributors": config.boundary.contributors,
+    })  # fmt: skip
+    _at_least(1e-6, {
+        "labels.place-sigma": labels.place_sigma, "labels.colour-sigma": labels.colour_sigma,
+        "labels.depth": labels.depth, "labels.support.gap": support.gap, "labels.support.thickness": support.thickness,
+        "plan.lambda-1": config.plan.lambda_1, "plan.lambda-2": config.plan.lambda_2,
+    })  # fmt: skip
+    _at_least(0, {
+        "neighbours": config.neighbours, "labels.smoothness": labels.smoothness,
+        "evidence.prior": config.evidence.prior, "accept.least-overlap": accept.least_overlap,
+        "accept.least-views": accept.least_views, "accept.least-remaining": accept.least_remaining,
+    })  # fmt: skip
+    for name, share in (("overlap", accept.least_overlap), ("views", accept.least_views)):
+        if share > 1:
+            raise InputError(f"accept.least-{name} is {share}; a share is at most 1.")
+
+
+def _at_least(least: float, settings: dict[str, float]) -> None:
+    for name, value in settings.items():
+        if not (math.isfinite(value) and value >= least):
+            raise InputError(f"{name} is {value}; it must be a number of at least {least}.")

@@ -128,7 +128,7 @@ class _Field:
         unary = self._trust(labels, signs)
         _, separation = self._colour_evidence(labels.astype(np.float64))
         colour_weight = config.colour * float(np.clip((separation - 0.5) / 0.45, 0, 1)) ** 2
-        mean = signs
+        mean = np.sign(unary)  # What stands in one piece with the object starts on its side.
         for _ in range(config.iterations):
             evidence, _ = self._colour_evidence(0.5 * (mean + 1.0))
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])

@@ -144,8 +144,7 @@ def trim(
     refused, verdict = _refusal(judged, config.accept), None
     if not refused:
         verdict = _judge(scope, probability, [view for view in judged if not view.rejected], renderer, config, clock)
-        if verdict is None:
-            refused = "no Gaussian was left in the object"
+        refused, verdict = _harm(scope, verdict, visible, config.accept)
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, verdict)
     floaters = int(selection.sum() - scope.coarse.sum())
@@ -270,6 +269,22 @@ def _judge(
     with clock("split"):
         cut, inner, outer = _split(alone, keep[rows], accepted, weights, renderer, config)
     return _Verdict(keep, rows[cut], inner, outer)
+
+
+def _harm(
+    scope: _Scope, verdict: _Verdict | None, visible: FloatArray, config: AcceptConfig
+) -> tuple[str, _Verdict | None]:
+    """Why a verdict that leaves too little of the selection must not stand, and the verdict if it may."""
+    if verdict is None:
+        return "no Gaussian was left in the object", None
+    shown = visible[scope.coarse].sum()
+    remaining = float(visible[scope.coarse & verdict.keep].sum() / shown) if shown > 0 else 1.0
+    if remaining < config.least_remaining:
+        return (
+            f"only {remaining:.2f} of what the selection shows would remain; {config.least_remaining} is needed",
+            None,
+        )
+    return "", verdict
 
 
 def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:
