@@ -302,7 +302,7 @@ def _above_support(scope: _Scope, keep: BoolArray, seen: FloatArray, config: Tri
 def _weigh_alone(
     alone: Gaussians, accepted: Sequence[TrimmedView], radius: float, renderer: Renderer
 ) -> list[FloatArray]:
-    """Blend weights of the object alone: outside the mask, inside, and outside but hidden in the scene, (N, 3) a view."""
+    """Blend weights of the object alone: outside the mask, inside, outside but hidden in the scene, (N, 3) a view."""
     weights = []
     for shown in accepted:
         camera, nearest_depth = shown.view.camera, shown.view.depth
