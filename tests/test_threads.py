@@ -22,7 +22,6 @@ from gaussian_trimmer.planning import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
 N_CALLS = 12
-ABORTS = pytest.mark.xfail(reason="The search for nearest neighbours does not take the renderer's lock.", strict=False)
 
 
 def digest(arrays):
@@ -123,9 +122,7 @@ def test_simultaneous_calls_agree(work):
     assert at_the_same_time(work) == {work()}
 
 
-@pytest.mark.parametrize(
-    "work", ["rendered", pytest.param("neighbours", marks=ABORTS), pytest.param("trimmed", marks=ABORTS)]
-)
+@pytest.mark.parametrize("work", ["rendered", "neighbours", "trimmed"])
 def test_simultaneous_calls_do_not_abort_the_fallback_threading_layer(work):
     expression = f"at_the_same_time({work}) == {{{work}()}}"
     assert in_a_process(expression, NUMBA_NUM_THREADS="2", NUMBA_THREADING_LAYER="workqueue") == ["True"]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import FloatArray
+from gaussian_trimmer.parallel import KERNELS
 
 _LEAF = 16
 _jit = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
@@ -23,7 +24,8 @@ def nearest(points: FloatArray, queries: FloatArray, k: int) -> tuple[FloatArray
     """
     points = np.ascontiguousarray(points, np.float32)
     order, axes, splits = _build(points)
-    squared, found = _search(points[order], order, axes, splits, np.ascontiguousarray(queries, np.float32), k)
+    with KERNELS:
+        squared, found = _search(points[order], order, axes, splits, np.ascontiguousarray(queries, np.float32), k)
     return squared, found
 
 

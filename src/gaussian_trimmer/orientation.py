@@ -10,7 +10,7 @@ import numpy as np
 from gaussian_trimmer.camera_files import CameraSet
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, sigmoid
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
 """Up where nothing tells: the first OpenCV camera of a reconstruction mostly stands upright."""
@@ -156,7 +156,7 @@ def _unit(vector: Sequence[float] | Float64Array) -> Float64Array:
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
     """Centres of at most `size` of the Gaussians in `rows`, the opaque ones rather, in random order, (M, 3)."""
     candidates = np.flatnonzero(rows)
-    weights = gaussians.opacities[candidates].astype(np.float64) + 1e-6
+    weights = sigmoid(gaussians.opacity_logits[candidates]).astype(np.float64) + 1e-6
     size = min(size, len(candidates))
     chosen = rng.choice(candidates, size, replace=False, p=weights / weights.sum()) if size else candidates
     return np.asarray(gaussians.means[chosen], np.float64)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.pipeline import TrimmedView, TrimResult
 from gaussian_trimmer.planning import Bounds
 from gaussian_trimmer.rendering import Renderer
@@ -62,7 +62,7 @@ def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Render
     chosen = [view for view in result.views if not view.rejected] or list(result.views)
     chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, min(_COLUMNS, len(chosen))).astype(int))]
     cameras = [close_up(view, result.bounds, _CELL) for view in chosen]
-    coarse, around = result.scene.select(selection), _context(result.background, result.bounds)
+    coarse, around = result.scene.select(selection), _context(result)
     after = "the object, left as it was: " if result.refused else "trimmed object: "
     rows = [
         (f"coarse selection: {len(coarse):,} Gaussians", coarse),
@@ -120,10 +120,12 @@ def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], renderer
     return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
 
 
-def _context(background: Gaussians, bounds: Bounds) -> Gaussians:
+def _context(result: TrimResult) -> Gaussians:
     """What of the background lies around the object."""
-    offset = background.means - bounds.centre.astype(np.float32)
-    return background.select(np.linalg.norm(offset, axis=1) < _CONTEXT_RADII * bounds.radius)
+    rows = result.background_rows
+    offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
+    near = rows[np.linalg.norm(offset, axis=1) < _CONTEXT_RADII * result.bounds.radius]
+    return concatenate([result.scene.select(near), result.outside_parts])
 
 
 def _as_picture(rgb: FloatArray) -> Picture:

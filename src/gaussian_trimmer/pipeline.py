@@ -91,8 +91,12 @@ class TrimResult:
     @cached_property
     def background(self) -> Gaussians:
         """The scene without the object: every other Gaussian, then the outer parts of split ones."""
-        whole = self.source_index[len(self.object) : len(self.source_index) - len(self.outside_parts)]
-        return concatenate([self.scene.select(whole), self.outside_parts])
+        return concatenate([self.scene.select(self.background_rows), self.outside_parts])
+
+    @property
+    def background_rows(self) -> IntArray:
+        """Scene rows of the Gaussians that are whole in the background."""
+        return self.source_index[len(self.object) : len(self.source_index) - len(self.outside_parts)]
 
     def count(self, label: int) -> int:
         """Number of output rows with a label."""

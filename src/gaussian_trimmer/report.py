@@ -13,6 +13,7 @@ import numpy as np
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.formats.ply import write_selected
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
@@ -44,11 +45,11 @@ def write_results(
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
     formats.write(result.object, folder / f"object{suffix}")
-    if len(result.background):
-        formats.write(result.background, folder / f"background{suffix}")
-    np.savez_compressed(
+    if len(result.source_index) > len(result.object):
+        _write_background(result, folder / f"background{suffix}")
+    np.savez(
         folder / "labels.npz",
-        source_index=result.source_index,
+        source_index=result.source_index.astype(np.int32),
         label=result.label,
         n_object=np.int64(len(result.object)),
         label_names=np.array(LABEL_NAMES),
@@ -58,6 +59,14 @@ def write_results(
         write_picture(draw_view(view, i), folder / "views" / f"{i:02d}.png")
     write_picture(draw_before_after(result, selection, renderer), folder / "before_after.png")
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _write_background(result: TrimResult, path: Path) -> None:
+    """A PLY is written piece by piece; other formats need all Gaussians at once."""
+    if formats.format_suffix(path) == ".ply":
+        write_selected(result.scene, result.background_rows, result.outside_parts, path)
+    else:
+        formats.write(result.background, path)
 
 
 def describe(

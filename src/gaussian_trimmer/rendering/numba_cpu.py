@@ -10,7 +10,6 @@ in a fixed order.
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.parallel import KERNELS
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, NEAR_DEPTH, Rendering
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
@@ -31,8 +31,6 @@ from gaussian_trimmer.rendering.numba_kernels import (
 )
 
 _KEPT_PROJECTIONS = 24
-# Kernels run one at a time: numba's fallback threading layer aborts the process on concurrent entry.
-_LOCK = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ class NumbaRenderer:
         indicators = (labels[None] == np.arange(n_labels, dtype=np.uint8)[:, None, None]).astype(np.float32)
         none = np.zeros((len(projection.rows), 0), np.float32)
         weights = np.zeros((len(gaussians), n_labels), np.float32)
-        with _LOCK:
+        with KERNELS:
             _, pairs = blend_tiles(
                 projection.splats, none, projection.tile_starts, projection.tile_lists, camera.width, camera.height,
                 _padded(indicators),
@@ -100,7 +98,7 @@ class NumbaRenderer:
         if len(pixels) and not ((pixels >= 0).all() and (pixels < [camera.width, camera.height]).all()):
             raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
         projection = self._projection(gaussians, camera)
-        with _LOCK:
+        with KERNELS:
             ids, weights = top_of_pixels(
                 projection.splats, projection.tile_starts, projection.tile_lists, camera.width, pixels, k
             )
@@ -125,7 +123,7 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
         (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
     ])  # fmt: skip
     lens = np.array([fx, fy, cx, cy, camera.width, camera.height, NEAR_DEPTH])
-    with _LOCK:
+    with KERNELS:
         splats, colours, drawn = project(
             gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,
             gaussians.sh_dc, gaussians.sh_rest, np.ascontiguousarray(camera.world_to_camera), camera.centre, lens,
@@ -148,7 +146,7 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
 def _blend(projection: Projection, values: FloatArray, camera: Camera) -> FloatArray:
     """Blended values followed by alpha, (H, W, C + 1)."""
     no_labels = np.zeros((0, 1, 1), np.float32)
-    with _LOCK:
+    with KERNELS:
         image, _ = blend_tiles(
             projection.splats,
             values,
