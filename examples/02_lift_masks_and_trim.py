@@ -1,7 +1,7 @@
 """From masks of photographs to a trimmed object: lift the masks to a rough selection, then trim that.
 
 The ten masks are those of the lighthouse in some of the pictures that the sample scene was trained with; on the command
-line the first half is `gaussian-trimmer lift`.
+line the first half is `gaussian-trimmer select --masks`.
 """
 
 from gaussian_trimmer import formats, sample

@@ -129,7 +129,7 @@ def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
     folder, scene, truth = ball
     for method in ("assignment", "vote"):
         selection = tmp_path / f"{method}.npy"
-        command = ["lift", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
+        command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
         assert run(*command, "--output", selection, "--method", method) == 0
         assert toy.jaccard(np.load(selection), truth) > 0.5
         assert "4 masks" in capsys.readouterr().out

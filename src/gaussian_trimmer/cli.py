@@ -20,7 +20,7 @@ COMMANDS = {
     "demo": ("gaussian_trimmer.commands.demo", "Demo", "trim an object of the sample scene"),
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
-    "lift": ("gaussian_trimmer.commands.lift", "Lift", "make a rough selection from masks of pictures"),
+    "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
 }
 
 USER_ERROR, INTERRUPTED = 2, 130

@@ -42,7 +42,7 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
         shape = file.checkpoint.extra.shape
         raise InputError(
             f"'{name}' holds language features {shape}, which select no Gaussians (LangSplat answers a query with "
-            "masks of images); lift such masks to the scene with 'gaussian-trimmer lift'."
+            "masks of images); lift such masks to the scene with 'gaussian-trimmer select'."
         )
     probabilities = sigmoid(np.asarray(file.checkpoint.logits, np.float32))
     chosen = probabilities > (PROBABILITY if options.threshold is None else options.threshold)

@@ -101,7 +101,7 @@ def open_selection(path: Path) -> SelectionFile:
         return SelectionFile(path, rows=read_splat_rows(path))
     raise InputError(
         f"'{path.name}' is no known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks of "
-        "images are no selection: lift them to the scene with 'gaussian-trimmer lift'.)"
+        "images are no selection: lift them to the scene with 'gaussian-trimmer select'.)"
     )
 
 

@@ -1,0 +1,194 @@
+"""`gaussian-trimmer select`: a rough selection from a click, a box, or masks of posed pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from tyro.conf import Positional, UseAppendAction, arg
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import CameraSet, read_camera_set
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.clicking import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.commands.console import open_console, refuse_existing
+from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.whole import whole_file
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
+from gaussian_trimmer.orientation import UpVector, find_up
+from gaussian_trimmer.output_folder import whole_folder
+from gaussian_trimmer.overview import plan_overview
+from gaussian_trimmer.pictures import write_picture
+from gaussian_trimmer.pipeline import TrimConfig
+from gaussian_trimmer.rendering import Renderer, get_renderer
+from gaussian_trimmer.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
+
+_WAYS = {"piece": "a thing that stands on a surface", "colour": "what has its colour in that view"}
+
+
+@dataclass(frozen=True)
+class Select:
+    """Make a rough selection of an object: by clicks or a box in one view, or by masks of the training pictures.
+
+    Views are the pictures of --cameras, or without these numbered ones from all around; --list-views writes them as
+    pictures to find pixels in. A mask belongs to the picture of its name: IMG_7.png or IMG_7.JPG.png to IMG_7.JPG;
+    pictures without a mask are passed over.
+    """
+
+    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
+    """Splat file of the scene."""
+    click: Annotated[UseAppendAction[tuple[tuple[int, int], ...]], arg(metavar="X Y")] = ()
+    """A pixel on the object, from the left and the top; may be repeated, also for several things at once."""
+    box: Annotated[tuple[int, int, int, int] | None, arg(metavar="X0 Y0 X1 Y1")] = None
+    """Left, top, right and bottom of a box around the object."""
+    view: Annotated[str | None, arg(metavar="NAME")] = None
+    """The view of clicks and box: the name of a picture of --cameras, with or without its ending."""
+    view_index: Annotated[int | None, arg(metavar="INT")] = None
+    """The view of clicks and box by its number, from 0."""
+    list_views: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Write pictures of all views to this folder and stop."""
+    masks: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of masks; bright is the object."""
+    cameras: Annotated[Path | None, arg(metavar="PATH")] = None
+    """Training cameras: a COLMAP folder, transforms.json or cameras.json. Masks need them."""
+    up: Annotated[tuple[float, float, float] | None, arg(metavar="X Y Z")] = None
+    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
+    output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
+    """The selection, an .npy file of booleans, or of object numbers with --object-ids."""
+    trim: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Trim the selection too, and write the results to this folder."""
+    method: Literal["assignment", "vote"] = "assignment"
+    """By what masks judge a Gaussian: the pixels that it paints, or where its centre is."""
+    gamma: float = 0.0
+    """For `assignment`: bias towards the background, -1 to 1."""
+    threshold: float = 0.7
+    """For `vote`: share of the masks that a centre must exceed."""
+    object_ids: bool = False
+    """The masks are images of object numbers, 0 for the background; all objects are lifted at once."""
+    renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
+    """What renders the views."""
+    overwrite: bool = False
+    """Replace the output if it exists."""
+    quiet: bool = False
+    """Print nothing but errors."""
+
+    def run(self) -> None:
+        """Select and save the selection, then trim it if asked to.
+
+        Raises:
+            InputError: something that the user gave cannot be used, or the selection is empty.
+        """
+        console = open_console(quiet=self.quiet)
+        self._check()
+        scene = formats.read(self.scene)
+        cameras = read_camera_set(self.cameras) if self.cameras else None
+        if self.list_views is not None:
+            self._write_views(self.list_views, scene, cameras, console)
+            return
+        selection, how = self._lift(scene, cameras) if self.masks else self._pick(scene, cameras)
+        if not selection.any():
+            raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
+        with whole_file(self.output) as part, part.open("wb") as file:
+            np.save(file, selection, allow_pickle=False)
+        console.print(f"{self.output}: {np.count_nonzero(selection):,} of {len(scene):,} Gaussians, {how}")
+        if self.trim is None:
+            console.print(f"Now: {self._next_command()}")
+            return
+        Trim(
+            self.scene, self.output, cameras=self.cameras, output=self.trim, overwrite=self.overwrite,
+            renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
+        ).run()  # fmt: skip
+
+    def _check(self) -> None:
+        """Refuse what cannot go together before anything is read."""
+        ways = [bool(self.click), self.box is not None, self.masks is not None, self.list_views is not None]
+        if sum(ways) != 1:
+            raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")
+        if self.masks is not None and self.cameras is None:
+            raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
+        if self.object_ids and (self.masks is None or self.method == "vote"):
+            raise InputError("Object numbers are lifted from --masks by 'assignment' alone; leave --method out.")
+        if self.object_ids and self.trim is not None:
+            raise InputError("Only one object can be trimmed at a time; leave --trim out and choose an object id then.")
+        if self.output.suffix != ".npy":
+            raise InputError(f"The selection '{self.output}' is saved as .npy; give a name with that ending.")
+        if self.list_views is None:
+            refuse_existing(self.output, overwrite=self.overwrite)
+        if self.trim is not None and self.trim.is_dir() and any(self.trim.iterdir()) and not self.overwrite:
+            raise InputError(f"The folder '{self.trim}' is not empty; choose another one, or allow --overwrite.")
+
+    def _lift(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
+        """Selection or object numbers (N,) by the masks, and how they came about."""
+        assert self.masks is not None and cameras is not None
+        posed = cameras_with_masks(cameras.pinhole_cameras(), self.masks)
+        how = f"{len(posed)} masks"
+        if self.object_ids:
+            labels = [ids_of(camera, self.masks) for camera in posed]
+            return lift_objects_by_assignment(scene, posed, labels, get_renderer(self.renderer), self.gamma), how
+        masks = [mask_of(camera, self.masks) for camera in posed]
+        if self.method == "vote":
+            return lift_by_vote(scene, posed, masks, self.threshold), how
+        return lift_by_assignment(scene, posed, masks, get_renderer(self.renderer), self.gamma), how
+
+    def _pick(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[BoolArray, str]:
+        """Selection (N,) by clicks or box, and how they were understood."""
+        renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
+        views, rows = _views(scene, cameras, up)
+        camera, drawn = self._view(views), scene.select(rows)
+        pick = self._understand(drawn, camera, up, renderer)
+        selection = np.zeros(len(scene), np.bool_)
+        selection[rows[pick.selection]] = True
+        return selection, ", ".join(_WAYS[way] for way in pick.ways)
+
+    def _understand(self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer) -> Pick:
+        if self.box is not None:
+            return select_by_box(drawn, camera, self.box, up.direction, renderer)
+        return select_by_clicks(drawn, camera, self.click, up.direction, renderer)
+
+    def _view(self, views: list[Camera]) -> Camera:
+        """The view that clicks and box refer to."""
+        if self.view is not None:
+            named = [camera for camera in views if self.view in (camera.name, Path(camera.name).stem)]
+            if len(named) != 1:
+                known = f"{views[0].name} ... {views[-1].name}"
+                raise InputError(f"{len(named)} views are named '{self.view}'; the views are {known}.")
+            return named[0]
+        if self.view_index is None:
+            raise InputError("Name the view of the pixels: --view NAME or --view-index INT (see --list-views DIR).")
+        if not 0 <= self.view_index < len(views):
+            raise InputError(f"There is no view {self.view_index}; the {len(views)} views are numbered from 0.")
+        return views[self.view_index]
+
+    def _write_views(self, folder: Path, scene: Gaussians, cameras: CameraSet | None, console: Console) -> None:
+        renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
+        views, rows = _views(scene, cameras, up)
+        drawn = scene.select(rows)
+        with whole_folder(folder, overwrite=self.overwrite) as part:
+            for number, camera in enumerate(views):
+                bgr = np.clip(renderer.render(drawn, camera).rgb[..., ::-1], 0, 1)
+                write_picture((255 * bgr).astype(np.uint8), part / f"{number:03d}.png")
+        console.print(f"{folder}: {len(views)} views, each named by its number for --view-index")
+
+    def _next_command(self) -> str:
+        parts = [f"gaussian-trimmer trim {self.scene} {self.output}"]
+        if self.cameras:
+            parts.append(f"--cameras {self.cameras}")
+        if self.up:
+            parts.append(f"--up {' '.join(f'{value:g}' for value in self.up)}")
+        if self.object_ids:
+            parts.append("--selection.object-id ID")
+        return " ".join(parts)
+
+
+def _views(scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> tuple[list[Camera], IntArray]:
+    """Views to click in, and the rows of the Gaussians that are drawn in them."""
+    if cameras is not None:
+        return list(cameras.pinhole_cameras()), np.arange(len(scene))
+    overview = plan_overview(scene, up.direction)
+    return overview.cameras, overview.rows

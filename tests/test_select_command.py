@@ -1,0 +1,114 @@
+"""Tests of `gaussian-trimmer select` on the command line."""
+
+import cv2
+import numpy as np
+import pytest
+import toy
+from command_line import run, save_ball
+
+from gaussian_trimmer.camera_files import read_cameras
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    return folder, *save_ball(folder)
+
+
+def middle_of(folder, name="0.png"):
+    camera = next(camera for camera in read_cameras(folder / "cameras.json") if camera.name == name)
+    return [int(value) for value in camera.project(toy.CENTRE[None])[0][0]]
+
+
+def test_click_in_a_given_view(ball, tmp_path, capsys):
+    folder, _, truth = ball
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--click", *middle_of(folder)]
+    for number, view in enumerate((["--view", "0.png"], ["--view", "0"], ["--view-index", 0])):
+        output = tmp_path / f"{number}.npy"
+        assert run(*command, *view, "--output", output) == 0
+        assert toy.jaccard(np.load(output), truth) > 0.9
+        printed = capsys.readouterr().out
+        assert "stands on a surface" in printed
+        assert f"gaussian-trimmer trim {folder / 'scene.ply'} {output} --cameras" in printed
+
+
+def test_box_then_trim(ball, tmp_path):
+    folder, _, truth = ball
+    mask = cv2.imread(str(folder / "masks" / "1.png"), cv2.IMREAD_GRAYSCALE) > 127
+    x0, y0, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--view", "1", "--quiet"]
+    command += ["--box", x0, y0, x0 + width, y0 + height, "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
+    assert run(*command) == 0
+    assert toy.jaccard(np.load(tmp_path / "a.npy"), truth) > 0.9
+    assert (tmp_path / "out" / "object.ply").is_file()
+    assert run(*command, "--output", tmp_path / "b.npy") == 2
+    assert not (tmp_path / "b.npy").exists()
+
+
+def test_click_in_a_planned_view(ball, tmp_path, capsys):
+    """Without cameras: the views are listed as pictures, the ball is found in one by its colour, and clicked."""
+    folder, _, truth = ball
+    command = ["select", folder / "scene.ply", "--up", 0, 0, 1]
+    assert run(*command, "--list-views", tmp_path / "views") == 0
+    pictures = sorted((tmp_path / "views").iterdir())
+    assert [path.name for path in pictures] == [f"{i:03d}.png" for i in range(8)]
+    red = cv2.imread(str(pictures[2]))[..., 2] > 2.0 * cv2.imread(str(pictures[2]))[..., 1] + 40
+    y, x = (int(np.median(axis)) for axis in np.nonzero(red))
+    assert run(*command, "--view-index", 2, "--click", x, y, "--output", tmp_path / "a.npy") == 0
+    assert toy.jaccard(np.load(tmp_path / "a.npy"), truth) > 0.9
+    assert "--up 0 0 1" in capsys.readouterr().out
+
+
+def test_masks_with_slackness(ball, tmp_path):
+    folder, _, truth = ball
+    command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
+    found = []
+    for gamma in (-0.5, 0.0, 0.5):
+        output = tmp_path / f"{gamma}.npy"
+        assert run(*command, "--gamma", gamma, "--output", output, "--quiet") == 0
+        found.append(np.load(output))
+    assert toy.jaccard(found[1], truth) > 0.5
+    assert not (found[2] & ~found[1]).any()
+    assert not (found[1] & ~found[0]).any()
+    assert found[0].sum() > found[2].sum()
+
+
+def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
+    folder, _, truth = ball
+    (tmp_path / "ids").mkdir()
+    for path in (folder / "masks").iterdir():
+        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
+        assert cv2.imwrite(str(tmp_path / "ids" / path.name), np.where(mask, 3, 7).astype(np.uint8))
+    command = ["select", folder / "scene.ply", "--masks", tmp_path / "ids", "--cameras", folder / "cameras.json"]
+    output = tmp_path / "labels.npy"
+    assert run(*command, "--object-ids", "--output", output) == 0
+    labels = np.load(output)
+    assert set(np.unique(labels)) == {0, 3, 7}
+    assert np.mean(truth[labels == 3]) > 0.9
+    assert not truth[labels == 7].any() or np.mean(truth[labels == 7]) < 0.1
+    assert "--selection.object-id ID" in capsys.readouterr().out
+    assert run(*command, "--object-ids", "--output", tmp_path / "b.npy", "--trim", tmp_path / "out") == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "one way"),
+        (["--click", 1, 2, "--box", 0, 0, 5, 5], "one way"),
+        (["--masks", "masks"], "--cameras PATH"),
+        (["--click", 5, 5], "--view-index INT"),
+        (["--click", 5, 5, "--view-index", 99], "no view 99"),
+        (["--click", 5, 5, "--view", "nowhere"], "0 views are named 'nowhere'"),
+        (["--click", 5, 5, "--view-index", 0, "--object-ids"], "--masks"),
+        (["--click", 9999, 5, "--view-index", 0], "outside the view"),
+        (["--click", 5, 5, "--view-index", 0, "--output", "a.txt"], "ending"),
+    ],
+)
+def test_what_cannot_be_meant(ball, tmp_path, capsys, options, message):
+    folder, _, _ = ball
+    output = [] if "--output" in options else ["--output", tmp_path / "a.npy"]
+    assert run("select", folder / "scene.ply", *options, *output) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
