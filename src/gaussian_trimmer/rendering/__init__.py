@@ -71,6 +71,18 @@ class Renderer(Protocol):
         ...
 
 
+def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:
+    """Pixels (x, y) as integers (P, 2).
+
+    Raises:
+        ValueError: a pixel lies outside the camera's image.
+    """
+    pixels = np.asarray(pixels, np.int64).reshape(-1, 2)
+    if len(pixels) and not ((pixels >= 0).all() and (pixels < [camera.width, camera.height]).all()):
+        raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
+    return pixels
+
+
 _RENDERERS = {
     "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
     "numba": ("gaussian_trimmer.rendering.numba_cpu", "NumbaRenderer"),

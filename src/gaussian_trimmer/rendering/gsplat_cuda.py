@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, NEAR_DEPTH, Rendering
+from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, NEAR_DEPTH, Rendering, pixels_inside
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 
@@ -95,9 +95,7 @@ class GsplatRenderer:
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
         """The k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
-        pixels = np.asarray(pixels, np.int64).reshape(-1, 2)
-        if len(pixels) and not ((pixels >= 0).all() and (pixels < [camera.width, camera.height]).all()):
-            raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
+        pixels = pixels_inside(pixels, camera)
         asked = self._torch.from_numpy(pixels[:, 1] * camera.width + pixels[:, 0]).to(self._device)
         if hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids"):
             ids, weights = self._top_by_kernel(gaussians, camera, asked, k)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.parallel import KERNELS
-from gaussian_trimmer.rendering import FRUSTUM_MARGIN, NEAR_DEPTH, Rendering
+from gaussian_trimmer.rendering import FRUSTUM_MARGIN, NEAR_DEPTH, Rendering, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
     bin_gaussians,
@@ -94,9 +94,7 @@ class NumbaRenderer:
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
         """The k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
-        pixels = np.asarray(pixels, np.int64).reshape(-1, 2)
-        if len(pixels) and not ((pixels >= 0).all() and (pixels < [camera.width, camera.height]).all()):
-            raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
+        pixels = pixels_inside(pixels, camera)
         projection = self._projection(gaussians, camera)
         with KERNELS:
             ids, weights = top_of_pixels(
