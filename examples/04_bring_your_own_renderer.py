@@ -16,15 +16,17 @@ from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 class SupersamplingRenderer(NumbaRenderer):
     name = "supersampling"
 
-    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
-        fine = super().render(gaussians, camera.resized(2), background)
+    def render(
+        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+    ) -> Rendering:
+        fine = super().render(gaussians, camera.resized(2), background, weights)
         rgb = fine.rgb.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3))
         alpha, depth_times_alpha = (
             image.reshape(camera.height, 2, camera.width, 2).mean(axis=(1, 3))
             for image in (fine.alpha, fine.depth * fine.alpha)
         )
         depth = np.divide(depth_times_alpha, alpha, out=np.zeros_like(alpha), where=alpha > 0)
-        return Rendering(rgb, alpha, depth)
+        return Rendering(rgb, alpha, depth, fine.weights / np.float32(4))
 
 
 rng = np.random.default_rng(0)

@@ -80,6 +80,18 @@ def test_render(fast, args):
     # Depths are quotients by alpha, so their error is too; they are of the order of 3.
     assert_close(actual.depth * expected.alpha, expected.depth * expected.alpha, scale=3.0)
     assert np.all((actual.depth == 0) == (actual.alpha == 0))
+    assert actual.weights.size == 0
+
+
+@pytest.mark.parametrize("args", [("random 2", 83, 61), ("exhausted", 130, 17), ("empty", 7, 5)], ids=str)
+def test_render_with_weights(fast, args):
+    gaussians, camera = view(*args)
+    expected = get_renderer("reference").render(gaussians, camera, BACKGROUND, weights=True)
+    actual = fast.render(gaussians, camera, BACKGROUND, weights=True)
+    assert_close(actual.rgb, expected.rgb)
+    assert expected.weights.shape == (len(gaussians),)
+    assert expected.weights.sum() == pytest.approx(expected.alpha.sum(), rel=1e-5)
+    assert_close(actual.weights, expected.weights, scale=np.maximum(expected.weights, 1.0))
 
 
 def test_scenes_are_worth_rendering():

@@ -20,12 +20,13 @@ from gaussian_trimmer.planning import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmenters import Box
 from gaussian_trimmer.standing import standing_pieces
-from gaussian_trimmer.views import bounding_box, visible_weight
+from gaussian_trimmer.views import bounding_box, look
 
 Way = Literal["piece", "colour"]
 
 _LONGEST_SIDE = 640
 _CONTRIBUTORS = 10
+_VISIBILITY_SCALE = 0.5
 _LEAST_ALPHA = 0.3
 _AROUND = 8
 _PITCH_DEGREES = (10.0, 60.0)
@@ -118,7 +119,7 @@ def _click(
     gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer
 ) -> tuple[BoolArray, Way]:
     target = _look_at_pixel(gaussians, camera, x, y, renderer)
-    visible = visible_weight(gaussians, _views_around(camera, target, up), renderer)
+    _, visible = look(gaussians, _views_around(camera, target, up), renderer)
     pieces = _pieces_at(gaussians, camera, target, visible, up)
     if pieces:
         return pieces[0], "piece"
@@ -142,7 +143,7 @@ def _pieces_in_box(
     if not targets:
         raise InputError(f"Nothing is seen in the middle of the box {box}; choose another one or another view.")
     middle = sorted(targets, key=lambda target: target.depth)[len(targets) // 2]
-    visible = visible_weight(gaussians, _views_around(camera, middle, up), renderer)
+    _, visible = look(gaussians, _views_around(camera, middle, up), renderer)
     for target in targets:
         yield from _pieces_at(gaussians, camera, target, visible, up)
 
@@ -174,7 +175,7 @@ def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, rendere
 
 
 def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Camera]:
-    """The view itself, and others on a circle around the point, as far from it and about as high."""
+    """The view itself, and others on a circle around the point, as far from it and about as high; small."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - target.point)
     distance = float(np.linalg.norm(offset))
@@ -184,7 +185,7 @@ def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Cam
         outward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes
         pose = look_at(target.point + distance * outward, target.point, axes[2])
         views.append(Camera(pose, camera.K, camera.width, camera.height))
-    return views
+    return [view.resized(_VISIBILITY_SCALE) for view in views]
 
 
 def _visible_box(gaussians: Gaussians, camera: Camera, selection: BoolArray, renderer: Renderer) -> Box:

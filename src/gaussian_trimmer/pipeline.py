@@ -35,7 +35,7 @@ from gaussian_trimmer.planning import Bounds, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmenters import Segmenter, View, get_segmenter
 from gaussian_trimmer.support import find_support
-from gaussian_trimmer.views import render_views, visible_weight
+from gaussian_trimmer.views import complete_views, look
 from gaussian_trimmer.visibility import restrict_to_seen
 
 __all__ = [
@@ -138,13 +138,13 @@ def trim(
     with clock("plan"):
         scope = _plan(scene, selection, config, renderer, cameras, views)
     with clock("render"):
-        visible = visible_weight(scope.local, scope.cameras, renderer)
+        pictures, visible = look(scope.local, scope.cameras, renderer)
     with clock("correct"):
         probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.labels)
     with clock("render"):
-        pictures = render_views(scope.local, scope.coarse, probability, scope.cameras, renderer)
+        looks = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
     with clock("segment"):
-        judged = _accept(pictures, segmenter.segment(pictures), config.accept)
+        judged = _accept(looks, segmenter.segment(looks), config.accept)
     refused, verdict = _refusal(judged, config.accept), None
     if not refused:
         verdict = _judge(scope, probability, [view for view in judged if not view.rejected], renderer, config, clock)

@@ -8,31 +8,30 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmenters import Box, View
 
 _REFERENCE_PIXELS = 5 * 512 * 512
-_VISIBILITY_SCALE = 0.5
 
 
-def visible_weight(local: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> FloatArray:
-    """Blend weight of each Gaussian over all views, in pixels of five views of 512 x 512, (N,).
-
-    Measured at half the resolution: it only tells what is seen, and about how much of it.
-    """
-    total, pixels = np.zeros(len(local), np.float32), 0
-    for camera in (camera.resized(_VISIBILITY_SCALE) for camera in cameras):
-        total += renderer.blend_weights(local, camera, np.zeros((camera.height, camera.width), np.uint8), 1)[:, 0]
-        pixels += camera.height * camera.width
-    return total * np.float32(_REFERENCE_PIXELS / pixels)
+def look(local: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> tuple[list[Rendering], FloatArray]:
+    """What the cameras see, and each Gaussian's blend weight in it, in pixels of five views of 512 x 512, (N,)."""
+    pictures = [renderer.render(local, camera, weights=True) for camera in cameras]
+    total = np.zeros(len(local), np.float32)
+    for picture in pictures:
+        total += picture.weights
+    pixels = sum(camera.height * camera.width for camera in cameras)
+    return pictures, total * np.float32(_REFERENCE_PIXELS / pixels)
 
 
-def render_views(
-    local: Gaussians, coarse: BoolArray, probability: FloatArray, cameras: Sequence[Camera], renderer: Renderer
-) -> list[View]:
+def complete_views(
+    pictures: Sequence[Rendering], local: Gaussians, coarse: BoolArray, probability: FloatArray,
+    cameras: Sequence[Camera], renderer: Renderer,
+) -> list[View]:  # fmt: skip
     """What the segmenter gets to see from each camera.
 
     Args:
+        pictures: what the cameras see.
         local: the coarse object and its neighbours, (N,).
         coarse: which of them are the coarse object, (N,).
         probability: their corrected labels, (N,).
@@ -42,8 +41,7 @@ def render_views(
     alone = local.select(coarse)
     shares = np.stack([coarse.astype(np.float32), probability], axis=1)
     views = []
-    for camera in cameras:
-        picture = renderer.render(local, camera)
+    for camera, picture in zip(cameras, pictures, strict=True):
         shown = renderer.blend_values(local, camera, shares)
         object_alpha = renderer.blend_values(alone, camera, np.ones((len(alone), 1), np.float32))[..., 0]
         views.append(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Protocol, cast
 
@@ -37,6 +37,8 @@ class Rendering:
     """Accumulated opacity in [0, 1], (H, W)."""
     depth: FloatArray
     """Blend-weighted mean depth of what is seen, sum(w z) / alpha; zero where alpha is zero, (H, W)."""
+    weights: FloatArray = field(default_factory=lambda: np.zeros(0, np.float32))
+    """Blend weight of each Gaussian, sum over pixels of alpha_i T_i, (N,); empty if it was not asked for."""
 
 
 class Renderer(Protocol):
@@ -44,8 +46,13 @@ class Renderer(Protocol):
 
     name: str
 
-    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
-        """Colour, alpha and depth of a view. `background` is an RGB colour (3,), black if not given."""
+    def render(
+        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+    ) -> Rendering:
+        """Colour, alpha and depth of a view, and in the same pass, if asked for, the blend weights of its Gaussians.
+
+        `background` is an RGB colour (3,), black if not given.
+        """
         ...
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:

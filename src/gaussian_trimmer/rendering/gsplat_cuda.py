@@ -67,13 +67,17 @@ class GsplatRenderer:
         self._device = self._torch.device(device)
         self._uploaded: WeakKeyDictionary[Gaussians, _Uploaded] = WeakKeyDictionary()
 
-    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
+    def render(
+        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+    ) -> Rendering:
         """Colour, alpha and depth of a view; see `Renderer.render`."""
         image, alpha, _ = self._rasterise(gaussians, camera)
         rgb = image[..., :3]
         if background is not None:
             rgb = rgb + (1 - alpha)[..., None] * self._tensor(background)
-        return Rendering(_array(rgb), _array(alpha), _array(image[..., 3]))
+        everywhere = np.zeros((camera.height, camera.width), np.uint8)
+        sums = self.blend_weights(gaussians, camera, everywhere, 1)[:, 0] if weights else np.zeros(0, np.float32)
+        return Rendering(_array(rgb), _array(alpha), _array(image[..., 3]), sums)
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""

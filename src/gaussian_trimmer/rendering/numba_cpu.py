@@ -31,6 +31,7 @@ from gaussian_trimmer.rendering.numba_kernels import (
 )
 
 _KEPT_PROJECTIONS = 24
+_NO_LABELS = np.zeros((0, 1, 1), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,12 @@ class Projection:
     tile_lists: NDArray[np.int32]
     """Indices into the arrays above, from near to far, tile after tile, (P,)."""
 
+    def scattered(self, sums: FloatArray, n: int) -> FloatArray:
+        """Sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
+        all_sums = np.zeros((n, sums.shape[1]), np.float32)
+        all_sums[self.rows] = sums
+        return all_sums
+
 
 class NumbaRenderer:
     """Renders on the CPU. Accurate to about 1e-4 in colour against the float64 reference."""
@@ -57,22 +64,26 @@ class NumbaRenderer:
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[int, int], tuple[Gaussians, Camera, Projection]] = OrderedDict()
 
-    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
-        """Colour, alpha and depth of a view; see `Renderer.render`."""
+    def render(
+        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+    ) -> Rendering:
+        """Colour, alpha and depth of a view, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
         projection = self._projection(gaussians, camera)
-        image = _blend(projection, projection.colours, camera)
+        labels = np.ones((int(weights), camera.height, camera.width), np.float32)
+        image, sums = _blend(projection, projection.colours, camera, labels)
         alpha = image[..., 4]
         rgb = image[..., :3]
         if background is not None:
             rgb = rgb + (1 - alpha)[..., None] * np.asarray(background, np.float32)
         depth = np.divide(image[..., 3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
-        return Rendering(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), depth)
+        shown = projection.scattered(sums, len(gaussians)).ravel()
+        return Rendering(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), depth, shown)
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
         projection = self._projection(gaussians, camera)
         drawn = np.ascontiguousarray(values[projection.rows], np.float32)
-        return np.ascontiguousarray(_blend(projection, drawn, camera)[..., :-1])
+        return np.ascontiguousarray(_blend(projection, drawn, camera, _NO_LABELS)[0][..., :-1])
 
     def blend_weights(
         self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
@@ -80,15 +91,8 @@ class NumbaRenderer:
         """Sum over pixels of alpha_i T_i by label; see `Renderer.blend_weights`."""
         projection = self._projection(gaussians, camera)
         indicators = (labels[None] == np.arange(n_labels, dtype=np.uint8)[:, None, None]).astype(np.float32)
-        none = np.zeros((len(projection.rows), 0), np.float32)
-        weights = np.zeros((len(gaussians), n_labels), np.float32)
-        with KERNELS:
-            _, pairs = blend_tiles(
-                projection.splats, none, projection.tile_starts, projection.tile_lists, camera.width, camera.height,
-                _padded(indicators),
-            )  # fmt: skip
-            weights[projection.rows] = sum_pairs(pairs, projection.tile_lists, len(projection.rows))
-        return weights
+        no_values = np.zeros((len(projection.rows), 0), np.float32)
+        return projection.scattered(_blend(projection, no_values, camera, indicators)[1], len(gaussians))
 
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
@@ -141,20 +145,17 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
     return Projection(rows, splats, colours, starts, lists)
 
 
-def _blend(projection: Projection, values: FloatArray, camera: Camera) -> FloatArray:
-    """Blended values followed by alpha, (H, W, C + 1)."""
-    no_labels = np.zeros((0, 1, 1), np.float32)
+def _blend(
+    projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Blended values followed by alpha, (H, W, C + 1), and blend weights under label images (L, H, W), (M, L)."""
     with KERNELS:
-        image, _ = blend_tiles(
-            projection.splats,
-            values,
-            projection.tile_starts,
-            projection.tile_lists,
-            camera.width,
-            camera.height,
-            no_labels,
-        )
-    return np.moveaxis(image[:, : camera.height, : camera.width], 0, -1)
+        image, pairs = blend_tiles(
+            projection.splats, values, projection.tile_starts, projection.tile_lists, camera.width, camera.height,
+            _padded(labels),
+        )  # fmt: skip
+        sums = sum_pairs(pairs, projection.tile_lists, len(projection.rows))
+    return np.moveaxis(image[:, : camera.height, : camera.width], 0, -1), sums
 
 
 def _padded(indicators: FloatArray) -> FloatArray:

@@ -45,15 +45,21 @@ class ReferenceRenderer:
 
     name = "reference"
 
-    def render(self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None) -> Rendering:
-        """Colour, alpha and depth of a view. `background` is an RGB colour (3,), black if not given."""
+    def render(
+        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
+    ) -> Rendering:
+        """Colour, alpha and depth of a view, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
         depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
         seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
         rgb, weighted_depth, alpha = np.split(_blended(gaussians, camera, seen), [3, 4], axis=2)
         if background is not None:
             rgb = rgb + (1.0 - alpha) * background
         depth = np.divide(weighted_depth, alpha, out=np.zeros_like(alpha), where=alpha > 0)
-        return Rendering(rgb.astype(np.float32), alpha[..., 0].astype(np.float32), depth[..., 0].astype(np.float32))
+        everywhere = np.zeros((camera.height, camera.width), np.uint8)
+        return Rendering(
+            rgb.astype(np.float32), alpha[..., 0].astype(np.float32), depth[..., 0].astype(np.float32),
+            self.blend_weights(gaussians, camera, everywhere, 1)[:, 0] if weights else np.zeros(0, np.float32),
+        )  # fmt: skip
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""
