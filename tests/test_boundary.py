@@ -27,7 +27,7 @@ def needle(x=0.0, y=0.0, scales=(0.3, 0.08, 0.08)):
 
 def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,), **config):
     weights = [RENDERER.blend_weights(thing, c, m.astype(np.uint8), 2) for c, m in zip(cameras, masks, strict=True)]
-    limits = BoundaryConfig(**{"least_share": 0.1, "least_area": 4.0, "along_ray_limit": 0.5, **config})
+    limits = BoundaryConfig(**{"least_share": 0.1, "least_area": 4 / SIZE**2, "along_ray_limit": 0.5, **config})
     return find_straddlers(thing, cameras, masks, weights, RENDERER, limits)
 
 
@@ -139,7 +139,8 @@ def test_limits_on_share_and_area_leave_out_lesser_straddlers():
     share, area = weights.min() / weights.sum(), weights.min()
     assert len(straddlers(needle(0.2), least_share=share * 1.01).rows) == 0
     assert len(straddlers(needle(0.2), least_share=share * 0.99).rows) == 1
-    assert len(straddlers(needle(0.2), least_share=0.0, least_area=area * 1.01).rows) == 0
+    assert len(straddlers(needle(0.2), least_share=0.0, least_area=1.01 * area / SIZE**2).rows) == 0
+    assert len(straddlers(needle(0.2), least_share=0.0, least_area=0.99 * area / SIZE**2).rows) == 1
 
 
 def test_the_view_that_sees_most_of_the_lesser_side_cuts():

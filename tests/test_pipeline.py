@@ -67,7 +67,7 @@ def trimmed(kind):
 
 def splitting_config(rule):
     """Limits low enough for the small views of the ball."""
-    return small_config(boundary=BoundaryConfig(least_share=0.1, least_area=1.0), split=SplitConfig(rule))
+    return small_config(boundary=BoundaryConfig(least_share=0.1, least_area=1e-5), split=SplitConfig(rule))
 
 
 @pytest.mark.parametrize("kind", SELECTIONS)

@@ -26,10 +26,8 @@ class BoundaryConfig:
     """Smallest blend weight that counts at a pixel."""
     least_share: float = 0.3
     """Smallest share of a straddler's blend weight on the lesser side of the mask."""
-    least_area: float = 4.0
-    """Smallest blend weight on the lesser side, summed over the view's pixels."""
-    least_spread: float = 0.008
-    """Smallest standard deviation across the cut, as a share of the image's width; finer ones are left whole."""
+    least_area: float = 1e-4
+    """Smallest blend weight on the lesser side, as a share of the view's pixels; what nobody sees is left whole."""
     along_ray_limit: float = 0.5
     """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the order."""
 
@@ -115,7 +113,7 @@ def _in_view(
     ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
     rows = np.unique(ids[(ids >= 0) & (contributions >= config.least_weight)])
     lesser, total = weights[rows].min(axis=1), weights[rows].sum(axis=1)
-    rows = rows[(lesser >= config.least_area) & (lesser >= config.least_share * total)]
+    rows = rows[(lesser >= config.least_area * mask.size) & (lesser >= config.least_share * total)]
     if len(rows) == 0:
         return none
     normals, distances = _tangent_planes(gaussians.means[rows].astype(np.float64), camera, mask)
@@ -127,8 +125,7 @@ def _in_view(
     limit = config.along_ray_limit * np.linalg.norm(displacement, axis=1) * np.linalg.norm(rays, axis=1)
     usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
     offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
-    depths = camera.to_camera(gaussians.means[rows].astype(np.float64))[:, 2]
-    usable &= (np.abs(offsets) < 3) & (spread * camera.K[0, 0] >= config.least_spread * camera.width * depths)
+    usable &= np.abs(offsets) < 3
     return Straddlers(
         rows[usable], normals[usable], offsets[usable], weights[rows].min(axis=1)[usable].astype(np.float64)
     )

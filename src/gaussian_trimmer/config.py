@@ -66,7 +66,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         labels=replace(config.labels, enabled=False),
         accept=AcceptConfig(least_overlap=0.0, least_silhouette=1, least_views=0.0, least_remaining=0.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
-        boundary=replace(config.boundary, least_share=0.05, least_area=0.25, least_spread=0.0, along_ray_limit=1.0),
+        boundary=replace(config.boundary, least_share=0.05, least_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
     )
 
