@@ -141,7 +141,9 @@ def test_runs_are_equal_bit_by_bit_on_any_number_of_threads():
             np.testing.assert_array_equal(getattr(other.outside_parts, name), getattr(results[0].outside_parts, name))
 
 
-@pytest.mark.parametrize(("scale", "shift", "turn"), [(1, (50, -20, 5), 0), (100, (0, 0, 0), 0), (0.01, (1, 1, 1), 3)])
+@pytest.mark.parametrize(
+    ("scale", "shift", "turn"), [(1, (50, -20, 5), 0), (100, (0, 0, 0), 0), (0.01, (1, 1, 1), 3), (1e-4, (0, 0, 0), 0)]
+)
 def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
     rotation = any_rotation(turn) if turn else np.eye(3)
     scene = moved(SCENE, rotation, scale, shift)

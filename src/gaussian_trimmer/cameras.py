@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ class Camera:
     """Image height in pixels."""
     name: str = ""
     """File name of the image that the camera took, or empty for a virtual one."""
+    near: float = 0.01
+    """Gaussians whose centres are nearer than this, in scene units, or behind the camera, are not drawn."""
 
     @property
     def rotation(self) -> Float64Array:
@@ -64,7 +66,7 @@ class Camera:
         K = self.K.copy()
         K[0] *= width / self.width
         K[1] *= height / self.height
-        return Camera(self.world_to_camera, K, width, height, self.name)
+        return replace(self, K=K, width=width, height=height)
 
 
 def look_at(position: Float64Array, target: Float64Array, up: Float64Array) -> Float64Array:

@@ -7,7 +7,7 @@ where nothing does, the view is segmented by colour and the mask is lifted to th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -184,7 +184,7 @@ def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Cam
     for yaw in np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(_AROUND) / _AROUND:
         outward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes
         pose = look_at(target.point + distance * outward, target.point, axes[2])
-        views.append(Camera(pose, camera.K, camera.width, camera.height))
+        views.append(replace(camera, world_to_camera=pose))
     return [view.resized(_VISIBILITY_SCALE) for view in views]
 
 

@@ -6,6 +6,7 @@ Pictures are 8-bit BGR arrays (H, W, 3), as OpenCV writes them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -90,7 +91,7 @@ def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
     half = _MARGIN * max(float((high - low).max()) / 2, 1.0)
     corner, scale = (low + high) / 2 - half, size / (2 * half)
     crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
-    return Camera(camera.world_to_camera, crop @ camera.K, size, size, camera.name)
+    return replace(camera, K=crop @ camera.K, width=size, height=size)
 
 
 def write_picture(picture: Picture, path: Path) -> None:

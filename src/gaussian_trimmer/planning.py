@@ -13,6 +13,8 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 
+_NEAR = 0.01
+"""Near plane of planned cameras in object radii, so that neither tiny nor huge units cut anything off."""
 _FULL_CIRCLE_GAP = np.radians(100)
 _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5
@@ -96,7 +98,7 @@ def plan_cameras(
         distance = max(config.lambda_1 * max(length, width), config.lambda_2 * height)
     K = intrinsics(fov, config.size, config.size)
     poses = [look_at(centre + distance * direction, centre, axes[2]) for direction in outward]
-    return [Camera(pose, K, config.size, config.size) for pose in poses], bounds
+    return [Camera(pose, K, config.size, config.size, near=_NEAR * bounds.radius) for pose in poses], bounds
 
 
 def _check(config: PlanConfig) -> None:
@@ -140,7 +142,8 @@ def plain_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
 def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     """The box of the object's dominant cluster: far floaters of a bad selection do not move it.
 
-    Centres are weighted by opacity. The box spans percentiles 1 to 99 of those in the dominant clusters.
+    Centres are weighted by opacity. The box spans percentiles 1 to 99 of those in the dominant clusters, and is nowhere
+    thinner than a typical Gaussian of them is wide.
     """
     rows = dominant_cluster(target)
     local = target.means[rows].astype(np.float64) @ axes.T
@@ -148,7 +151,7 @@ def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     low, high = (
         np.array([_weighted_percentile(local[:, k], weights, q) for k in range(3)]) for q in _BOUND_PERCENTILES
     )
-    floor = 1e-3 * max(float((high - low).max()), 1e-9)
+    floor = float(np.exp(np.median(target.log_scales[rows])))
     return Bounds((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, floor))
 
 

@@ -19,8 +19,6 @@ ALPHA_CUTOFF = 1.0 / 255.0
 """Alphas below this are skipped."""
 LOW_PASS_VARIANCE = 0.3
 """Added to both diagonal entries of the projected covariance, in square pixels."""
-NEAR_DEPTH = 0.01
-"""Gaussians whose centres are nearer than this, in scene units, or behind the camera, are not drawn."""
 TRANSMITTANCE_STOP = 1e-4
 """A pixel is finished before a Gaussian would push its transmittance below this."""
 FRUSTUM_MARGIN = 0.15

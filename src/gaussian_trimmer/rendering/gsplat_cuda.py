@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, NEAR_DEPTH, Rendering, pixels_inside
+from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, Rendering, pixels_inside
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 
@@ -207,7 +207,7 @@ class GsplatRenderer:
                 self._tensor(world_to_camera)[None], self._tensor(camera.K)[None], camera.width, camera.height,
                 sh_degree=gaussians.sh_degree if values is None else None,
                 render_mode="RGB+ED" if values is None else "RGB",
-                near_plane=NEAR_DEPTH, eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False,
+                near_plane=camera.near, eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False,
             )  # fmt: skip
         return image[0], alpha[0, ..., 0], info
 

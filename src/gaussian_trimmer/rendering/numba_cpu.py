@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.parallel import KERNELS
-from gaussian_trimmer.rendering import FRUSTUM_MARGIN, NEAR_DEPTH, Rendering, pixels_inside
+from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
     bin_gaussians,
@@ -124,7 +124,7 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
         (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
         (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
     ])  # fmt: skip
-    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, NEAR_DEPTH])
+    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near])
     with KERNELS:
         splats, colours, drawn = project(
             gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,

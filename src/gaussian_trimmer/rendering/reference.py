@@ -19,7 +19,6 @@ from gaussian_trimmer.rendering import (
     ALPHA_CUTOFF,
     FRUSTUM_MARGIN,
     LOW_PASS_VARIANCE,
-    NEAR_DEPTH,
     TRANSMITTANCE_STOP,
     Rendering,
 )
@@ -173,7 +172,7 @@ def _front_to_back(gaussians: Gaussians, camera: Camera) -> Iterator[_Splat]:
     """The visible Gaussians by rising centre depth, and by row number where depths are equal."""
     depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
     opacities = gaussians.opacities.astype(np.float64)
-    rows = np.flatnonzero((depths >= NEAR_DEPTH) & (opacities >= ALPHA_CUTOFF))
+    rows = np.flatnonzero((depths >= camera.near) & (opacities >= ALPHA_CUTOFF))
     rows = rows[np.argsort(depths[rows], kind="stable")]
     visible = gaussians.select(rows)
     means, _ = camera.project(visible.means.astype(np.float64))
