@@ -26,7 +26,7 @@ class BoundaryConfig:
     """Smallest blend weight that counts at a pixel."""
     least_share: float = 0.3
     """Smallest share of a straddler's blend weight on the lesser side of the mask."""
-    least_area: float = 1e-4
+    least_area: float = 4e-4
     """Smallest blend weight on the lesser side, as a share of the view's pixels; what nobody sees is left whole."""
     along_ray_limit: float = 0.5
     """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the order."""
