@@ -2,7 +2,10 @@
 
 import os
 import sys
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import pytest
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 torch = pytest.importorskip("torch", reason="needs PyTorch: the sam2 extra")
 transformers = pytest.importorskip("transformers", minversion="5.0", reason="needs Transformers: the sam2 extra")
+safetensors_torch = pytest.importorskip("safetensors.torch", reason="needs Transformers: the sam2 extra")
 
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
@@ -17,7 +21,21 @@ from gaussian_trimmer.segmenters import View  # noqa: E402
 from gaussian_trimmer.segmenters.sam2 import Sam2Config, Sam2Segmenter  # noqa: E402
 
 SIDE = 128
-MEAN, STD = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])
+IMAGENET = np.array([[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]])
+MEAN, STD = IMAGENET
+# Settings that make any of the trackers small.
+DECODER = {"hidden_size": 128, "mlp_dim": 32, "num_attention_heads": 2, "iou_head_hidden_dim": 32}
+TRACKER = {
+    "mask_decoder_config": DECODER,
+    "memory_attention_hidden_size": 128,
+    "memory_attention_num_layers": 1,
+    "memory_encoder_hidden_size": 128,
+    "memory_encoder_output_channels": 64,
+    "mask_downsampler_embed_dim": 128,
+    "memory_fuser_embed_dim": 128,
+    "memory_fuser_intermediate_dim": 32,
+    "memory_fuser_num_layers": 1,
+}
 
 
 def random_model() -> "transformers.PreTrainedModel":
@@ -42,38 +60,63 @@ def random_model() -> "transformers.PreTrainedModel":
     config = transformers.Sam2VideoConfig(
         vision_config=vision,
         prompt_encoder_config={"hidden_size": 128, "image_size": SIDE},
-        mask_decoder_config={
-            "hidden_size": 128,
-            "mlp_dim": 32,
-            "num_attention_heads": 2,
-            "iou_head_hidden_dim": 32,
-        },
         image_size=SIDE,
-        memory_attention_hidden_size=128,
-        memory_attention_num_layers=1,
         memory_attention_feed_forward_hidden_size=32,
         memory_attention_rope_feat_sizes=[SIDE // 16] * 2,
-        memory_encoder_hidden_size=128,
-        memory_encoder_output_channels=64,
-        mask_downsampler_embed_dim=128,
-        memory_fuser_embed_dim=128,
-        memory_fuser_intermediate_dim=32,
-        memory_fuser_num_layers=1,
+        **TRACKER,
     )
     torch.manual_seed(0)
     return transformers.Sam2VideoModel(config)
 
 
-def random_sam3_tracker() -> "transformers.PreTrainedModel":
-    """A SAM3 tracker of 1.6 million parameters, for pictures of 112 x 112."""
+def random_edgetam() -> "transformers.PreTrainedModel":
+    """An EdgeTAM of a million parameters."""
+    backbone = {
+        "model_type": "timm_wrapper",
+        "architecture": "repvit_m1",
+        "num_classes": 2,
+        "model_args": {
+            "in_chans": 3,
+            "features_only": True,
+            "out_indices": [0, 1, 2, 3],
+            "embed_dim": [8, 16, 32, 64],
+            "depth": [1, 1, 1, 1],
+        },
+    }
+    vision = {
+        "model_type": "edgetam_vision_model",
+        "backbone_config": backbone,
+        "backbone_channel_list": [64, 32, 16, 8],
+        "backbone_feature_sizes": [[SIDE // 4] * 2, [SIDE // 8] * 2, [SIDE // 16] * 2],
+        "fpn_hidden_size": 128,
+    }
+    config = transformers.EdgeTamVideoConfig(
+        vision_config=vision,
+        prompt_encoder_config={"hidden_size": 128, "image_size": SIDE},
+        image_size=SIDE,
+        memory_attention_mlp_hidden_size=32,
+        memory_attention_rope_feat_sizes=[SIDE // 16] * 2,
+        memory_attention_rope_k_sizes=[4, 4],
+        perceiver_resampler_num_latents=16,
+        perceiver_resampler_num_latents_2d=16,
+        **TRACKER,
+    )
+    torch.manual_seed(0)
+    return transformers.EdgeTamVideoModel(config)
+
+
+SAM3_SIDE = 112
+
+
+def sam3_tracker_config() -> "transformers.PreTrainedConfig":
     backbone = {
         "model_type": "sam3_vit_model",
         "hidden_size": 32,
         "intermediate_size": 32,
         "num_hidden_layers": 2,
         "num_attention_heads": 2,
-        "image_size": 112,
-        "pretrain_image_size": 112,
+        "image_size": SAM3_SIDE,
+        "pretrain_image_size": SAM3_SIDE,
         "window_size": 4,
         "global_attn_indexes": [1],
     }
@@ -83,28 +126,81 @@ def random_sam3_tracker() -> "transformers.PreTrainedModel":
         "backbone_feature_sizes": [[32, 32], [16, 16], [8, 8]],
         "fpn_hidden_size": 128,
     }
-    config = transformers.Sam3TrackerVideoConfig(
+    return transformers.Sam3TrackerVideoConfig(
         vision_config=vision,
-        prompt_encoder_config={"hidden_size": 128, "image_size": 112},
-        mask_decoder_config={
-            "hidden_size": 128,
-            "mlp_dim": 32,
-            "num_attention_heads": 2,
-            "iou_head_hidden_dim": 32,
-        },
-        image_size=112,
-        memory_attention_hidden_size=128,
-        memory_attention_num_layers=1,
+        prompt_encoder_config={"hidden_size": 128, "image_size": SAM3_SIDE},
+        image_size=SAM3_SIDE,
         memory_attention_feed_forward_hidden_size=32,
-        memory_encoder_hidden_size=128,
-        memory_encoder_output_channels=64,
-        mask_downsampler_embed_dim=128,
-        memory_fuser_embed_dim=128,
-        memory_fuser_intermediate_dim=32,
-        memory_fuser_num_layers=1,
+        **TRACKER,
     )
+
+
+def random_sam3_tracker() -> "transformers.PreTrainedModel":
+    """A tracker of SAM3 of 1.6 million parameters."""
     torch.manual_seed(0)
-    return transformers.Sam3TrackerVideoModel(config)
+    return transformers.Sam3TrackerVideoModel(sam3_tracker_config())
+
+
+def random_sam3() -> "transformers.PreTrainedModel":
+    """A whole SAM3 of four million parameters: a detector, and a tracker that shares the detector's backbone."""
+    tracker = sam3_tracker_config().to_dict()
+    text = {
+        "model_type": "clip_text_model",
+        "vocab_size": 64,
+        "bos_token_id": 0,
+        "eos_token_id": 1,
+        "hidden_size": 32,
+        "intermediate_size": 32,
+        "projection_dim": 32,
+        "num_hidden_layers": 1,
+        "num_attention_heads": 2,
+    }
+    small = {"hidden_size": 128, "intermediate_size": 32, "num_attention_heads": 2, "num_layers": 1}
+    detector = {
+        "vision_config": tracker["vision_config"],
+        "text_config": text,
+        "geometry_encoder_config": small,
+        "detr_encoder_config": small,
+        "detr_decoder_config": {**small, "num_queries": 4},
+        "mask_decoder_config": {"hidden_size": 128, "num_attention_heads": 2},
+    }
+    torch.manual_seed(0)
+    return transformers.Sam3VideoModel(transformers.Sam3VideoConfig(detector_config=detector, tracker_config=tracker))
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of checkpoint, and the pictures that its models want."""
+
+    make: Callable[[], "transformers.PreTrainedModel"]
+    side: int
+    mean: np.ndarray
+    std: np.ndarray
+
+
+FAMILIES = {
+    "sam2_video": Family(random_model, SIDE, *IMAGENET),
+    "edgetam_video": Family(random_edgetam, SIDE, *IMAGENET),
+    "sam3_tracker_video": Family(random_sam3_tracker, SAM3_SIDE, np.full(3, 0.5), np.full(3, 0.5)),
+    "sam3_video": Family(random_sam3, SAM3_SIDE, np.full(3, 0.5), np.full(3, 0.5)),
+}
+
+
+@pytest.fixture(scope="module", params=FAMILIES)
+def checkpoint(request, tmp_path_factory) -> tuple[Family, Path, "transformers.PreTrainedModel"]:
+    """A family, a folder with one of its checkpoints, and the model that was saved in it."""
+    family, path = FAMILIES[request.param], tmp_path_factory.mktemp(request.param)
+    if request.param == "edgetam_video":
+        pytest.importorskip("timm", reason="EdgeTAM needs the package timm")
+    try:
+        model = family.make()
+    except (AttributeError, ImportError) as error:
+        pytest.skip(f"this Transformers cannot make a {request.param}: {error}")
+    # Written by hand: with `save_pretrained`, some versions double a prefix in the names of SAM3's weights.
+    model.config.save_pretrained(path)
+    weights = {name: value.contiguous() for name, value in model.state_dict().items()}
+    safetensors_torch.save_file(weights, path / "model.safetensors", metadata={"format": "pt"})
+    return family, path, model
 
 
 @pytest.fixture(scope="module")
@@ -312,7 +408,9 @@ def test_the_mask_prompt_is_the_visible_silhouette(folder):
 
 @pytest.mark.parametrize("prompt", ["box", "mask"])
 def test_views_without_the_object_get_empty_masks(folder, prompt):
-    absent = replace(make_view(), box=(0, 0, 0, 0), object_visible=np.zeros((80, 120), np.float32))
+    nothing = np.zeros((80, 120), np.float32)
+    # As the trimmer hands it over: the box of nothing is the whole picture.
+    absent = replace(make_view(), box=(0, 0, 120, 80), object_alpha=nothing, object_visible=nothing)
     alone = make_segmenter(folder, prompting="per-view", prompt=prompt)
     recorder = Recorder(alone)
     masks = alone.segment([absent, make_view()])
@@ -330,33 +428,58 @@ def test_segmenting_twice_gives_the_same(folder):
         np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.parametrize("prompting", ["video", "per-view"])
-@pytest.mark.parametrize("prompt", ["box", "mask"])
-def test_bfloat16_runs_throughout(folder, prompting, prompt):
-    segmenter = make_segmenter(folder, prompting=prompting, prompt=prompt, dtype="bfloat16")
-    assert {parameter.dtype for parameter in segmenter.model.parameters()} == {torch.bfloat16}
-    assert len(segmenter.segment(textured_views(2))) == 2
-
-
 def test_the_cpu_computes_in_float32_by_default(folder):
     segmenter = make_segmenter(folder)
     assert segmenter.model.dtype == torch.float32
     assert segmenter.describe() == f"sam2 with {folder} (sam2_video), video prompting by box, on cpu in float32"
 
 
-@pytest.mark.skipif(not hasattr(transformers, "Sam3TrackerVideoModel"), reason="this Transformers knows no SAM3")
 @pytest.mark.parametrize("prompting", ["video", "per-view"])
 @pytest.mark.parametrize("prompt", ["box", "mask"])
-def test_a_sam3_tracker_runs_with_its_own_colours(tmp_path, prompting, prompt):
-    random_sam3_tracker().save_pretrained(tmp_path)
-    segmenter = make_segmenter(tmp_path, prompting=prompting, prompt=prompt)
-    pictures = []
-    segmenter.model.vision_encoder.register_forward_pre_hook(
-        lambda _, args, kwargs: pictures.append(args[0]), with_kwargs=True
-    )
-    masks = segmenter.segment([make_view(colour=(0.0, 0.5, 1.0))])
-    assert [mask.shape for mask in masks] == [(80, 120)]
-    np.testing.assert_allclose(pictures[0].mean(dim=(0, 2, 3)), [-1.0, 0.0, 1.0], atol=1e-5)
+def test_every_family_gets_its_pictures_and_prompts(checkpoint, prompting, prompt):
+    family, path, model = checkpoint
+    segmenter = make_segmenter(path, prompting=prompting, prompt=prompt)
+    saved = {(tuple(value.shape), value.double().sum().item()) for value in model.state_dict().values()}
+    loaded = {(tuple(value.shape), value.double().sum().item()) for value in segmenter.model.state_dict().values()}
+    assert loaded <= saved
+    recorder = Recorder(segmenter)
+    masks = segmenter.segment([make_view(colour=(0.0, 0.5, 1.0), box=(12, 8, 30, 24)), make_view()])
+    assert [(mask.shape, mask.dtype) for mask in masks] == [((80, 120), bool)] * 2
+    assert recorder.pictures[0].shape == (3, family.side, family.side)
+    seen = recorder.pictures[0].mean(axis=(1, 2)) * family.std + family.mean
+    np.testing.assert_allclose(seen, [0.0, 0.5, 1.0], atol=1e-5)
+    if prompt == "box" or prompting == "per-view":
+        corners = np.array([[12.5 / 120, 8.5 / 80], [29.5 / 120, 23.5 / 80]]) * family.side - 0.5
+        np.testing.assert_allclose(recorder.corners[0], corners, atol=1e-4)
+
+
+@pytest.mark.parametrize("prompting", ["video", "per-view"])
+@pytest.mark.parametrize("prompt", ["box", "mask"])
+def test_bfloat16_runs_throughout(checkpoint, prompting, prompt):
+    segmenter = make_segmenter(checkpoint[1], prompting=prompting, prompt=prompt, dtype="bfloat16")
+    assert {parameter.dtype for parameter in segmenter.model.parameters()} == {torch.bfloat16}
+    assert len(segmenter.segment(textured_views(2))) == 2
+
+
+def test_a_family_whose_package_is_missing_names_it(folder, monkeypatch):
+    def from_pretrained(*args, **kwargs):
+        raise ImportError("\nTimmWrapperModel requires the timm library but it was not found. You can install it with")
+
+    monkeypatch.setattr(transformers.Sam2VideoModel, "from_pretrained", from_pretrained)
+    with pytest.raises(InputError, match="requires the timm library but it was not found; install it and try again"):
+        make_segmenter(folder)
+
+
+def test_a_transformers_that_cannot_import_its_models_says_why(folder, monkeypatch):
+    class Broken(ModuleType):
+        PreTrainedConfig = transformers.PreTrainedConfig
+
+        def __getattr__(self, name):
+            raise ModuleNotFoundError(f"Could not import module '{name}'.") from RuntimeError("no torchvision::nms")
+
+    monkeypatch.setitem(sys.modules, "transformers", Broken("transformers"))
+    with pytest.raises(InputError, match=r"cannot import Sam2VideoModel \(no torchvision::nms\); if the cause"):
+        make_segmenter(folder)
 
 
 def test_unused_devices_are_refused(folder):
@@ -402,11 +525,9 @@ def test_damaged_weights_are_refused(tmp_path):
 
 
 def test_missing_weights_are_not_made_up(tmp_path):
-    from safetensors.torch import save_file
-
     model = random_model()
     model.config.save_pretrained(tmp_path)
     weights = {name: value.contiguous() for name, value in model.state_dict().items() if "memory_encoder" not in name}
-    save_file(weights, tmp_path / "model.safetensors", metadata={"format": "pt"})
+    safetensors_torch.save_file(weights, tmp_path / "model.safetensors", metadata={"format": "pt"})
     with pytest.raises(InputError, match=r"lacks \d+ of the weights of Sam2VideoModel"):
         make_segmenter(tmp_path)

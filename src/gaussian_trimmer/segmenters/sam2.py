@@ -74,7 +74,7 @@ class Sam2Segmenter:
     The model is loaded once, when the segmenter is made.
 
     Raises:
-        InputError: torch or transformers is missing, the device is not there, or the model cannot be loaded.
+        InputError: a package that the model needs is missing, the device is not there, or the model cannot be loaded.
     """
 
     name = "sam2"
@@ -159,9 +159,8 @@ class Sam2Segmenter:
         )
 
     def _has_prompt(self, view: View) -> bool:
-        x0, y0, x1, y1 = view.box
-        boxed = x0 < x1 and y0 < y1
-        return boxed and (self.config.prompt == "box" or bool((view.object_visible > _VISIBLE).any()))
+        shown = view.object_alpha if self.config.prompt == "box" else view.object_visible
+        return bool((shown > _VISIBLE).any())
 
     def _pixels(self, view: View) -> Tensor:
         """The picture as the model wants it, stretched to a square and normalised, (3, S, S)."""
@@ -249,14 +248,23 @@ def _find_family(transformers: Any, source: str) -> tuple[str, _Family]:
 
 def _load_model(transformers: Any, class_name: str, source: str, dtype: Any) -> Any:
     """A checkpoint as a model in inference mode, from safetensors only: other weight files could hold code."""
-    model_class = getattr(transformers, class_name, None)
-    if model_class is None:
+    try:
+        model_class = getattr(transformers, class_name)
+    except AttributeError as error:
         raise InputError(
             f"The installed transformers {transformers.__version__} has no {class_name}; "
             "run: pip install --upgrade transformers."
-        )
+        ) from error
+    except ImportError as error:
+        raise InputError(
+            f"Transformers cannot import {class_name} ({error.__cause__ or error}); if the cause is a torchvision that "
+            "was made for another PyTorch, install the one that matches, or none."
+        ) from error
     try:
         model, report = model_class.from_pretrained(source, dtype=dtype, use_safetensors=True, output_loading_info=True)
+    except ImportError as error:
+        reason = str(error).strip().partition(". ")[0]
+        raise InputError(f"The model '{source}' cannot be built: {reason}; install it and try again.") from error
     except (OSError, ValueError, RuntimeError, import_module("safetensors").SafetensorError) as error:
         raise InputError(_cannot_load(source, error)) from error
     if report["missing_keys"]:
