@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,6 +49,8 @@ class Projection:
     """Where each tile's list begins in `tile_lists`, row-major tiles, (T + 1,)."""
     tile_lists: NDArray[np.int32]
     """Indices into the arrays above, from near to far, tile after tile, (P,)."""
+    tile_spans: NDArray[np.uint8]
+    """First and one past the last row of its tile that each entry of `tile_lists` reaches, (P, 2)."""
 
     def scattered(self, sums: FloatArray, n: int) -> FloatArray:
         """Sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
@@ -71,19 +74,17 @@ class NumbaRenderer:
         projection = self._projection(gaussians, camera)
         labels = np.ones((int(weights), camera.height, camera.width), np.float32)
         image, sums = _blend(projection, projection.colours, camera, labels)
-        alpha = image[..., 4]
-        rgb = image[..., :3]
+        rgb, alpha = np.asarray(cv2.merge(list(image[:3])), np.float32), np.ascontiguousarray(image[4])
         if background is not None:
             rgb = rgb + (1 - alpha)[..., None] * np.asarray(background, np.float32)
-        depth = np.divide(image[..., 3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
-        shown = projection.scattered(sums, len(gaussians)).ravel()
-        return Rendering(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), depth, shown)
+        depth = np.divide(image[3], alpha, out=np.zeros_like(alpha), where=alpha > 0)
+        return Rendering(rgb, alpha, depth, projection.scattered(sums, len(gaussians)).ravel())
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
         projection = self._projection(gaussians, camera)
         drawn = np.ascontiguousarray(values[projection.rows], np.float32)
-        return np.ascontiguousarray(_blend(projection, drawn, camera, _NO_LABELS)[0][..., :-1])
+        return np.stack(list(_blend(projection, drawn, camera, _NO_LABELS)[0][:-1]), axis=-1)
 
     def blend_weights(
         self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
@@ -102,7 +103,13 @@ class NumbaRenderer:
         projection = self._projection(gaussians, camera)
         with KERNELS:
             ids, weights = top_of_pixels(
-                projection.splats, projection.tile_starts, projection.tile_lists, camera.width, pixels, k
+                projection.splats,
+                projection.tile_starts,
+                projection.tile_lists,
+                projection.tile_spans,
+                camera.width,
+                pixels,
+                k,
             )
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
@@ -137,25 +144,24 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
         keys.sort()
         rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
         splats, colours = splats[rows], colours[rows]
-        n_tiles = -(-camera.width // TILE) * -(-camera.height // TILE)
-        counts = count_tiles(splats, camera.width, camera.height, n_tiles)
-        starts = np.zeros(n_tiles + 1, np.int32)
+        counts = count_tiles(splats, camera.width, camera.height)
+        starts = np.zeros(len(counts) + 1, np.int32)
         np.cumsum(counts, out=starts[1:])
-        lists = bin_gaussians(splats, camera.width, camera.height, starts)
-    return Projection(rows, splats, colours, starts, lists)
+        lists, spans = bin_gaussians(splats, camera.width, camera.height, starts)
+    return Projection(rows, splats, colours, starts, lists, spans)
 
 
 def _blend(
     projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Blended values followed by alpha, (H, W, C + 1), and blend weights under label images (L, H, W), (M, L)."""
+    """Blended values followed by alpha, (C + 1, H, W), and blend weights under label images (L, H, W), (M, L)."""
     with KERNELS:
         image, pairs = blend_tiles(
-            projection.splats, values, projection.tile_starts, projection.tile_lists, camera.width, camera.height,
-            _padded(labels),
+            projection.splats, values, projection.tile_starts, projection.tile_lists, projection.tile_spans,
+            camera.width, camera.height, _padded(labels),
         )  # fmt: skip
         sums = sum_pairs(pairs, projection.tile_lists, len(projection.rows))
-    return np.moveaxis(image[:, : camera.height, : camera.width], 0, -1), sums
+    return image[:, : camera.height, : camera.width], sums
 
 
 def _padded(indicators: FloatArray) -> FloatArray:

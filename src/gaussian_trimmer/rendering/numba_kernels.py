@@ -21,7 +21,9 @@ from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, LOW_PASS_VARIANC
 TILE = 16
 """Side of a tile in pixels."""
 _AREA = TILE * TILE
-_CHECK_EVERY = 16  # Gaussians between two looks at whether a tile still lets light through.
+_COLUMNS = 8  # Columns of tiles whose lists one thread fills; each list stays in order.
+_BATCH = 4  # Gaussians whose weights are found before they are added to sums together, which saves memory traffic.
+_CHECK_EVERY = 4 * _BATCH  # Gaussians between two looks at whether a tile still lets light through.
 
 _CAP = np.float32(ALPHA_CAP)
 _CUTOFF = np.float32(ALPHA_CUTOFF)
@@ -29,11 +31,11 @@ _STOP = np.float32(TRANSMITTANCE_STOP)
 _ONE = np.float32(1)
 _ZERO = np.float32(0)
 
-# Minimax polynomial of exp on [-1, 0] with p(0) = 1 (relative error 8e-7); squared three times it covers [-8, 0].
+# Minimax polynomial of exp(-q) on [0, 1] with p(0) = 1 (relative error 8e-7); squared three times it covers [0, 8].
 # What exp makes smaller than that lies under the alpha cut-off of 1/255 in any case.
 _E1, _E2, _E3 = np.float32(0.999970161), np.float32(0.499609905), np.float32(0.164949439)
 _E4, _E5 = np.float32(0.0382472937), np.float32(0.00505843309)
-_EIGHTH, _LOWEST = np.float32(-0.0625), np.float32(-1)
+_QUARTER = np.float32(0.25)  # Turns the factor of q in exp(-q / 2) into that of q / 16 in exp(-8 (q / 16)).
 
 _jit = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
 _parallel = numba.njit(
@@ -144,84 +146,85 @@ def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, inline="always")
-def _tile_range(centre, half, n_tiles):  # type: ignore[no-untyped-def]
-    """First and one past the last tile that [centre - half, centre + half] touches."""
-    first = max(0, math.floor(max((centre - half) / TILE, -1.0)))
-    last = min(n_tiles, math.floor(min((centre + half) / TILE, float(n_tiles))) + 1)
+def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
+    """First and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches."""
+    first = max(start, math.floor(max((splat[0] - splat[6]) / TILE, -1.0)))
+    last = min(end, math.floor(min((splat[0] + splat[6]) / TILE, float(end))) + 1)
     return first, last
 
 
 @numba.njit(cache=True, inline="always")
-def _reaches(splat, left, top):  # type: ignore[no-untyped-def]
-    """Whether the ellipse of the alpha cut-off can meet the tile with that upper left corner.
+def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
+    """First and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
 
-    The power is convex, so its least value over the tile's rectangle lies at the centre if that is inside, and else on
-    one of the (at most two) edges that face the centre, at the edge's own minimum clamped to the edge.
+    On the ellipse (A dx + B dy)^2 + (C dy)^2 = q the lowest and highest dy lie at dx = +-(B / A) half_y, or, where that
+    is beside the tiles, at the pixel column nearest to it.
     """
-    x0, x1 = left - splat[0], left + TILE - splat[0]
-    y0, y1 = top - splat[1], top + TILE - splat[1]
-    if x0 <= 0 and x1 >= 0 and y0 <= 0 and y1 >= 0:
-        return True
-    A, B, C = splat[2], splat[3], splat[4]
-    limit = 2.0 * math.log(splat[5] / ALPHA_CUTOFF) + 1e-3
-    if x0 > 0 or x1 < 0:
-        x = x0 if x0 > 0 else x1
-        y = min(max(-A * B * x / (B * B + C * C), y0), y1)
-        if (A * x + B * y) ** 2 + (C * y) ** 2 <= limit:
-            return True
-    if y0 > 0 or y1 < 0:
-        y = y0 if y0 > 0 else y1
-        x = min(max(-B * y / A, x0), x1)
-        if (A * x + B * y) ** 2 + (C * y) ** 2 <= limit:
-            return True
-    return False
+    A, B, C = float(splat[2]), float(splat[3]), float(splat[4])
+    q = 2.0 * math.log(splat[5] / ALPHA_CUTOFF) + 1e-3  # The margin covers the blending's rounding.
+    square = B * B + C * C
+    lean = B / A * splat[7]
+    x0, x1 = left + 0.5 - splat[0], left + TILE - 0.5 - splat[0]
+    x_low, x_high = min(max(lean, x0), x1), min(max(-lean, x0), x1)
+    root_low = math.sqrt(max(square * q - (A * C * x_low) ** 2, 0.0))
+    root_high = math.sqrt(max(square * q - (A * C * x_high) ** 2, 0.0))
+    low = splat[1] - (A * B * x_low + root_low) / square - 0.5
+    high = splat[1] + (root_high - A * B * x_high) / square - 0.5
+    first = math.ceil(min(max(low - 1e-3, 0.0), float(height)))
+    last = math.floor(min(max(high + 1e-3, -1.0), height - 1.0)) + 1
+    return first, last
 
 
-@_jit
-def count_tiles(splats, width, height, n_tiles):  # type: ignore[no-untyped-def]
+@_parallel
+def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
     """Number of Gaussians that reach each tile, (T,)."""
     across, down = -(-width // TILE), -(-height // TILE)
-    counts = np.zeros(n_tiles, np.int32)
-    for i in range(splats.shape[0]):
-        x0, x1 = _tile_range(splats[i, 0], splats[i, 6], across)
-        y0, y1 = _tile_range(splats[i, 1], splats[i, 7], down)
-        for ty in range(y0, y1):
+    counts = np.zeros(across * down, np.int32)
+    for job in numba.prange(-(-across // _COLUMNS)):
+        for i in range(splats.shape[0]):
+            x0, x1 = _columns_reached(splats[i], _COLUMNS * job, min(_COLUMNS * (job + 1), across))
             for tx in range(x0, x1):
-                if _reaches(splats[i], tx * TILE, ty * TILE):
+                first, last = _rows_reached(splats[i], tx * TILE, height)
+                for ty in range(first // TILE, -(-last // TILE) if first < last else 0):
                     counts[ty * across + tx] += 1
     return counts
 
 
-@_jit
+@_parallel
 def bin_gaussians(splats, width, height, starts):  # type: ignore[no-untyped-def]
-    """Lists of the Gaussians that reach each tile, in the order of `splats`, (P,)."""
-    across, down = -(-width // TILE), -(-height // TILE)
+    """Lists of the Gaussians that reach each tile, in the order of `splats`, (P,).
+
+    And the first and one past the last row of the tile that each of them reaches, (P, 2).
+    """
+    across = -(-width // TILE)
     lists = np.empty(starts[-1], np.int32)
+    spans = np.empty((starts[-1], 2), np.uint8)
     ends = starts[:-1].copy()
-    for i in range(splats.shape[0]):
-        x0, x1 = _tile_range(splats[i, 0], splats[i, 6], across)
-        y0, y1 = _tile_range(splats[i, 1], splats[i, 7], down)
-        for ty in range(y0, y1):
+    for job in numba.prange(-(-across // _COLUMNS)):
+        for i in range(splats.shape[0]):
+            x0, x1 = _columns_reached(splats[i], _COLUMNS * job, min(_COLUMNS * (job + 1), across))
             for tx in range(x0, x1):
-                if _reaches(splats[i], tx * TILE, ty * TILE):
-                    tile = ty * across + tx
-                    lists[ends[tile]] = i
-                    ends[tile] += 1
-    return lists
+                first, last = _rows_reached(splats[i], tx * TILE, height)
+                for ty in range(first // TILE, -(-last // TILE) if first < last else 0):
+                    place = ends[ty * across + tx]
+                    lists[place] = i
+                    spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
+                    ends[ty * across + tx] += 1
+    return lists, spans
 
 
 @numba.njit(cache=True, inline="always")
-def _falloff(half_power_negated):  # type: ignore[no-untyped-def]
-    """exp(-q / 2) of q >= 0 by a polynomial at one eighth of the exponent, squared three times."""
-    x = max(half_power_negated * _EIGHTH, _LOWEST)
-    e = _ONE + x * (_E1 + x * (_E2 + x * (_E3 + x * (_E4 + x * _E5))))
+def _falloff(q):  # type: ignore[no-untyped-def]
+    """exp(-8 q) of q >= 0 by a polynomial of exp(-q), squared three times."""
+    q = min(q, _ONE)
+    e = _ONE - q * (_E1 - q * (_E2 - q * (_E3 - q * (_E4 - q * _E5))))
     e = e * e
     e = e * e
     return e * e
 
 
 @_parallel
-def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: ignore[no-untyped-def]
+def blend_tiles(splats, values, starts, lists, spans, width, height, labels):  # type: ignore[no-untyped-def]
     """Front-to-back blending of all tiles.
 
     Returns the blended values and, last, alpha, (C + 1, H', W') with H', W' rounded up to whole tiles; and for each
@@ -229,7 +232,7 @@ def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: 
     """
     across, down = -(-width // TILE), -(-height // TILE)
     n_tiles, n_values, n_labels = across * down, values.shape[1], labels.shape[0]
-    image = np.zeros((n_values + 1, down * TILE, across * TILE), np.float32)
+    image = np.empty((n_values + 1, down * TILE, across * TILE), np.float32)
     pairs = np.zeros((lists.shape[0], n_labels), np.float32)
     for job in numba.prange(n_tiles):
         # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
@@ -244,57 +247,88 @@ def blend_tiles(splats, values, starts, lists, width, height, labels):  # type: 
         for p in range(_AREA):
             if left + p % TILE >= width or top + p // TILE >= height:
                 transmittance[p] = -_ONE  # Pixels outside the image count as stopped.
-        weights = np.empty(_AREA, np.float32)
+        weights = np.zeros((_BATCH, _AREA), np.float32)
+        factors = np.zeros(_BATCH, np.float32)
         sums = np.zeros((n_values, _AREA), np.float32)
         marks = np.empty((n_labels, _AREA), np.float32)
         for label in range(n_labels):
             for p in range(_AREA):
                 marks[label, p] = labels[label, top + p // TILE, left + p % TILE]
-        for pair in range(starts[tile], starts[tile + 1]):
-            if (pair - starts[tile]) % _CHECK_EVERY == 0:
+        end = starts[tile + 1]
+        for begin in range(starts[tile], end, _BATCH):
+            if (begin - starts[tile]) % _CHECK_EVERY == 0:
                 light = _ZERO
                 for p in range(_AREA):
                     light += max(transmittance[p], _ZERO)
                 if light <= _ZERO:
                     break
-            i = lists[pair]
-            x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
-            A, B, C, opacity = splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
-            u0, v0 = -(A * x + B * y), -C * y
-            first = TILE * max(0, math.floor(y - splats[i, 7] - np.float32(0.5)))
-            last = TILE * min(TILE, math.ceil(y + splats[i, 7] + np.float32(0.5)))
-            # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
-            columns, rows, light_left, painted = (
-                column[first:last],
-                row[first:last],
-                transmittance[first:last],
-                weights[first:last],
-            )
-            for p in range(len(painted)):
-                u = A * columns[p] + (B * rows[p] + u0)
-                v = C * rows[p] + v0
-                alpha = min(opacity * _falloff(u * u + v * v), _CAP)
-                alpha = alpha if alpha >= _CUTOFF else _ZERO
-                before = light_left[p]
-                after = before * (_ONE - alpha)
-                goes_on = after >= _STOP
-                painted[p] = alpha * before if goes_on else _ZERO
-                light_left[p] = after if goes_on else -abs(before)
+            n = min(_BATCH, end - begin)
+            low, high = _AREA, 0
+            for k in range(n):
+                low, high = min(low, TILE * spans[begin + k, 0]), max(high, TILE * spans[begin + k, 1])
+            weights[:, low:high] = _ZERO
+            for k in range(n):
+                i = lists[begin + k]
+                x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
+                A, B, C, opacity = (
+                    _QUARTER * splats[i, 2],
+                    _QUARTER * splats[i, 3],
+                    _QUARTER * splats[i, 4],
+                    splats[i, 5],
+                )
+                u0, v0 = -(A * x + B * y), -C * y
+                first, last = TILE * spans[begin + k, 0], TILE * spans[begin + k, 1]
+                # Slices, since an index that the compiler cannot prove to be non-negative would stop vectorisation.
+                columns, rows, light_left, painted = (
+                    column[first:last],
+                    row[first:last],
+                    transmittance[first:last],
+                    weights[k, first:last],
+                )
+                for p in range(len(painted)):
+                    u = A * columns[p] + (B * rows[p] + u0)
+                    v = C * rows[p] + v0
+                    alpha = min(opacity * _falloff(u * u + v * v), _CAP)
+                    alpha = alpha if alpha >= _CUTOFF else _ZERO
+                    before = light_left[p]
+                    weight = alpha * before
+                    after = before - weight
+                    goes_on = after >= _STOP
+                    painted[p] = weight if goes_on else _ZERO
+                    light_left[p] = after if goes_on else -abs(before)
+            batch = weights[:, low:high]
             for c in range(n_values):
-                value, total_value = values[i, c], sums[c, first:last]
-                for p in range(len(painted)):
-                    total_value[p] += painted[p] * value
+                for k in range(n):
+                    factors[k] = values[lists[begin + k], c]
+                total = sums[c, low:high]
+                for p in range(len(total)):
+                    value = total[p]
+                    for k in range(_BATCH):
+                        value += batch[k, p] * factors[k]
+                    total[p] = value
             for label in range(n_labels):
-                total, mark = _ZERO, marks[label, first:last]
-                for p in range(len(painted)):
-                    total += painted[p] * mark[p]
-                pairs[pair, label] = total
+                factors[0], factors[1], factors[2], factors[3] = _four_sums(batch, marks[label, low:high])
+                for k in range(n):
+                    pairs[begin + k, label] = factors[k]
         for c in range(n_values):
             for p in range(_AREA):
                 image[c, top + p // TILE, left + p % TILE] = sums[c, p]
         for p in range(_AREA):
             image[n_values, top + p // TILE, left + p % TILE] = _ONE - abs(transmittance[p])
     return image, pairs
+
+
+@numba.njit(cache=True, inline="always")
+def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
+    """Sums of the four rows of `batch` (4, p), each weighted by `mark` (p,)."""
+    a, b, c, d = _ZERO, _ZERO, _ZERO, _ZERO
+    batch_a, batch_b, batch_c, batch_d = batch[0], batch[1], batch[2], batch[3]
+    for p in range(len(mark)):
+        a += batch_a[p] * mark[p]
+        b += batch_b[p] * mark[p]
+        c += batch_c[p] * mark[p]
+        d += batch_d[p] * mark[p]
+    return a, b, c, d
 
 
 @numba.njit(cache=True, inline="always")
@@ -314,7 +348,7 @@ def sum_pairs(pairs, lists, n_drawn):  # type: ignore[no-untyped-def]
 
 
 @_parallel
-def top_of_pixels(splats, starts, lists, width, pixels, k):  # type: ignore[no-untyped-def]
+def top_of_pixels(splats, starts, lists, spans, width, pixels, k):  # type: ignore[no-untyped-def]
     """The k largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals."""
     across = -(-width // TILE)
     n = pixels.shape[0]
@@ -324,10 +358,13 @@ def top_of_pixels(splats, starts, lists, width, pixels, k):  # type: ignore[no-u
         x, y = np.float32(pixels[j, 0]) + np.float32(0.5), np.float32(pixels[j, 1]) + np.float32(0.5)
         tile = (pixels[j, 1] // TILE) * across + pixels[j, 0] // TILE
         transmittance = _ONE
+        row = pixels[j, 1] % TILE
         for pair in range(starts[tile], starts[tile + 1]):
+            if not spans[pair, 0] <= row < spans[pair, 1]:
+                continue
             i = lists[pair]
             dx, dy = x - splats[i, 0], y - splats[i, 1]
-            u, v = splats[i, 2] * dx + splats[i, 3] * dy, splats[i, 4] * dy
+            u, v = _QUARTER * (splats[i, 2] * dx + splats[i, 3] * dy), _QUARTER * splats[i, 4] * dy
             alpha = min(splats[i, 5] * _falloff(u * u + v * v), _CAP)
             if alpha < _CUTOFF:
                 continue
