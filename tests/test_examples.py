@@ -1,0 +1,62 @@
+"""The examples run on their own, and print what they promise."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+SELECTED = 2413
+
+
+@pytest.fixture
+def printed(request, capsys, monkeypatch, tmp_path):
+    """The lines that an example prints."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    runpy.run_path(str(EXAMPLES / request.param), run_name="__main__")
+    return capsys.readouterr().out.splitlines()
+
+
+def numbers(line):
+    return [float(number.replace(",", "")) for number in re.findall(r"\d[\d,]*(?:\.\d+)?", line)]
+
+
+@pytest.mark.parametrize("printed", ["01_trim_one_object.py"], indirect=True)
+def test_trim_one_object(printed):
+    (line,) = printed
+    selected, kept = numbers(line)[:2]
+    assert selected == SELECTED and 2100 < kept < SELECTED
+    picture = Path(line.partition("see ")[2].rstrip("."))
+    assert {path.name for path in picture.parent.iterdir()} == {"object.ply", "background.ply", "before_after.png"}
+
+
+@pytest.mark.parametrize("printed", ["02_lift_masks_and_trim.py"], indirect=True)
+def test_lift_masks_and_trim(printed):
+    lifted, virtual, given = printed
+    assert numbers(lifted)[1:] == [59472, 10]
+    assert 2000 < numbers(virtual)[-1] < numbers(lifted)[0]
+    assert 2000 < numbers(given)[-1] < numbers(lifted)[0]
+
+
+@pytest.mark.parametrize("printed", ["03_bring_your_own_segmenter.py"], indirect=True)
+def test_bring_your_own_segmenter(printed):
+    builtin, own = printed
+    assert builtin.startswith("label-field: 5 masks") and own.startswith("watershed: 5 masks")
+    kept = [numbers(line)[1] for line in printed]
+    assert all(2000 < n < SELECTED for n in kept) and kept[0] != kept[1]
+
+
+@pytest.mark.parametrize("printed", ["04_bring_your_own_renderer.py"], indirect=True)
+def test_bring_your_own_renderer(printed):
+    builtin, own = printed
+    assert builtin.startswith("numba: ") and own.startswith("matte: ")
+    assert all(2000 < numbers(line)[0] < SELECTED for line in printed)
+    # GrabCut's masks come nearer to what is expected of them when nothing shines.
+    assert numbers(own)[1] < numbers(builtin)[1] < 1
+
+
+def test_every_example_is_tested_and_in_the_readme():
+    names = sorted(path.name for path in EXAMPLES.glob("*.py"))
+    tests, readme = Path(__file__).read_text(), (EXAMPLES.parent / "README.md").read_text()
+    assert names and all(f'["{name}"]' in tests and f"examples/{name}" in readme for name in names)
