@@ -28,6 +28,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
 from gaussian_trimmer.pipeline import SplitConfig, TrimConfig, TrimResult, paper_config, trim
 from gaussian_trimmer.rendering import get_renderer
 
+_HIGHEST_PSNR = 100.0  # dB; a view that does not show the object would have an infinite one.
 METRICS = ("iou", "accuracy", "boundary_iou", "soft_iou", "psnr")
 Scores = dict[str, float]
 
@@ -194,7 +195,7 @@ def _score(gaussians: Gaussians, views: Sequence[TestView]) -> tuple[Scores, lis
         scores.append((
             100 * metrics.foreground_iou(*silhouettes), 100 * metrics.pixel_accuracy(*silhouettes),
             100 * metrics.boundary_iou(*silhouettes), 100 * metrics.soft_iou(*silhouettes),
-            metrics.extraction_psnr(shown.rgb, view.image, view.coverage, valid=view.valid),
+            min(metrics.extraction_psnr(shown.rgb, view.image, view.coverage, valid=view.valid), _HIGHEST_PSNR),
         ))  # fmt: skip
     return dict(zip(METRICS, np.mean(scores, axis=0).tolist(), strict=True)), renderings
 
@@ -208,7 +209,7 @@ def _fidelity(result: TrimResult, views: Sequence[TestView], untouched: Sequence
         metrics.psnr(np.clip(_render(together, v).rgb, 0, 1), np.clip(u, 0, 1))
         for v, u in zip(views, untouched, strict=True)
     ]
-    return float(np.mean(np.minimum(values, 100)))
+    return float(np.mean(np.minimum(values, _HIGHEST_PSNR)))
 
 
 def _table(variant: str, rows: Sequence[Row]) -> Table:

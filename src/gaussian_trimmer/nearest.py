@@ -6,11 +6,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.compiling import CACHE, KERNELS
 from gaussian_trimmer.gaussians import FloatArray
-from gaussian_trimmer.parallel import KERNELS
 
 _LEAF = 16
-_jit = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+_jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
 
 
 def nearest(points: FloatArray, queries: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]]:
@@ -98,7 +98,7 @@ def _select(points, order, axis, start, end, middle):  # type: ignore[no-untyped
             return
 
 
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"}, nogil=True, parallel=True)
+@numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True, parallel=True)
 def _search(points, order, axes, splits, queries, k):  # type: ignore[no-untyped-def]
     """Depth-first search with a stack of the branches not taken; `points` lie in tree order.
 

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 
@@ -183,7 +184,7 @@ def connected_voxels(points: Float64Array, size: float) -> IntArray:
     return np.asarray(_connect(voxels)[members.reshape(-1)])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=CACHE)
 def _connect(voxels):  # type: ignore[no-untyped-def]
     """Label 26-connected components of sorted voxel keys by union-find; a label is the smallest member's index."""
     parent = np.arange(len(voxels))

@@ -14,6 +14,7 @@ from gaussian_trimmer import formats, report
 from gaussian_trimmer.camera_files import CameraSet, read_camera_set
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
+from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -26,6 +27,11 @@ from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with
 from gaussian_trimmer.segmenters.sam2 import Sam2Config
 from gaussian_trimmer.selections import SelectionOptions, load_selection
 
+_COMPILING = "Compiling kernels, once per installation: about 20 seconds."
+_COMPILING_AGAIN = (
+    "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
+    "set NUMBA_CACHE_DIR to one that is."
+)
 _SegmenterConfig = GrabCutConfig | Sam2Config | MaskFilesConfig
 
 
@@ -86,7 +92,7 @@ class Trim:
             config, views = self._config(), self._given_views(cameras)
             renderer, segmenter = get_renderer(self.renderer), self._segmenter()
             if renderer.name == "numba" and not _kernels_are_compiled():
-                console.print("Compiling kernels, once per installation: about 20 seconds.")
+                console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
             result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
             stage("write")
             how = segmenter.describe() if hasattr(segmenter, "describe") else segmenter.name
@@ -165,4 +171,4 @@ def _kernels_are_compiled() -> bool:
     """Whether an earlier run has left the renderer's compiled kernels on disk."""
     from gaussian_trimmer.rendering.numba_kernels import blend_tiles
 
-    return any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi"))
+    return CACHE and any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi"))

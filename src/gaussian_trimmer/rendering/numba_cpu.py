@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.compiling import KERNELS
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.parallel import KERNELS
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,

@@ -15,6 +15,7 @@ import math
 import numba
 import numpy as np
 
+from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, LOW_PASS_VARIANCE, TRANSMITTANCE_STOP
 
@@ -37,9 +38,9 @@ _E1, _E2, _E3 = np.float32(0.999970161), np.float32(0.499609905), np.float32(0.1
 _E4, _E5 = np.float32(0.0382472937), np.float32(0.00505843309)
 _QUARTER = np.float32(0.25)  # Turns the factor of q in exp(-q / 2) into that of q / 16 in exp(-8 (q / 16)).
 
-_jit = numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
+_jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
 _parallel = numba.njit(
-    cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True, parallel=True
+    cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True, parallel=True
 )
 
 
@@ -123,7 +124,7 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
     return splats, colours, drawn
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=CACHE, inline="always")
 def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
     """Real spherical harmonics of degree 0 to 3 in direction (x, y, z), with the signs of the 3DGS files."""
     k = rest.shape[0]
@@ -145,7 +146,7 @@ def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
     return value
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=CACHE, inline="always")
 def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
     """First and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches."""
     first = max(start, math.floor(max((splat[0] - splat[6]) / TILE, -1.0)))
@@ -153,7 +154,7 @@ def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
     return first, last
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=CACHE, inline="always")
 def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     """First and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
 
@@ -213,7 +214,7 @@ def bin_gaussians(splats, width, height, starts):  # type: ignore[no-untyped-def
     return lists, spans
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=CACHE, inline="always")
 def _falloff(q):  # type: ignore[no-untyped-def]
     """exp(-8 q) of q >= 0 by a polynomial of exp(-q), squared three times."""
     q = min(q, _ONE)
@@ -318,7 +319,7 @@ def blend_tiles(splats, values, starts, lists, spans, width, height, labels):  #
     return image, pairs
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=CACHE, inline="always")
 def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
     """Sums of the four rows of `batch` (4, p), each weighted by `mark` (p,)."""
     a, b, c, d = _ZERO, _ZERO, _ZERO, _ZERO
@@ -331,7 +332,7 @@ def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
     return a, b, c, d
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=CACHE, inline="always")
 def _interleave(job, n):  # type: ignore[no-untyped-def]
     stride = 61 if n % 61 else (59 if n % 59 else 1)
     return (job * stride) % n
