@@ -107,13 +107,14 @@ def _in_view(
     config: BoundaryConfig,
 ) -> Straddlers:
     none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    lesser = weights.min(axis=1)
+    wide = (lesser >= config.least_area * mask.size) & (lesser >= config.least_share * weights.sum(axis=1))
     pixels = contour_pixels(mask, config.band)
-    if mask.all() or len(pixels) == 0:
+    if mask.all() or len(pixels) == 0 or not wide.any():
         return none
     ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
     rows = np.unique(ids[(ids >= 0) & (contributions >= config.least_weight)])
-    lesser, total = weights[rows].min(axis=1), weights[rows].sum(axis=1)
-    rows = rows[(lesser >= config.least_area * mask.size) & (lesser >= config.least_share * total)]
+    rows = rows[wide[rows]]
     if len(rows) == 0:
         return none
     normals, distances = _tangent_planes(gaussians.means[rows].astype(np.float64), camera, mask)
@@ -126,9 +127,7 @@ def _in_view(
     usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
     offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
     usable &= np.abs(offsets) < 3
-    return Straddlers(
-        rows[usable], normals[usable], offsets[usable], weights[rows].min(axis=1)[usable].astype(np.float64)
-    )
+    return Straddlers(rows[usable], normals[usable], offsets[usable], lesser[rows][usable].astype(np.float64))
 
 
 def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tuple[Float64Array, Float64Array]:

@@ -22,7 +22,7 @@ from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, LOW_PASS_VARIANC
 TILE = 16
 """Side of a tile in pixels."""
 _AREA = TILE * TILE
-_COLUMNS = 8  # Columns of tiles whose lists one thread fills; each list stays in order.
+_SHARES = 8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
 _BATCH = 4  # Gaussians whose weights are found before they are added to sums together, which saves memory traffic.
 _CHECK_EVERY = 4 * _BATCH  # Gaussians between two looks at whether a tile still lets light through.
 
@@ -181,9 +181,10 @@ def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
     """Number of Gaussians that reach each tile, (T,)."""
     across, down = -(-width // TILE), -(-height // TILE)
     counts = np.zeros(across * down, np.int32)
-    for job in numba.prange(-(-across // _COLUMNS)):
+    share = -(-across // _SHARES)
+    for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
-            x0, x1 = _columns_reached(splats[i], _COLUMNS * job, min(_COLUMNS * (job + 1), across))
+            x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
             for tx in range(x0, x1):
                 first, last = _rows_reached(splats[i], tx * TILE, height)
                 for ty in range(first // TILE, -(-last // TILE) if first < last else 0):
@@ -201,9 +202,10 @@ def bin_gaussians(splats, width, height, starts):  # type: ignore[no-untyped-def
     lists = np.empty(starts[-1], np.int32)
     spans = np.empty((starts[-1], 2), np.uint8)
     ends = starts[:-1].copy()
-    for job in numba.prange(-(-across // _COLUMNS)):
+    share = -(-across // _SHARES)
+    for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
-            x0, x1 = _columns_reached(splats[i], _COLUMNS * job, min(_COLUMNS * (job + 1), across))
+            x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
             for tx in range(x0, x1):
                 first, last = _rows_reached(splats[i], tx * TILE, height)
                 for ty in range(first // TILE, -(-last // TILE) if first < last else 0):
