@@ -121,7 +121,8 @@ def _search(points, order, axes, splits, queries, k):  # type: ignore[no-untyped
             node, bound = stack[top], bounds[top]
             if bound >= best[k - 1]:
                 continue
-            offset[:] = gaps[top]
+            for axis in range(dims):  # Copying whole rows takes two seconds longer to compile.
+                offset[axis] = gaps[top, axis]
             while node < n_nodes:
                 axis = axes[node]
                 gap = query[axis] - splits[node]
@@ -129,7 +130,8 @@ def _search(points, order, axes, splits, queries, k):  # type: ignore[no-untyped
                 far_bound = bound - offset[axis] * offset[axis] + gap * gap
                 if far_bound < best[k - 1]:
                     stack[top], bounds[top] = far, far_bound
-                    gaps[top] = offset
+                    for other in range(dims):
+                        gaps[top, other] = offset[other]
                     gaps[top, axis] = gap
                     top += 1
                 node = 2 * node + (0 if gap < 0 else 1)
