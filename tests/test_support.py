@@ -8,6 +8,7 @@ from toy import RED, WHITE, any_rotation, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.label_field import LabelFieldConfig, correct_labels
+from gaussian_trimmer.nearest import nearest
 from gaussian_trimmer.planning import Bounds
 from gaussian_trimmer.support import SupportConfig, attached_to_object, find_support
 
@@ -33,13 +34,13 @@ def lattice(low, high, step=0.04):
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
-def desk(height=-0.6, arm_colour=WHITE):
+def desk(height=-0.6, arm_colour=WHITE, step=0.04):
     """A red block on a white table, an arm at its side in the air, a red post apart from it."""
     table = lattice((-1.4, -1.4, height), (1.4, 1.4, height))
     table[:, 2] += np.random.default_rng(0).uniform(-0.01, 0.01, len(table))
-    block = lattice((-0.3, -0.3, height + 0.04), (0.3, 0.3, height + 1.0))
-    arm = lattice((0.34, -0.06, height + 0.5), (0.7, 0.06, height + 0.62))
-    post = lattice((0.9, 0.6, height + 0.04), (1.0, 0.7, height + 0.8))
+    block = lattice((-0.3, -0.3, height + 0.04), (0.3, 0.3, height + 1.0), step)
+    arm = lattice((0.34, -0.06, height + 0.5), (0.7, 0.06, height + 0.62), step)
+    post = lattice((0.9, 0.6, height + 0.04), (1.0, 0.7, height + 0.8), step)
     parts = [table, block, arm, post]
     part = np.repeat(np.arange(4), [len(points) for points in parts])
     colours = np.array([WHITE, RED, arm_colour, RED])[part]
@@ -49,6 +50,12 @@ def desk(height=-0.6, arm_colour=WHITE):
 def bounds(radius=1.0, centre=(0, 0, 0), axes=AXES):
     half = radius * np.array([0.6, 0.5, np.sqrt(1 - 0.61)])
     return Bounds(radius * np.array(centre, np.float64), axes, half)
+
+
+def spacing(places):
+    """Distance of each point from its nearest neighbour."""
+    squared, _ = nearest(places, places, 2)
+    return np.sqrt(squared[:, 1])
 
 
 def weights(thing):
@@ -62,7 +69,8 @@ def support(thing, selection, box=None, seen=None, **config):
 
 def attached(thing, selection, **config):
     found = support(thing, selection)
-    return attached_to_object(thing.scene.means, selection, weights(thing), found, replace(CONFIG, **config))
+    places = thing.scene.means
+    return attached_to_object(places, spacing(places), selection, weights(thing), found, replace(CONFIG, **config))
 
 
 @pytest.mark.parametrize("height", [-0.8, -0.6, -0.37, 0.0])
@@ -170,7 +178,16 @@ def test_voxels_wider_than_the_gap_join_what_stands_apart():
 def test_nothing_above_the_surface_is_nothing_attached():
     thing = desk()
     flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
-    assert not attached_to_object(thing.scene.means, thing.of(BLOCK), weights(thing), flat, CONFIG).any()
+    places = thing.scene.means
+    assert not attached_to_object(places, spacing(places), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
+
+
+@pytest.mark.parametrize(("gap_spacing", "joined"), [(1.5, True), (0.0, False)])
+def test_few_large_gaussians_are_one_piece_though_their_centres_lie_apart(gap_spacing, joined):
+    thing = desk(step=0.12)
+    found = attached(thing, thing.of(BLOCK), gap_spacing=gap_spacing)
+    assert found[thing.of(ARM)].all() == joined
+    assert not found[thing.of(POST)].any()
 
 
 @pytest.mark.parametrize("enabled", [True, False])

@@ -91,6 +91,7 @@ def check_config(config: TrimConfig) -> None:
     })  # fmt: skip
     _at_least(0, {
         "neighbours": config.neighbours, "labels.smoothness": labels.smoothness,
+        "labels.support.gap-spacing": support.gap_spacing,
         "evidence.prior": config.evidence.prior, "accept.least-overlap": accept.least_overlap,
         "accept.least-views": accept.least_views, "accept.least-remaining": accept.least_remaining,
     })  # fmt: skip

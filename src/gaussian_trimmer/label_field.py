@@ -116,7 +116,8 @@ class _Field:
         squared, self.alike = _others(features, config.neighbours)
         kernel = np.exp(-0.5 * squared) * capped[self.alike]
         self.kernel = (kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9)).astype(np.float32)
-        _, self.near = nearest(places, places, min(_MAJORITY_OF, len(places)))
+        squared, self.near = nearest(places, places, min(_MAJORITY_OF, len(places)))
+        self.spacing = np.sqrt(squared[:, min(1, squared.shape[1] - 1)])
         self.near_weights = capped[self.near]
         bins = np.minimum((colours * _BINS).astype(np.int64), _BINS - 1)
         self.colour_bins = (bins[:, 0] * _BINS + bins[:, 1]) * _BINS + bins[:, 2]
@@ -143,7 +144,7 @@ class _Field:
         support = find_support(self.places, labels, self.weights, self.bounds, config.support)
         if support is None:
             return unary
-        attached = attached_to_object(self.places, labels, self.weights, support, config.support)
+        attached = attached_to_object(self.places, self.spacing, labels, self.weights, support, config.support)
         unary = np.where(attached, config.attached - config.trust, unary)
         resting = support.on_surface & labels
         return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)

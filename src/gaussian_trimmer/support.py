@@ -32,7 +32,10 @@ class SupportConfig:
     thickness: float = 0.05
     """Half of the layer's thickness, relative to the object's radius."""
     gap: float = 0.05
-    """Width of the voxels that connect what stands on the surface, relative to the object's radius."""
+    """Least width of the voxels that connect what stands on the surface, relative to the object's radius."""
+    gap_spacing: float = 1.5
+    """Least width of these voxels in median distances between neighbours of the selection: few large Gaussians touch
+    each other though their centres lie far apart."""
     least_selected: float = 0.5
     """Smallest selected share of a piece that is taken to be the object."""
 
@@ -78,17 +81,31 @@ def find_support(
 
 
 def attached_to_object(
-    places: FloatArray, labels: BoolArray, weights: Float64Array, support: Support, config: SupportConfig
+    places: FloatArray,
+    spacing: FloatArray,
+    labels: BoolArray,
+    weights: Float64Array,
+    support: Support,
+    config: SupportConfig,
 ) -> BoolArray:
     """Gaussians that are not labelled object but stand in one piece with it, (N,).
 
     Pieces are 26-connected voxels of what lies above the surface.
+
+    Args:
+        places: centres divided by the object's radius, (N, 3).
+        spacing: distance of each from its nearest neighbour, (N,).
+        labels: what is labelled object so far, (N,).
+        weights: how much each Gaussian is visible, (N,).
+        support: the surface.
+        config: what counts as a piece.
     """
     attached = np.zeros(len(labels), np.bool_)
     rows = np.flatnonzero(support.above)
     if len(rows) == 0:
         return attached
-    piece = connected_voxels(places[rows].astype(np.float64), config.gap)
+    gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
+    piece = connected_voxels(places[rows].astype(np.float64), gap)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
     attached[rows] = (selected > config.least_selected * total)[piece] & ~labels[rows]
     return attached
