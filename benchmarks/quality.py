@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaussian_trimmer.camera_files import CameraSet, read_camera_set
+from gaussian_trimmer.contact import ContactConfig
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
@@ -58,6 +59,7 @@ def variants() -> dict[str, Variant]:
         "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
         "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
         "no-split": Variant(replace(base, split=SplitConfig("none"))),
+        "contact": Variant(replace(base, split=SplitConfig(contact=ContactConfig(enabled=True)))),
         "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
         "no-label-field": Variant(replace(base, labels=replace(base.labels, enabled=False))),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from gaussian_trimmer.boundary import BoundaryConfig
+from gaussian_trimmer.contact import ContactConfig
 from gaussian_trimmer.decomposition import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evidence import EvidenceConfig
@@ -14,8 +15,8 @@ from gaussian_trimmer.label_field import LabelFieldConfig
 from gaussian_trimmer.planning import PlanConfig
 
 __all__ = [
-    "AcceptConfig", "BoundaryConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig", "SplitConfig", "TrimConfig",
-    "check_config", "paper_config",
+    "AcceptConfig", "BoundaryConfig", "ContactConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig",
+    "SplitConfig", "TrimConfig", "check_config", "paper_config",
 ]  # fmt: skip
 
 
@@ -25,6 +26,8 @@ class SplitConfig:
 
     rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
     """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
+    contact: ContactConfig = field(default_factory=ContactConfig)
+    """Hidden Gaussians that cross the surface below the object."""
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,7 @@ SAGD_SHRINKAGE = 0.8
 SplitRule = Callable[[Gaussians, Float64Array, Float64Array], tuple[Gaussians, Gaussians | None]]
 
 
-def split_plane(
-    gaussians: Gaussians, normals: Float64Array, offsets: Float64Array
-) -> tuple[Gaussians, Gaussians | None]:
+def split_plane(gaussians: Gaussians, normals: Float64Array, offsets: Float64Array) -> tuple[Gaussians, Gaussians]:
     """Children that follow the profile of their parent on either side of the plane, and together all of it.
 
     Centres move along u = Sigma n / sigma_n and variances shrink along u alone, so what the plane does not cut stays.

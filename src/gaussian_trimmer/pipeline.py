@@ -25,6 +25,7 @@ from gaussian_trimmer.config import (
     check_config,
     paper_config,
 )
+from gaussian_trimmer.contact import cut_sunken
 from gaussian_trimmer.decomposition import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evidence import judge, shows_outside
@@ -34,7 +35,7 @@ from gaussian_trimmer.orientation import UpVector, find_up
 from gaussian_trimmer.planning import Bounds, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmenters import Segmenter, View, get_segmenter
-from gaussian_trimmer.support import find_support
+from gaussian_trimmer.support import Support, find_support
 from gaussian_trimmer.views import complete_views, look
 from gaussian_trimmer.visibility import restrict_to_seen
 
@@ -265,14 +266,18 @@ def _judge(
         alone = scope.local.select(rows)
         weights = _weigh_alone(alone, accepted, scope.bounds.radius, renderer) if len(rows) else []
         if config.evidence.second_evidence and len(rows):
-            free = _above_support(scope, keep, inside + outside, config)
-            halo = shows_outside(np.sum(weights, axis=0), inside[rows], outside[rows], free[rows], config.evidence)
+            support = _support(scope, keep, inside + outside, config)
+            free = support.above[rows] if support else np.zeros(len(rows), np.bool_)
+            halo = shows_outside(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
             keep[rows[halo]] = False
     if not keep.any():
         return None
     with clock("split"):
         cut, inner, outer = _split(alone, keep[rows], accepted, weights, renderer, config)
-    return _Verdict(keep, rows[cut], inner, outer)
+        verdict = _Verdict(keep, rows[cut], inner, outer)
+        if config.split.rule != "none" and config.split.contact.enabled and config.evidence.recover:
+            verdict = _cut_sunken(scope, verdict, inside + outside, accepted, renderer, config)
+    return verdict
 
 
 def _harm(
@@ -296,11 +301,34 @@ def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer)
     return [renderer.blend_weights(part, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
 
 
-def _above_support(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> BoolArray:
-    """What lies above the surface that the object stands on, (L,); nothing where no surface is found."""
+def _support(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> Support | None:
+    """The surface that the object stands on, if there is one."""
     places = scope.local.means / np.float32(scope.bounds.radius)
-    support = find_support(places, keep, seen.astype(np.float64), scope.bounds, config.labels.support)
-    return np.zeros(len(keep), np.bool_) if support is None else support.above
+    return find_support(places, keep, seen.astype(np.float64), scope.bounds, config.labels.support)
+
+
+def _cut_sunken(
+    scope: _Scope, verdict: _Verdict, seen: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer,
+    config: TrimConfig,
+) -> _Verdict:  # fmt: skip
+    """The verdict, with hidden Gaussians that cross the surface below the object cut there."""
+    support = _support(scope, verdict.keep, seen, config)
+    if support is None:
+        return verdict
+    cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
+    rows, inner, outer = cut_sunken(
+        scope.local, verdict.keep, seen, support, scope.bounds, cameras, masks, renderer, config.split.contact
+    )
+    keep = verdict.keep.copy()
+    keep[rows] = True
+    # These come first, since they have outer parts under every rule.
+    return _Verdict(
+        keep, np.concatenate([rows, verdict.split]), _joined(inner, verdict.inner), _joined(outer, verdict.outer)
+    )
+
+
+def _joined(first: Gaussians, second: Gaussians | None) -> Gaussians:
+    return first if second is None else concatenate([first, second])
 
 
 def _weigh_alone(

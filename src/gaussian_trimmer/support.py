@@ -44,6 +44,10 @@ class SupportConfig:
 class Support:
     """Where each Gaussian lies relative to the surface."""
 
+    height: float
+    """Height of the surface above the bounds' centre, in object radii."""
+    thickness: float
+    """Half the thickness of its layer, in object radii."""
     on_surface: BoolArray
     """Gaussians of the layer, (N,)."""
     above: BoolArray
@@ -77,7 +81,8 @@ def find_support(
     middle = edges[best] + _BIN / 2
     layer = around & (np.abs(height - middle) < 1.5 * _BIN)
     middle = np.average(height[layer], weights=weights[layer])
-    return Support(np.abs(height - middle) <= config.thickness, height > middle + config.thickness)
+    on_surface, above = np.abs(height - middle) <= config.thickness, height > middle + config.thickness
+    return Support(float(middle), config.thickness, on_surface, above)
 
 
 def attached_to_object(
