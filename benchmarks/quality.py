@@ -27,6 +27,7 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
 from gaussian_trimmer.pipeline import SplitConfig, TrimConfig, TrimResult, paper_config, trim
+from gaussian_trimmer.planning import up_frame
 from gaussian_trimmer.rendering import get_renderer
 
 _HIGHEST_PSNR = 100.0  # dB; a view that does not show the object would have an infinite one.
@@ -81,7 +82,7 @@ class Arguments:
     objects: tuple[str, ...] = ()
     """Only these objects."""
     kinds: tuple[str, ...] = ()
-    """Only these kinds of coarse selection."""
+    """Only these kinds of coarse selection; `box` is a box around the object, a tenth of its radius wider on all sides."""
     without_cameras: bool = False
     """Give the trimmer neither cameras nor up vector."""
     output: Path | None = None
@@ -147,7 +148,7 @@ def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Argu
         views = [view for view in scene.test_views(name) if arguments.all_views or not view.far]
         untouched = [_render(scene.gaussians, view).rgb for view in views] if arguments.fidelity else []
         for kind in arguments.kinds or scene.coarse_kinds(name):
-            coarse = scene.coarse(name, kind)
+            coarse = _box(scene, name) if kind == "box" else scene.coarse(name, kind)
             before, before_sheet = _score(scene.gaussians.select(coarse), views)
             for variant in chosen:
                 start = time.perf_counter()
@@ -162,6 +163,15 @@ def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Argu
                 labels = ("kept", "pruned", "recovered", "split_inside", "split_outside")
                 counts = {label: result.count(i) for i, label in enumerate(labels)}
                 yield Row(scene.name, name, kind, variant, before, after, fidelity, seconds, result.refused, counts)
+
+
+def _box(scene: BenchmarkScene, name: str, margin: float = 0.1) -> BoolArray:
+    """What an upright box around the object holds: percentiles 1 to 99 of its centres, and a margin in radii."""
+    axes = up_frame(scene.up if scene.up is not None else np.array([0.0, -1.0, 0.0]))
+    places = scene.gaussians.means @ axes.T
+    low, high = np.percentile(places[scene.coarse(name, "exact")], [1, 99], axis=0)
+    reach = margin * np.linalg.norm(high - low) / 2
+    return np.asarray(((places > low - reach) & (places < high + reach)).all(axis=1))
 
 
 def _training_cameras(folder: Path) -> CameraSet:

@@ -28,7 +28,10 @@ class SupportConfig:
     enabled: bool = True
     """Look for the surface; where there is none, nothing changes."""
     least_share: float = 0.3
-    """Smallest share of the visible surroundings that the layer must hold to be a surface."""
+    """Smallest share that the layer must hold of the visible surroundings about the height of the object's foot. What
+    lies far below, like the ground around a plinth, and far above, like walls, does not count."""
+    least_share_of_all: float = 0.1
+    """Smallest share that it must hold of all visible surroundings: a wisp is no surface."""
     thickness: float = 0.05
     """Half of the layer's thickness, relative to the object's radius."""
     gap: float = 0.05
@@ -76,7 +79,8 @@ def find_support(
     edges = np.arange(foot - _SEARCHED, foot + _SEARCHED + _BIN, _BIN)
     counts = np.convolve(np.histogram(height[around], edges, weights=weights[around])[0], [1, 1, 1], "same")
     best = int(np.argmax(counts))
-    if counts[best] < config.least_share * total:
+    level = weights[around & (np.abs(height - foot) < _SEARCHED)].sum()
+    if counts[best] < max(config.least_share * level, config.least_share_of_all * total, 1e-12):
         return None
     middle = edges[best] + _BIN / 2
     layer = around & (np.abs(height - middle) < 1.5 * _BIN)
