@@ -82,7 +82,7 @@ class Arguments:
     objects: tuple[str, ...] = ()
     """Only these objects."""
     kinds: tuple[str, ...] = ()
-    """Only these kinds of coarse selection; `box` is a box around the object, a tenth of its radius wider on all sides."""
+    """Only these kinds of coarse selection; `box` is a box around the object, wider by a tenth of its radius."""
     without_cameras: bool = False
     """Give the trimmer neither cameras nor up vector."""
     output: Path | None = None
