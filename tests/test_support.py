@@ -14,7 +14,7 @@ from gaussian_trimmer.support import SupportConfig, attached_to_object, find_sup
 
 CONFIG = SupportConfig()
 AXES = np.eye(3)
-TABLE, BLOCK, ARM, POST = range(4)
+TABLE, BLOCK, ARM, POST, GROUND = range(5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +132,29 @@ def test_a_wall_is_none():
     rows = thing.of(TABLE)
     wall[rows] = np.stack([np.full(rows.sum(), 0.9), wall[rows, 1], wall[rows, 0]], axis=1)
     assert support(replace(thing, scene=thing.scene.replace(means=wall)), thing.of(BLOCK)) is None
+
+
+def on_a_plinth(level):
+    """The desk's table cut to a plinth, with four times as many Gaussians `level` radii above or below it."""
+    thing = desk()
+    table = thing.of(TABLE) & (np.abs(thing.scene.means[:, :2]).max(axis=1) < 0.8)
+    kept = np.flatnonzero(table | ~thing.of(TABLE))
+    ground = np.repeat(np.flatnonzero(thing.of(TABLE)), 4)
+    means = np.concatenate([thing.scene.means[kept], thing.scene.means[ground] + np.float32([0, 0, level])])
+    part = np.concatenate([thing.part[kept], np.full(len(ground), GROUND)])
+    return Desk(gaussians(means, (0.02,) * 3, WHITE), part)
+
+
+@pytest.mark.parametrize("level", [-0.7, 1.5])
+def test_the_top_of_a_plinth_is_found_though_most_lies_elsewhere(level):
+    thing = on_a_plinth(level)
+    box = (np.abs(thing.scene.means) < [0.5, 0.5, 0.7]).all(axis=1)
+    seen = np.where(thing.of(GROUND), 1.0, 5.0)
+    found = support(thing, box, seen=seen)
+    assert found.height == pytest.approx(-0.6, abs=0.02)
+    assert found.on_surface[thing.of(TABLE)].all()
+    # The wisp that is left of it if hardly anything of it shows is no surface.
+    assert support(thing, box, seen=np.where(thing.of(TABLE), 0.3, seen)) is None
 
 
 def test_a_layer_that_no_view_shows_is_none():
