@@ -152,7 +152,7 @@ def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     low, high = (
         np.array([_weighted_percentile(local[:, k], weights, q) for k in range(3)]) for q in _BOUND_PERCENTILES
     )
-    floor = float(np.exp(np.median(target.log_scales[rows])))
+    floor = max(1e-3 * float((high - low).max()), float(np.exp(np.median(target.log_scales[rows]))))
     return Bounds((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, floor))
 
 
