@@ -60,7 +60,7 @@ class LabelFieldConfig:
     """Distance over which trust grows, relative to the object's radius."""
     attached: float = 3.0
     """Weight for the object of what stands in one piece with it on the supporting surface."""
-    resting: float = 1.75
+    resting: float = 1.0
     """Weight against the object of selected Gaussians in the supporting surface."""
     support: SupportConfig = field(default_factory=SupportConfig)
 
