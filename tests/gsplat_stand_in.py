@@ -12,9 +12,10 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from gaussian_trimmer.rendering.reference import sh_basis
+
+torch = pytest.importorskip("torch", reason="needs PyTorch: the cuda extra")
 
 WARP = 32
 CUT_OFF, STOP = 1 / 255, 1e-4
