@@ -50,7 +50,7 @@ def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
     command += ["--split.rule", "none", "--evidence.no-recover", "--renderer", "numba", "--format", "splat"]
     assert run(*command) == 0
     report = report_of(tmp_path)
-    assert report["configuration"]["split"] == {"rule": "none"}
+    assert report["configuration"]["split"]["rule"] == "none"
     assert not report["configuration"]["evidence"]["recover"]
     assert (len(report["views"]), report["segmenter"]) == (3, "grabcut")
     assert report["inputs"]["segmenter_options"]["iterations"] == 1

@@ -178,7 +178,7 @@ def test_a_sparse_ball_that_is_selected_exactly_stays_whole(n_ball, seed):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_each_part_of_the_evidence_can_be_left_out(seed):
-    rough = eroded(*sparse_ball(700, seed), 0.3)
+    rough = eroded(*sparse_ball(700, seed), 0.5)
     both, no_recovery, first_only = (
         trimmed(rough, 700, seed, **part) for part in ({}, {"recover": False}, {"second_evidence": False})
     )
