@@ -207,6 +207,61 @@ def _connect(voxels):  # type: ignore[no-untyped-def]
     return parent
 
 
+def connected_points(points: Float64Array, reach: float) -> IntArray:
+    """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
+
+    Exact, whatever grid sorts the points: those of one cell are within reach of each other, and between cells at most
+    two apart the distances decide.
+    """
+    size = reach / np.sqrt(3)
+    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_002
+    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+    voxels, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    order = np.argsort(members.reshape(-1), kind="stable")
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return np.asarray(_connect_within(voxels, points[order], starts, reach * reach)[members.reshape(-1)])
+
+
+@numba.njit(cache=CACHE)
+def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-def]
+    """Label cells (V,) whose points (N, 3), sorted by cell, come within a squared distance, by union-find."""
+    parent = np.arange(len(voxels))
+    for i in range(len(voxels)):
+        for dx in range(-2, 1):
+            for dy in range(-2, 3):
+                for dz in range(-2, 3):
+                    key = voxels[i] + (dx << 42) + (dy << 21) + dz
+                    if key >= voxels[i]:
+                        continue
+                    j = np.searchsorted(voxels, key)
+                    if voxels[j] != key:
+                        continue
+                    a, b = _root(parent, i), _root(parent, j)
+                    if a != b and _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit):
+                        parent[max(a, b)] = min(a, b)
+    for i in range(len(voxels)):
+        parent[i] = parent[parent[i]]
+    return parent
+
+
+@numba.njit(cache=CACHE)
+def _root(parent, i):  # type: ignore[no-untyped-def]
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@numba.njit(cache=CACHE)
+def _within(some, others, limit):  # type: ignore[no-untyped-def]
+    """Whether any of some points comes within a squared distance of any of the others."""
+    for a in some:
+        for b in others:
+            if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 <= limit:
+                return True
+    return False
+
+
 def _angles(bounds: Bounds, config: PlanConfig, seen_from: Sequence[Camera]) -> tuple[Float64Array, float]:
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
-from gaussian_trimmer.planning import Bounds, connected_voxels
+from gaussian_trimmer.planning import Bounds, connected_points
 
 _REACH = 1.5
 _SEARCHED = 0.4
@@ -34,11 +34,11 @@ class SupportConfig:
     """Smallest share that it must hold of all visible surroundings: a wisp is no surface."""
     thickness: float = 0.05
     """Half of the layer's thickness, relative to the object's radius."""
-    gap: float = 0.05
-    """Least width of the voxels that connect what stands on the surface, relative to the object's radius."""
-    gap_spacing: float = 1.5
-    """Least width of these voxels in median distances between neighbours of the selection: few large Gaussians touch
-    each other though their centres lie far apart."""
+    gap: float = 0.1
+    """Largest distance between neighbours in one piece of what stands on the surface, relative to the object's radius."""
+    gap_spacing: float = 2.5
+    """The same in median distances between nearest neighbours of the selection, if that is more: few large Gaussians
+    touch each other though their centres lie far apart."""
     least_selected: float = 0.5
     """Smallest selected share of a piece that is taken to be the object."""
 
@@ -99,7 +99,7 @@ def attached_to_object(
 ) -> BoolArray:
     """Gaussians that are not labelled object but stand in one piece with it, (N,).
 
-    Pieces are 26-connected voxels of what lies above the surface.
+    Pieces are what lies above the surface and is connected by steps of at most the gap.
 
     Args:
         places: centres divided by the object's radius, (N, 3).
@@ -114,7 +114,7 @@ def attached_to_object(
     if len(rows) == 0:
         return attached
     gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
-    piece = connected_voxels(places[rows].astype(np.float64), gap)
+    piece = connected_points(places[rows].astype(np.float64), gap)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
     attached[rows] = (selected > config.least_selected * total)[piece] & ~labels[rows]
     return attached
