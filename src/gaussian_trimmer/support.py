@@ -35,8 +35,8 @@ class SupportConfig:
     thickness: float = 0.05
     """Half of the layer's thickness, relative to the object's radius."""
     gap: float = 0.1
-    """Largest distance between neighbours in one piece of what stands on the surface, relative to the object's radius."""
-    gap_spacing: float = 2.5
+    """Largest distance between neighbours in one piece of what stands on the surface, in object radii."""
+    gap_spacing: float = 2.8
     """The same in median distances between nearest neighbours of the selection, if that is more: few large Gaussians
     touch each other though their centres lie far apart."""
     least_selected: float = 0.5
