@@ -192,9 +192,8 @@ def _connect(voxels):  # type: ignore[no-untyped-def]
         for dx in range(-1, 2):
             for dy in range(-1, 2):
                 for dz in range(-1, 2):
-                    key = voxels[i] + (dx << 42) + (dy << 21) + dz
-                    j = np.searchsorted(voxels, key)
-                    if j < i and voxels[j] == key:
+                    j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
+                    if j >= 0:
                         a, b = i, j
                         while parent[a] != a:
                             a = parent[a]
@@ -230,11 +229,8 @@ def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-d
         for dx in range(-2, 1):
             for dy in range(-2, 3):
                 for dz in range(-2, 3):
-                    key = voxels[i] + (dx << 42) + (dy << 21) + dz
-                    if key >= voxels[i]:
-                        continue
-                    j = np.searchsorted(voxels, key)
-                    if voxels[j] != key:
+                    j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
+                    if j < 0:
                         continue
                     a, b = _root(parent, i), _root(parent, j)
                     if a != b and _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit):
@@ -242,6 +238,19 @@ def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-d
     for i in range(len(voxels)):
         parent[i] = parent[parent[i]]
     return parent
+
+
+@numba.njit(cache=CACHE)
+def _find(keys, key, end):  # type: ignore[no-untyped-def]
+    """Place of a key among the first `end` of the sorted keys; -1 if it is not there."""
+    low, high = 0, end
+    while low < high:
+        middle = (low + high) // 2
+        if keys[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < end and keys[low] == key else -1
 
 
 @numba.njit(cache=CACHE)
@@ -255,9 +264,10 @@ def _root(parent, i):  # type: ignore[no-untyped-def]
 @numba.njit(cache=CACHE)
 def _within(some, others, limit):  # type: ignore[no-untyped-def]
     """Whether any of some points comes within a squared distance of any of the others."""
-    for a in some:
-        for b in others:
-            if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2 <= limit:
+    for i in range(len(some)):
+        for j in range(len(others)):
+            dx, dy, dz = some[i, 0] - others[j, 0], some[i, 1] - others[j, 1], some[i, 2] - others[j, 2]
+            if dx * dx + dy * dy + dz * dz <= limit:
                 return True
     return False
 
