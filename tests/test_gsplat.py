@@ -133,8 +133,8 @@ def test_far_from_the_origin_as_near_it(version, monkeypatch):
     renderer = GsplatRenderer("cpu")
     monkeypatch.setattr("gaussian_trimmer.rendering.reference.ALPHA_CAP", renderer._alpha_cap)
     actual, expected = (r.render(far, camera) for r in (renderer, ReferenceRenderer()))
-    assert_close(actual.rgb, expected.rgb)
-    assert_close(actual.depth * expected.alpha, expected.depth * expected.alpha, scale=3.0)
+    assert_close(renderer, actual.rgb, expected.rgb)
+    assert_close(renderer, actual.depth * expected.alpha, expected.depth * expected.alpha, scale=3.0)
 
 
 def test_nothing_to_draw(version):

@@ -9,13 +9,15 @@ from scenes import front_camera, gaussian, random_scene
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import ALPHA_CAP, get_renderer
 
-# The fast paths compute in float32 with approximate exponentials, gsplat with approximate divisions too: errors of some
-# 1e-5. Where that tips an alpha over the cut-off or a transmittance over the stop, a pixel may change by 0.01: allowed
-# to one in a thousand. The weights of its Gaussians change with it: allowed to ten of them where there are many.
-TOLERANCE = 1e-4
+# The fast paths compute in float32 with an approximate exponential, relative errors of about 1e-5; where that tips an
+# alpha over the cut-off or a transmittance over the stop, a pixel may change by 0.01: allowed to one in a thousand.
+# gsplat's divisions are approximate too, and where a pixel changes the weights of its Gaussians change with it: allowed
+# to ten of them where there are many.
+TOLERANCE = 5e-5
+GSPLAT_TOLERANCE = 1e-4
 LARGEST_FLIP = 0.01
 SHARE_OF_FLIPS = 0.001
-FLIPPED_GAUSSIANS = 10
+GSPLAT_FLIPPED_GAUSSIANS = 10
 
 SIZES = [(83, 61), (7, 5), (48, 32), (130, 17)]
 BACKGROUND = np.array([0.2, 0.4, 0.9], np.float32)
@@ -81,28 +83,32 @@ def reference(fast, monkeypatch):
     return get_renderer("reference")
 
 
-def assert_close(actual, expected, scale=1.0, flips=0):
-    """Nearly all entries agree within the tolerance, all within a flip, both relative to `scale`."""
+def tolerance_of(renderer):
+    return GSPLAT_TOLERANCE if renderer.name == "gsplat" else TOLERANCE
+
+
+def assert_close(renderer, actual, expected, scale=1.0, flips=0):
+    """Nearly all entries agree within the renderer's tolerance, all within a flip, both relative to `scale`."""
     assert actual.shape == expected.shape
     assert np.isfinite(actual).all()
     difference = np.abs(actual.astype(np.float64) - expected) / scale
-    assert np.count_nonzero(difference > TOLERANCE) <= max(flips, SHARE_OF_FLIPS * difference.size)
+    assert np.count_nonzero(difference > tolerance_of(renderer)) <= max(flips, SHARE_OF_FLIPS * difference.size)
     assert difference.max(initial=0.0) <= LARGEST_FLIP
 
 
-def assert_weights_close(actual, expected):
+def assert_weights_close(renderer, actual, expected):
     """Sums over many pixels: errors add up in proportion, and so do flips."""
-    flips = FLIPPED_GAUSSIANS if len(expected) > 100 else 0
-    assert_close(actual, expected, scale=np.maximum(expected, 1.0), flips=flips)
+    flips = GSPLAT_FLIPPED_GAUSSIANS if renderer.name == "gsplat" and len(expected) > 100 else 0
+    assert_close(renderer, actual, expected, scale=np.maximum(expected, 1.0), flips=flips)
 
 
 @pytest.mark.parametrize("args", VIEWS, ids=str)
 def test_render(fast, reference, args):
     expected, actual = (renderer.render(*view(*args), BACKGROUND) for renderer in (reference, fast))
-    assert_close(actual.rgb, expected.rgb)
-    assert_close(actual.alpha, expected.alpha)
+    assert_close(fast, actual.rgb, expected.rgb)
+    assert_close(fast, actual.alpha, expected.alpha)
     # Depths are quotients by alpha, so their error is too; they are of the order of 3.
-    assert_close(actual.depth * expected.alpha, expected.depth * expected.alpha, scale=3.0)
+    assert_close(fast, actual.depth * expected.alpha, expected.depth * expected.alpha, scale=3.0)
     assert np.all((actual.depth == 0) == (actual.alpha == 0))
     assert actual.weights.size == 0
 
@@ -112,10 +118,10 @@ def test_render_with_weights(fast, reference, args):
     gaussians, camera = view(*args)
     expected = reference.render(gaussians, camera, BACKGROUND, weights=True)
     actual = fast.render(gaussians, camera, BACKGROUND, weights=True)
-    assert_close(actual.rgb, expected.rgb)
+    assert_close(fast, actual.rgb, expected.rgb)
     assert expected.weights.shape == (len(gaussians),)
     assert expected.weights.sum() == pytest.approx(expected.alpha.sum(), rel=1e-5)
-    assert_weights_close(actual.weights, expected.weights)
+    assert_weights_close(fast, actual.weights, expected.weights)
 
 
 def test_scenes_are_worth_rendering():
@@ -131,14 +137,14 @@ def test_scenes_are_worth_rendering():
 
 def test_black_is_the_default_background(fast, reference):
     gaussians, camera = view("random 1", 48, 32)
-    assert_close(fast.render(gaussians, camera).rgb, reference.render(gaussians, camera).rgb)
+    assert_close(fast, fast.render(gaussians, camera).rgb, reference.render(gaussians, camera).rgb)
 
 
 @pytest.mark.parametrize("args", [("random 2", 83, 61), ("exhausted", 130, 17), ("empty", 7, 5)], ids=str)
 def test_blend_values(fast, reference, args):
     gaussians, camera = view(*args)
     values = np.random.default_rng(1).uniform(-1, 1, (len(gaussians), 5)).astype(np.float32)
-    assert_close(fast.blend_values(gaussians, camera, values), reference.blend_values(gaussians, camera, values))
+    assert_close(fast, fast.blend_values(gaussians, camera, values), reference.blend_values(gaussians, camera, values))
 
 
 @pytest.mark.parametrize("n_labels", [1, 2, 5])
@@ -150,7 +156,7 @@ def test_blend_weights(fast, reference, args, n_labels):
     labels[0, 0] = 255
     expected = reference.blend_weights(gaussians, camera, labels, n_labels)
     actual = fast.blend_weights(gaussians, camera, labels, n_labels)
-    assert_weights_close(actual, expected)
+    assert_weights_close(fast, actual, expected)
     assert np.all(actual >= 0)
     np.testing.assert_array_equal(
         fast.blend_weights(gaussians, camera, labels, n_labels), actual, "Every time the same."
@@ -165,11 +171,11 @@ def test_top_contributors(fast, reference, args, k):
     # One more than asked, to see whether the last one is well separated from the next.
     expected_ids, expected = reference.top_contributors(gaussians, camera, pixels, k + 1)
     ids, weights = fast.top_contributors(gaussians, camera, pixels, k)
-    assert_close(weights, expected[:, :k])
+    assert_close(fast, weights, expected[:, :k])
     assert np.all(np.diff(weights, axis=1) <= 0)
     assert np.all((ids == -1) == (weights == 0))
     gap = -np.diff(np.column_stack([np.full(len(pixels), np.inf), expected]), axis=1)
-    separated = np.minimum(gap[:, :-1], gap[:, 1:]) > 20 * TOLERANCE
+    separated = np.minimum(gap[:, :-1], gap[:, 1:]) > 20 * tolerance_of(fast)
     wrong = ids[separated] != expected_ids[:, :k][separated]
     assert wrong.sum() <= SHARE_OF_FLIPS * wrong.size
     assert separated.sum() >= 0.8 * np.count_nonzero(expected[:, 0])
