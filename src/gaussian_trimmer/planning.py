@@ -178,10 +178,30 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
 
 def connected_voxels(points: Float64Array, size: float) -> IntArray:
     """Number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,)."""
-    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_001
-    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    voxels, members = np.unique(keys, return_inverse=True)
+    voxels, members = np.unique(_cell_keys(points, size), return_inverse=True)
     return np.asarray(_connect(voxels)[members.reshape(-1)])
+
+
+def connected_points(points: Float64Array, reach: float) -> IntArray:
+    """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
+
+    Exact, whatever grid sorts the points: those of one cell are within reach of each other, and between cells at most
+    two apart the distances decide.
+    """
+    keys = _cell_keys(points, reach / np.sqrt(3))
+    voxels, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    order = np.argsort(members.reshape(-1), kind="stable")
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return np.asarray(_connect_within(voxels, points[order], starts, reach * reach)[members.reshape(-1)])
+
+
+def _cell_keys(points: Float64Array, size: float) -> IntArray:
+    """Number of the cubic cell that each point (N, 3) lies in, (N,): a step along an axis adds 1 << 42, 1 << 21 or 1.
+
+    Cells are counted from two beyond the first, so that steps of two from any of them stay apart as well.
+    """
+    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_002
+    return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
 
 
 @numba.njit(cache=CACHE)
@@ -194,31 +214,8 @@ def _connect(voxels):  # type: ignore[no-untyped-def]
                 for dz in range(-1, 2):
                     j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
                     if j >= 0:
-                        a, b = i, j
-                        while parent[a] != a:
-                            a = parent[a]
-                        while parent[b] != b:
-                            parent[b] = parent[parent[b]]
-                            b = parent[b]
-                        parent[max(a, b)] = min(a, b)
-    for i in range(len(voxels)):
-        parent[i] = parent[parent[i]]
-    return parent
-
-
-def connected_points(points: Float64Array, reach: float) -> IntArray:
-    """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
-
-    Exact, whatever grid sorts the points: those of one cell are within reach of each other, and between cells at most
-    two apart the distances decide.
-    """
-    size = reach / np.sqrt(3)
-    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_002
-    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    voxels, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    order = np.argsort(members.reshape(-1), kind="stable")
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    return np.asarray(_connect_within(voxels, points[order], starts, reach * reach)[members.reshape(-1)])
+                        _join(parent, _root(parent, i), _root(parent, j))
+    return _flattened(parent)
 
 
 @numba.njit(cache=CACHE)
@@ -234,10 +231,8 @@ def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-d
                         continue
                     a, b = _root(parent, i), _root(parent, j)
                     if a != b and _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit):
-                        parent[max(a, b)] = min(a, b)
-    for i in range(len(voxels)):
-        parent[i] = parent[parent[i]]
-    return parent
+                        _join(parent, a, b)
+    return _flattened(parent)
 
 
 @numba.njit(cache=CACHE)
@@ -259,6 +254,20 @@ def _root(parent, i):  # type: ignore[no-untyped-def]
         parent[i] = parent[parent[i]]
         i = parent[i]
     return i
+
+
+@numba.njit(cache=CACHE)
+def _join(parent, a, b):  # type: ignore[no-untyped-def]
+    """Join the trees of two roots; the smaller one becomes the root of both."""
+    parent[max(a, b)] = min(a, b)
+
+
+@numba.njit(cache=CACHE)
+def _flattened(parent):  # type: ignore[no-untyped-def]
+    """The root of every member; no parent is larger than its child."""
+    for i in range(len(parent)):
+        parent[i] = parent[parent[i]]
+    return parent
 
 
 @numba.njit(cache=CACHE)
