@@ -73,20 +73,23 @@ def cut_sunken(
         object, when that is alone, are not among them.
     """
     beside = np.flatnonzero(~keep)
-    heights, spreads = _heights(gaussians.select(beside), support, bounds)
-    rising = (np.abs(heights) < _CROSSING * spreads) & (heights + _RISING * spreads > support.thickness)
-    if not rising.any():
-        return _cut(gaussians, beside[rising], heights[rising], spreads[rising], bounds)
+    background = gaussians.select(beside)
+    heights, spreads = _heights(background, support, bounds)
+    sunken = (np.abs(heights) < _CROSSING * spreads) & (heights + _RISING * spreads > support.thickness)
     views = [_smaller(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
-    ghost = _weights(gaussians.select(beside), views, renderer)
-    sunken = rising & (ghost[:, 1] >= config.least_area * sum(mask.size for mask in masks))
-    sunken &= seen[beside] <= config.largest_seen * ghost[:, 1]
-    sunken &= ghost[:, 1] >= config.least_inside * ghost.sum(axis=1)
+    if sunken.any():
+        ghost = _weights(background, views, renderer)
+        sunken &= ghost[:, 1] >= config.least_area * sum(mask.size for mask in masks)
+        sunken &= seen[beside] <= config.largest_seen * ghost[:, 1]
+        sunken &= ghost[:, 1] >= config.least_inside * ghost.sum(axis=1)
     rows = beside[sunken]
-    _, upper, _ = _cut(gaussians, rows, heights[sunken], spreads[sunken], bounds)
-    halo = _weights(concatenate([gaussians.select(keep), upper]), views, renderer)[-len(rows) :, 0] if len(rows) else 0
+    normals = np.tile(bounds.axes[2], (len(rows), 1))
+    upper, lower = split_plane(gaussians.select(rows), normals, heights[sunken] / spreads[sunken])
+    if len(rows) == 0:
+        return rows, upper, lower
+    halo = _weights(concatenate([gaussians.select(keep), upper]), views, renderer)[-len(rows) :, 0]
     clean = halo <= config.largest_halo * ghost[sunken, 1]
-    return _cut(gaussians, rows[clean], heights[sunken][clean], spreads[sunken][clean], bounds)
+    return rows[clean], upper.select(clean), lower.select(clean)
 
 
 def _heights(gaussians: Gaussians, support: Support, bounds: Bounds) -> tuple[Float64Array, Float64Array]:
@@ -100,13 +103,6 @@ def _heights(gaussians: Gaussians, support: Support, bounds: Bounds) -> tuple[Fl
     spreads = np.zeros_like(heights)
     spreads[near] = np.sqrt(np.einsum("i,nij,j->n", up, gaussians.select(near).covariances(), up)) / bounds.radius
     return heights, spreads
-
-
-def _cut(
-    gaussians: Gaussians, rows: IntArray, heights: Float64Array, spreads: Float64Array, bounds: Bounds
-) -> tuple[IntArray, Gaussians, Gaussians]:
-    normals = np.tile(bounds.axes[2], (len(rows), 1))
-    return rows, *split_plane(gaussians.select(rows), normals, heights / spreads)
 
 
 def _smaller(camera: Camera, mask: BoolArray) -> tuple[Camera, NDArray[np.uint8]]:
