@@ -20,7 +20,7 @@ from gaussian_trimmer.planning import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmenters import Box
 from gaussian_trimmer.standing import standing_pieces
-from gaussian_trimmer.views import bounding_box, look
+from gaussian_trimmer.views import bounding_box, visible_weight
 
 Way = Literal["piece", "colour"]
 
@@ -119,7 +119,7 @@ def _click(
     gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer
 ) -> tuple[BoolArray, Way]:
     target = _look_at_pixel(gaussians, camera, x, y, renderer)
-    _, visible = look(gaussians, _views_around(camera, target, up), renderer)
+    visible = _visible_around(gaussians, camera, target, up, renderer)
     pieces = _pieces_at(gaussians, camera, target, visible, up)
     if pieces:
         return pieces[0], "piece"
@@ -143,7 +143,7 @@ def _pieces_in_box(
     if not targets:
         raise InputError(f"Nothing is seen in the middle of the box {box}; choose another one or another view.")
     middle = sorted(targets, key=lambda target: target.depth)[len(targets) // 2]
-    _, visible = look(gaussians, _views_around(camera, middle, up), renderer)
+    visible = _visible_around(gaussians, camera, middle, up, renderer)
     for target in targets:
         yield from _pieces_at(gaussians, camera, target, visible, up)
 
@@ -172,6 +172,18 @@ def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, rendere
     seeds = np.zeros(len(gaussians), np.float32)
     seeds[rows] = weights
     return _Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
+
+
+def _visible_around(
+    gaussians: Gaussians, camera: Camera, target: _Target, up: Float64Array, renderer: Renderer
+) -> FloatArray:
+    """How much each Gaussian shows in the view and in others around the point, (N,)."""
+    cameras = _views_around(camera, target, up)
+    weights = [
+        renderer.blend_weights(gaussians, view, np.zeros((view.height, view.width), np.uint8), 1)[:, 0]
+        for view in cameras
+    ]
+    return visible_weight(weights, cameras)
 
 
 def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Camera]:

@@ -36,7 +36,7 @@ from gaussian_trimmer.planning import Bounds, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmenters import Segmenter, View, get_segmenter
 from gaussian_trimmer.support import Support, find_support
-from gaussian_trimmer.views import complete_views, look
+from gaussian_trimmer.views import complete_views, visible_weight
 from gaussian_trimmer.visibility import restrict_to_seen
 
 __all__ = [
@@ -139,7 +139,8 @@ def trim(
     with clock("plan"):
         scope = _plan(scene, selection, config, renderer, cameras, views)
     with clock("render"):
-        pictures, visible = look(scope.local, scope.cameras, renderer)
+        pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
+        visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
     with clock("correct"):
         probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.labels)
     with clock("render"):

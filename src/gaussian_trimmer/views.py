@@ -14,14 +14,15 @@ from gaussian_trimmer.segmenters import Box, View
 _REFERENCE_PIXELS = 5 * 512 * 512
 
 
-def look(local: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> tuple[list[Rendering], FloatArray]:
-    """What the cameras see, and each Gaussian's blend weight in it, in pixels of five views of 512 x 512, (N,)."""
-    pictures = [renderer.render(local, camera, weights=True) for camera in cameras]
-    total = np.zeros(len(local), np.float32)
-    for picture in pictures:
-        total += picture.weights
+def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
+    """Blend weight of each Gaussian over all views, in pixels of five views of 512 x 512, (N,).
+
+    Args:
+        weights: that of each view, in its own pixels, (N,) each.
+        cameras: the views.
+    """
     pixels = sum(camera.height * camera.width for camera in cameras)
-    return pictures, total * np.float32(_REFERENCE_PIXELS / pixels)
+    return np.asarray(np.sum(weights, axis=0) * np.float32(_REFERENCE_PIXELS / pixels))
 
 
 def complete_views(
