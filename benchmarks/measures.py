@@ -12,11 +12,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from random_sam2 import RandomSam2Segmenter, save_large_model
 from synthetic_scenes import KERNEL_SIZE, kernel_view
 
 from gaussian_trimmer import formats, report
@@ -24,6 +26,8 @@ from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
+from gaussian_trimmer.segmenters import Segmenter, get_segmenter
+from gaussian_trimmer.segmenters.sam2 import Sam2Config
 from gaussian_trimmer.selections import load_selection
 
 Record = dict[str, Any]
@@ -38,6 +42,9 @@ class Case:
     selection: Path
     config: TrimConfig
     renderer: str
+    segmenter: str
+    sam2_model: str
+    """Folder or hub name of the model; if empty, a large one with random weights."""
     runs: int
 
 
@@ -69,11 +76,12 @@ def measure_trim(case: Case) -> Record:
     scene = formats.read(case.scene)
     selection = load_selection(case.selection, scene)
     loads = [_seconds(lambda: formats.read(case.scene)) for _ in range(case.runs)]
-    result = trim(scene, selection, case.config, case.renderer)
+    renderer, segmenter = get_renderer(case.renderer), _segmenter(case)
+    result = trim(scene, selection, case.config, renderer, segmenter)
     stages = []
     for _ in range(case.runs):
         start = time.perf_counter()
-        result = trim(scene, selection, case.config, case.renderer)
+        result = trim(scene, selection, case.config, renderer, segmenter)
         stages.append({**result.seconds, "trim": time.perf_counter() - start})
     return {
         "gaussians": len(scene),
@@ -82,9 +90,21 @@ def measure_trim(case: Case) -> Record:
         **medians(stages),
         "save": _save_seconds(result, selection, case),
         "peak_bytes": _peak_bytes(),
+        **_device_memory(),
         "file_bytes": case.scene.stat().st_size,
         "digest": _digest(result)[:8],
+        "refused": bool(result.refused),
     }
+
+
+def _segmenter(case: Case) -> Segmenter:
+    if case.segmenter != "sam2":
+        return get_segmenter(case.segmenter)
+    if case.sam2_model:
+        return get_segmenter("sam2", Sam2Config(model=case.sam2_model))
+    with tempfile.TemporaryDirectory() as folder:
+        save_large_model(Path(folder))
+        return RandomSam2Segmenter(Path(folder))
 
 
 def measure_kernel(runs: int) -> Record:
@@ -111,7 +131,11 @@ def run_command(case: Case, folder: Path, environment: Mapping[str, str] | None 
     """Seconds and peak memory of the command line, from the start of the interpreter to its end."""
     with tempfile.TemporaryDirectory(dir=folder) as output:
         command = [sys.executable, "-m", "gaussian_trimmer", "trim", str(case.scene), str(case.selection)]
-        command += ["--output", f"{output}/trimmed", "--renderer", case.renderer, "--quiet"]
+        command += ["--output", f"{output}/trimmed", "--quiet"]
+        command += ["--renderer", case.renderer, "--plan.size", str(case.config.plan.size)]
+        command += ["--segmenter", case.segmenter]
+        if case.sam2_model:
+            command += ["--sam2.model", case.sam2_model]
         if case.config.up:
             command += ["--up", *map(str, case.config.up)]
         start = time.perf_counter()
@@ -148,6 +172,21 @@ def _peak_bytes() -> int:
     import resource
 
     return _in_bytes(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+def cuda_device() -> Record:
+    """Name of the CUDA device and version of CUDA, if PyTorch finds one; run in a process of its own."""
+    try:
+        torch = import_module("torch")
+    except ImportError:
+        return {}
+    return {"device": torch.cuda.get_device_name(), "cuda": torch.version.cuda} if torch.cuda.is_available() else {}
+
+
+def _device_memory() -> Record:
+    """Largest memory of PyTorch's tensors on a CUDA device, where there is one and this process uses it."""
+    torch = sys.modules.get("torch")
+    return {"device_bytes": torch.cuda.max_memory_allocated()} if torch and torch.cuda.is_available() else {}
 
 
 def _in_bytes(maximum_resident: int) -> int:

@@ -11,16 +11,18 @@ from __future__ import annotations
 import json
 import os
 import platform
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import tyro
-from measures import Case, Record, in_new_process, measure_kernel, measure_trim, medians, run_command
+from measures import Case, Record, cuda_device, in_new_process, measure_kernel, measure_trim, medians, run_command
 from rich.console import Console
 from rich.table import Table
 from synthetic_scenes import tiled, with_object_of
@@ -64,6 +66,13 @@ class Arguments:
     """Numbers of threads."""
     renderer: Literal["numba", "gsplat", "reference"] = "numba"
     """What renders the views."""
+    pixels: int = PlanConfig.size
+    """Width of the views in pixels, where the section does not vary it."""
+    segmenter: Literal["label-field", "grabcut", "sam2"] = "label-field"
+    """What segments the views."""
+    sam2_model: str = ""
+    """With `sam2`: a model on the hub or a local folder. Not given: SAM2.1 large with random weights, which costs as
+    much as the trained one; its masks mean nothing, so later stages get those of the default segmenter."""
     runs: int = 5
     """Runs of which the median is taken."""
     first_run: bool = False
@@ -74,13 +83,16 @@ class Arguments:
 
 def main() -> None:
     arguments = tyro.cli(Arguments)
+    if arguments.segmenter == "sam2" and not arguments.sam2_model and {"cold", "sizes"} & set(arguments.sections):
+        sys.exit("The sections cold and sizes run the command, which needs trained weights: pass --sam2-model.")
     console = Console()
     results: Record = {"machine": _machine()}
     with tempfile.TemporaryDirectory(prefix="speed-") as name:
-        config = TrimConfig(up=arguments.up)
+        config = TrimConfig(up=arguments.up, plan=PlanConfig(size=arguments.pixels))
         base = Case(
-            arguments.scene.absolute(), arguments.selection.absolute(), config, arguments.renderer, arguments.runs
-        )
+            arguments.scene.absolute(), arguments.selection.absolute(), config, arguments.renderer,
+            arguments.segmenter, arguments.sam2_model, arguments.runs,
+        )  # fmt: skip
         for section in dict.fromkeys(arguments.sections):
             results[section] = SECTIONS[section](base, arguments, Path(name))
             console.print(_table(section, results[section]))
@@ -203,12 +215,18 @@ def _make(base: Case, case: Case, change: Change, n: int) -> None:
 
 
 def _machine() -> Record:
-    import numba
-
+    installed = {name: _version(name) for name in ("numpy", "numba", "torch", "gsplat", "transformers")}
     return {
         "platform": platform.platform(), "cores": os.cpu_count(), "python": platform.python_version(),
-        "numpy": np.__version__, "numba": numba.__version__,
+        **installed, **in_new_process(cuda_device),
     }  # fmt: skip
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def _table(section: str, records: Sequence[Record]) -> Table:
