@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS, compressed_ply, ply
 from gaussian_trimmer.formats.morton import morton_order
+from gaussian_trimmer.selections import load_selection
 
 SUFFIXES = list(FORMATS)
 
@@ -22,6 +23,16 @@ def test_order_and_count_are_kept(tmp_path: Path, suffix: str) -> None:
     again = round_trip(gaussians, tmp_path / f"a{suffix}")
     assert len(again) == 700
     assert error(again, gaussians, "means") < 0.02  # far less than the distance of neighbours in the file
+
+
+def test_strings_are_paths(tmp_path: Path) -> None:
+    path = str(tmp_path / "a.ply")
+    formats.write(sample(20, 1), path)
+    again = formats.convert(path, str(tmp_path / "b.ply"))
+    assert len(again) == len(formats.read(path)) == 20
+    selected = tmp_path / "first.npy"
+    np.save(selected, np.arange(20) < 3)
+    assert load_selection(str(selected), again).sum() == 3
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

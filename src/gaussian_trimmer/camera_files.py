@@ -88,18 +88,18 @@ class _Frame:
     train: bool = True
 
 
-def read_cameras(path: Path) -> list[Camera]:
+def read_cameras(path: str | Path) -> list[Camera]:
     """The cameras of a COLMAP folder or of a JSON file; errors as `read_camera_set`."""
     return list(read_camera_set(path).cameras)
 
 
-def read_camera_set(path: Path) -> CameraSet:
+def read_camera_set(path: str | Path) -> CameraSet:
     """Cameras, split and up vector of a COLMAP folder or of a JSON file; the kind is found by content.
 
     Raises:
         InputError: nothing readable is there, two kinds are, the file is damaged, or a camera is not possible.
     """
-    found = _camera_file(path)
+    found = _camera_file(Path(path))
     up = None
     if found.suffix == ".json":
         document = _load_json(found)

@@ -20,29 +20,29 @@ FORMATS = {
 }
 
 
-def format_suffix(path: Path) -> str:
+def format_suffix(path: str | Path) -> str:
     """The known suffix that a file's name ends with.
 
     Raises:
         InputError: the name ends with no known suffix.
 
-    >>> format_suffix(Path("Scene.PLY"))
+    >>> format_suffix("Scene.PLY")
     '.ply'
     """
-    name = path.name.lower()
+    name = Path(path).name
     for suffix in sorted(FORMATS, key=len, reverse=True):
-        if name.endswith(suffix):
+        if name.lower().endswith(suffix):
             return suffix
-    raise InputError(f"'{path.name}' is no known splat format; known endings: {', '.join(FORMATS)}.")
+    raise InputError(f"'{name}' is no known splat format; known endings: {', '.join(FORMATS)}.")
 
 
-def read(path: Path) -> Gaussians:
+def read(path: str | Path) -> Gaussians:
     """The Gaussians of a splat file, rows in the file's own order.
 
     Raises:
         InputError: the file is missing, of no known format, damaged, or holds no Gaussians or non-finite values.
     """
-    suffix = format_suffix(path)
+    path, suffix = Path(path), format_suffix(path)
     if not path.is_file():
         raise InputError(f"There is no file '{path}'.")
     if suffix.endswith(".ply"):
@@ -51,7 +51,7 @@ def read(path: Path) -> Gaussians:
     return gaussians
 
 
-def write(gaussians: Gaussians, path: Path) -> None:
+def write(gaussians: Gaussians, path: str | Path) -> None:
     """Write a splat file in the format that its name asks for; the file appears whole or not at all.
 
     What the format cannot hold is left out or rounded, as docs/formats.md states; rows keep their order.
@@ -59,10 +59,10 @@ def write(gaussians: Gaussians, path: Path) -> None:
     Raises:
         InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
     """
-    _module(format_suffix(path)).write(gaussians, path)
+    _module(format_suffix(path)).write(gaussians, Path(path))
 
 
-def convert(source: Path, target: Path, *, sort: bool = False) -> Gaussians:
+def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Gaussians:
     """Read one splat file and write another; returns what was written, before the target's format rounded it.
 
     With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and

@@ -48,14 +48,14 @@ class SelectionKind(Protocol):
         ...
 
 
-def load_selection(path: Path, gaussians: Gaussians, options: SelectionOptions | None = None) -> BoolArray:
+def load_selection(path: str | Path, gaussians: Gaussians, options: SelectionOptions | None = None) -> BoolArray:
     """Which Gaussians of the scene a selection file means, (N,); at least one.
 
     Raises:
         InputError: the file cannot be read, does not fit the scene or the options, could be of several kinds, or
             selects nothing.
     """
-    options = options or SelectionOptions()
+    path, options = Path(path), options or SelectionOptions()
     file = open_selection(path)
     kind = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
     module = _module(kind)

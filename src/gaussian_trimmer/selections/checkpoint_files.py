@@ -87,12 +87,13 @@ def parse_checkpoint(value: Any, path: Path) -> Checkpoint:
     return Checkpoint(gaussians, _iteration(value), extra[0] if extra else None)
 
 
-def read_checkpoint(path: Path) -> Checkpoint:
+def read_checkpoint(path: str | Path) -> Checkpoint:
     """The checkpoint in a .pth file, for instance to save its Gaussians as a PLY.
 
     Raises:
         InputError: the file cannot be read, or holds no checkpoint.
     """
+    path = Path(path)
     value = torch_files.load(path)
     if not is_checkpoint(value):
         raise InputError(
