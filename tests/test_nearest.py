@@ -70,6 +70,18 @@ def test_fewer_points_than_asked_for(n):
     check(points, np.zeros((4, 3), np.float32), 5)
 
 
+@pytest.mark.parametrize("reach", [0.0, 0.2, 0.7, 5.0])
+def test_nothing_beyond_reach(reach):
+    rng = np.random.default_rng(4)
+    points, queries = rng.normal(size=(400, 3)).astype(np.float32), rng.normal(size=(90, 3)).astype(np.float32)
+    squared, indices = nearest(points, queries, 5, reach)
+    everything, those = nearest(points, queries, 5)
+    near = everything < np.float32(reach * reach)
+    assert near.any() == (reach > 0)
+    np.testing.assert_array_equal(squared, np.where(near, everything, np.inf))
+    np.testing.assert_array_equal(indices, np.where(near, those, -1))
+
+
 def test_no_queries():
     squared, indices = nearest(np.zeros((5, 3), np.float32), np.zeros((0, 3), np.float32), 2)
     assert squared.shape == indices.shape == (0, 2)

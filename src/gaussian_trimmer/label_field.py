@@ -24,10 +24,14 @@ from gaussian_trimmer.planning import Bounds
 from gaussian_trimmer.support import SupportConfig, attached_to_object, find_support
 
 _BINS = 32
+_STEPS = np.arange(_BINS) - np.arange(_BINS)[:, None]
+_BLUR = np.where(np.abs(_STEPS) <= 3, np.exp(-0.5 * _STEPS.astype(np.float64) ** 2), 0.0)
 _LEAST_WEIGHT = 0.05
 _LARGEST_WEIGHT = 20.0
 _MAJORITY_OF = 17
 _COLOUR_LIMIT = 2.0
+_DEEPEST = 1.5
+"""Depths behind the boundary from which trust no longer grows."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,7 @@ class _Field:
     def _trust(self, labels: BoolArray, signs: FloatArray) -> FloatArray:
         """Log-odds of each Gaussian by its own label, its depth behind the boundary and the surface below, (S,)."""
         config = self.config
-        deep = np.minimum(self._distance_to_boundary(signs) / config.depth, 1.5)
+        deep = self._distance_to_boundary(signs, _DEEPEST * config.depth) / np.float32(config.depth)
         unary = np.asarray((config.trust + config.depth_trust * deep**2) * signs, np.float32)
         support = find_support(self.places, labels, self.weights, self.bounds, config.support)
         if support is None:
@@ -149,14 +153,17 @@ class _Field:
         resting = support.on_surface & labels
         return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
 
-    def _distance_to_boundary(self, signs: FloatArray) -> FloatArray:
-        """Distance of each Gaussian to the nearest of the other side, sides being local majorities of the labels."""
+    def _distance_to_boundary(self, signs: FloatArray, farthest: float) -> FloatArray:
+        """Distance of each Gaussian to the nearest of the other side, at most `farthest`, (S,).
+
+        The sides are local majorities of the labels. Where one side has all, there is no boundary, and the distance 0.
+        """
         majority = np.sum(signs[self.near] * self.near_weights, axis=1) > 0
         distance = np.zeros(len(signs), np.float32)
         if majority.any() and not majority.all():
             for side in (True, False):
-                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1)
-                distance[majority == side] = np.sqrt(squared[:, 0])
+                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1, reach=farthest)
+                distance[majority == side] = np.minimum(np.sqrt(squared[:, 0]), np.float32(farthest))
         return distance
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> tuple[Float64Array, float]:
@@ -182,8 +189,6 @@ def _others(features: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]
 def _blurred_histogram(bins: NDArray[np.int64], weights: Float64Array) -> Float64Array:
     """Normalised colour histogram, blurred by one bin's standard deviation, flat."""
     counts = np.bincount(bins, weights, _BINS**3).reshape((_BINS,) * 3)
-    taps = np.exp(-0.5 * np.arange(-3.0, 4.0) ** 2)
-    for axis in range(3):
-        padded = np.pad(counts, [(3, 3) if a == axis else (0, 0) for a in range(3)])
-        counts = sum(tap * np.take(padded, np.arange(i, i + _BINS), axis=axis) for i, tap in enumerate(taps))
+    for _ in range(3):  # The last axis is blurred and comes first, so that after three times all are in order again.
+        counts = np.tensordot(_BLUR, counts, axes=(1, 2))
     return np.asarray((counts / max(counts.sum(), 1e-12)).reshape(-1))

@@ -10,22 +10,29 @@ from gaussian_trimmer.compiling import CACHE, KERNELS
 from gaussian_trimmer.gaussians import FloatArray
 
 _LEAF = 16
+_TOGETHER = 64  # Queries that share their scratch memory.
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
 
 
-def nearest(points: FloatArray, queries: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]]:
+def nearest(
+    points: FloatArray, queries: FloatArray, k: int, reach: float = np.inf
+) -> tuple[FloatArray, NDArray[np.int32]]:
     """Squared distances (Q, k) and indices (Q, k) of the k nearest points (N, D) of each query (Q, D), nearest first.
 
-    Where there are fewer than k points, the last columns hold infinity and the index -1.
+    Where fewer than k points are closer than `reach`, the last columns hold infinity and the index -1.
 
     >>> points = np.float32([[0.0, 0.0], [3.0, 4.0]])
     >>> nearest(points, points[:1], 2)[0].tolist()
     [[0.0, 25.0]]
+    >>> nearest(points, points[:1], 2, reach=4.0)[0].tolist()
+    [[0.0, inf]]
     """
     points = np.ascontiguousarray(points, np.float32)
     order, axes, splits = _build(points)
+    queries = np.ascontiguousarray(queries, np.float32)
+    leaves, numbers = _leaves(points, order, len(axes))
     with KERNELS:
-        squared, found = _search(points[order], order, axes, splits, np.ascontiguousarray(queries, np.float32), k)
+        squared, found = _search(leaves, numbers, axes, splits, queries, k, reach * reach)
     return squared, found
 
 
@@ -56,6 +63,25 @@ def _build(points):  # type: ignore[no-untyped-def]
         _select(points, order, widest, start, end, middle)
         axes[node], splits[node] = widest, points[order[middle], widest]
     return order, axes, splits
+
+
+@_jit
+def _leaves(points, order, n_leaves):  # type: ignore[no-untyped-def]
+    """Coordinates of the leaves' points, (n_leaves, D, _LEAF), and their numbers, (n_leaves, _LEAF).
+
+    Distances of a leaf then take a few vector instructions for each axis. Where a leaf has fewer points, coordinates
+    are infinite.
+    """
+    dims = points.shape[1]
+    leaves = np.full((n_leaves, dims, _LEAF), np.inf, np.float32)
+    numbers = np.full((n_leaves, _LEAF), -1, np.int32)
+    for leaf in range(n_leaves):
+        start, end = _range_of(n_leaves + leaf, len(points))
+        for i in range(end - start):
+            numbers[leaf, i] = order[start + i]
+            for axis in range(dims):
+                leaves[leaf, axis, i] = points[order[start + i], axis]
+    return leaves, numbers
 
 
 @_jit
@@ -99,52 +125,58 @@ def _select(points, order, axis, start, end, middle):  # type: ignore[no-untyped
 
 
 @numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True, parallel=True)
-def _search(points, order, axes, splits, queries, k):  # type: ignore[no-untyped-def]
-    """Depth-first search with a stack of the branches not taken; `points` lie in tree order.
+def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[no-untyped-def]
+    """Depth-first search below a squared distance, with a stack of the branches not taken.
 
     A branch keeps how far its box lies from the query along each axis, so that its distance adds up over the axes.
     """
-    n, dims = points.shape
-    n_nodes = len(axes)
-    squared = np.full((len(queries), k), np.inf, np.float32)
+    n_nodes, dims, _ = leaves.shape
+    squared = np.full((len(queries), k), limit, np.float32)
     found = np.full((len(queries), k), -1, np.int32)
-    for q in numba.prange(len(queries)):
-        query = queries[q]
-        best, ids = squared[q], found[q]
+    for part in numba.prange(-(-len(queries) // _TOGETHER)):
         stack = np.empty(64, np.int64)
         bounds = np.empty(64, np.float32)
         gaps = np.zeros((64, dims), np.float32)
         offset = np.zeros(dims, np.float32)
-        stack[0], bounds[0], top = 1, np.float32(0), 1
-        while top > 0:
-            top -= 1
-            node, bound = stack[top], bounds[top]
-            if bound >= best[k - 1]:
-                continue
-            for axis in range(dims):  # Copying whole rows takes two seconds longer to compile.
-                offset[axis] = gaps[top, axis]
-            while node < n_nodes:
-                axis = axes[node]
-                gap = query[axis] - splits[node]
-                far = 2 * node + (1 if gap < 0 else 0)
-                far_bound = bound - offset[axis] * offset[axis] + gap * gap
-                if far_bound < best[k - 1]:
-                    stack[top], bounds[top] = far, far_bound
-                    for other in range(dims):
-                        gaps[top, other] = offset[other]
-                    gaps[top, axis] = gap
-                    top += 1
-                node = 2 * node + (0 if gap < 0 else 1)
-            start, end = _range_of(node, n)
-            for i in range(start, end):
-                distance = np.float32(0)
+        distances = np.empty(_LEAF, np.float32)
+        for q in range(part * _TOGETHER, min((part + 1) * _TOGETHER, len(queries))):
+            query, best, ids = queries[q], squared[q], found[q]
+            gaps[0] = 0
+            stack[0], bounds[0], top = 1, np.float32(0), 1
+            while top > 0:
+                top -= 1
+                node, bound = stack[top], bounds[top]
+                if bound >= best[k - 1]:
+                    continue
+                for axis in range(dims):  # Copying whole rows takes two seconds longer to compile.
+                    offset[axis] = gaps[top, axis]
+                while node < n_nodes:
+                    axis = axes[node]
+                    gap = query[axis] - splits[node]
+                    far = 2 * node + (1 if gap < 0 else 0)
+                    far_bound = bound - offset[axis] * offset[axis] + gap * gap
+                    if far_bound < best[k - 1]:
+                        stack[top], bounds[top] = far, far_bound
+                        for other in range(dims):
+                            gaps[top, other] = offset[other]
+                        gaps[top, axis] = gap
+                        top += 1
+                    node = 2 * node + (0 if gap < 0 else 1)
+                distances[:] = 0
                 for axis in range(dims):
-                    step = points[i, axis] - query[axis]
-                    distance += step * step
-                if distance < best[k - 1]:
-                    slot = k - 1
-                    while slot > 0 and best[slot - 1] > distance:
-                        best[slot], ids[slot] = best[slot - 1], ids[slot - 1]
-                        slot -= 1
-                    best[slot], ids[slot] = distance, order[i]
+                    coordinates, place = leaves[node - n_nodes, axis], query[axis]
+                    for i in range(_LEAF):
+                        step = coordinates[i] - place
+                        distances[i] += step * step
+                for i in range(_LEAF):
+                    distance = distances[i]
+                    if distance < best[k - 1]:
+                        slot = k - 1
+                        while slot > 0 and best[slot - 1] > distance:
+                            best[slot], ids[slot] = best[slot - 1], ids[slot - 1]
+                            slot -= 1
+                        best[slot], ids[slot] = distance, numbers[node - n_nodes, i]
+            for slot in range(k):
+                if ids[slot] < 0:
+                    best[slot] = np.inf
     return squared, found
