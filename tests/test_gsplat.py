@@ -94,6 +94,17 @@ def test_a_view_is_projected_once(version, monkeypatch):
     assert projected[0][0] == projected[2][0] != projected[1][0], "Gaussians are uploaded once, too."
 
 
+def test_images_leave_the_device_when_they_are_looked_at(version, monkeypatch):
+    fetched = []
+    to_numpy = gsplat_cuda._array
+    monkeypatch.setattr(gsplat_cuda, "_array", lambda tensor: fetched.append(tensor.shape) or to_numpy(tensor))
+    seen = GsplatRenderer("cpu").render(SCENE, CAMERA, weights=True)
+    assert fetched == [(len(SCENE),)]
+    assert seen.depth is seen.depth
+    assert seen.rgb.shape == (*seen.alpha.shape, 3) == (CAMERA.height, CAMERA.width, 3)
+    assert len(fetched) == 4
+
+
 def test_the_oldest_projections_make_room(version, monkeypatch):
     renderer, ones = GsplatRenderer("cpu"), np.ones((80, 1), np.float32)
     cameras = [front_camera(20, 10 + i) for i in range(3)]

@@ -6,6 +6,7 @@ import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.segmenters import View, get_segmenter
 from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with_masks, find_mask, ids_of, mask_of
 
@@ -18,7 +19,8 @@ def camera(name, width=WIDTH):
 
 def view(name, width=WIDTH):
     nothing = np.zeros((HEIGHT, width), np.float32)
-    return View(camera(name, width), np.zeros((HEIGHT, width, 3), np.float32), *[nothing] * 5, (0, 0, width, HEIGHT))
+    picture = Rendering(np.zeros((HEIGHT, width, 3), np.float32), nothing, nothing)
+    return View(camera(name, width), picture, nothing, nothing, nothing, (0, 0, width, HEIGHT))
 
 
 def save(path, columns=3, value=255):

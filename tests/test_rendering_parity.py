@@ -4,9 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+import toy
 from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.planning import PlanConfig
 from gaussian_trimmer.rendering import ALPHA_CAP, get_renderer
 
 # The fast paths compute in float32 with an approximate exponential, relative errors of about 1e-5; where that tips an
@@ -33,6 +36,11 @@ def straight_camera(width, height):
     return type(camera)(np.eye(4), camera.K, width, height)
 
 
+def object_rows(result):
+    """Which rows of the scene have a part in the object, (N,)."""
+    return np.isin(np.arange(len(result.scene)), result.source_index[: len(result.object)])
+
+
 @cache
 def view(scene, width, height):
     """Gaussians and a camera, by the scene's name."""
@@ -50,6 +58,7 @@ def view(scene, width, height):
 
 
 SCENES = [f"random {degree}" for degree in range(4)] + ["capped", "exhausted", "faint", "behind", "empty"]
+SMALL_VIEWS = toy.small_config(plan=PlanConfig(size=96, views=3))
 VIEWS = [(scene, *size) for scene in SCENES for size in SIZES]
 
 
@@ -184,3 +193,19 @@ def test_top_contributors(fast, reference, args, k):
 def test_no_pixels(fast):
     ids, weights = fast.top_contributors(*view("random 0", 48, 32), np.zeros((0, 2), np.int64), 3)
     assert ids.shape == weights.shape == (0, 3)
+
+
+@pytest.fixture(scope="module")
+def reference_trim():
+    scene, truth = toy.ball_on_floor()
+    coarse = toy.dilated(scene, truth)
+    return scene, coarse, truth, trim(scene, coarse, SMALL_VIEWS, "reference")
+
+
+def test_a_whole_trim(fast, reference_trim):
+    scene, coarse, truth, expected = reference_trim
+    result = trim(scene, coarse, SMALL_VIEWS, fast)
+    assert (result.renderer, result.refused) == (fast.name, "")
+    wrong_before, wrong = np.count_nonzero(coarse != truth), np.count_nonzero(object_rows(result) != truth)
+    assert wrong < 0.1 * wrong_before
+    assert np.count_nonzero(object_rows(result) != object_rows(expected)) <= 2

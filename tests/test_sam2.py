@@ -17,6 +17,7 @@ safetensors_torch = pytest.importorskip("safetensors.torch", reason="needs Trans
 
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
+from gaussian_trimmer.rendering import Rendering  # noqa: E402
 from gaussian_trimmer.segmenters import View  # noqa: E402
 from gaussian_trimmer.segmenters.sam2 import Sam2Config, Sam2Segmenter  # noqa: E402
 
@@ -235,13 +236,13 @@ def make_view(colour=(0.2, 0.5, 0.8), box=(30, 10, 60, 40), width=120, height=80
     rgb = np.full((height, width, 3), colour, np.float32)
     camera = Camera(np.eye(4), intrinsics(1.0, width, height), width, height)
     whole = np.ones_like(silhouette)
-    return View(camera, rgb, whole, whole, silhouette, silhouette, silhouette, box)
+    return View(camera, Rendering(rgb, whole, whole), silhouette, silhouette, silhouette, box)
 
 
 def textured_views(n: int) -> list[View]:
     rng = np.random.default_rng(0)
     views = [make_view(box=(30 + 5 * i, 10, 60 + 5 * i, 40)) for i in range(n)]
-    return [replace(view, rgb=rng.random(view.rgb.shape, np.float32)) for view in views]
+    return [replace(view, picture=replace(view.picture, rgb=rng.random(view.rgb.shape, np.float32))) for view in views]
 
 
 class Recorder:

@@ -5,6 +5,7 @@ import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.segmenters import SEGMENTERS, View, get_segmenter
 from gaussian_trimmer.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter
 
@@ -29,7 +30,7 @@ def view(expected, rgb=None):
     blank = np.zeros((height, width), np.float32)
     rgb = picture(expected > 0.5) if rgb is None else rgb
     camera = Camera(np.eye(4), intrinsics(1.0, width, height), width, height)
-    return View(camera, rgb, blank, blank + 1, blank, blank, expected, (0, 0, width, height))
+    return View(camera, Rendering(rgb, blank + 1, blank), blank, blank, expected, (0, 0, width, height))
 
 
 def overlap(a, b):

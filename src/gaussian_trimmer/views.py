@@ -45,12 +45,8 @@ def complete_views(
     for camera, picture in zip(cameras, pictures, strict=True):
         shown = renderer.blend_values(local, camera, shares)
         object_alpha = renderer.blend_values(alone, camera, np.ones((len(alone), 1), np.float32))[..., 0]
-        views.append(
-            View(
-                camera, picture.rgb, picture.depth, picture.alpha, object_alpha, np.ascontiguousarray(shown[..., 0]),
-                np.ascontiguousarray(shown[..., 1]), bounding_box(object_alpha > 0.5),
-            )
-        )  # fmt: skip
+        visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
+        views.append(View(camera, picture, object_alpha, visible, expected, bounding_box(object_alpha > 0.5)))
     return views
 
 

@@ -58,6 +58,26 @@ class _Uploaded:
     """The last few, by the id of the camera, which stays its own because the camera is kept."""
 
 
+class _RenderingOnDevice(Rendering):
+    """A rendering whose images leave the device when they are first looked at; most never are."""
+
+    def __init__(self, rgb: Tensor, alpha: Tensor, depth: Tensor, weights: FloatArray) -> None:
+        # Past the setters of a frozen dataclass; attributes by these names would hide the properties below.
+        vars(self).update(on_device=(rgb, alpha, depth), weights=weights)
+
+    @cached_property
+    def rgb(self) -> FloatArray:
+        return _array(vars(self)["on_device"][0])
+
+    @cached_property
+    def alpha(self) -> FloatArray:
+        return _array(vars(self)["on_device"][1])
+
+    @cached_property
+    def depth(self) -> FloatArray:
+        return _array(vars(self)["on_device"][2])
+
+
 class GsplatRenderer:
     """Fulfils the `Renderer` contract on a CUDA device.
 
@@ -86,7 +106,7 @@ class GsplatRenderer:
             rgb = rgb + (1 - alpha)[..., None] * self._tensor(background)
         everywhere = self._blank(camera, int(weights)) + 1
         shown = self._weights_under(everywhere, gaussians, camera).flatten()
-        return Rendering(_array(rgb), _array(alpha), _array(image[..., 3]), _array(shown))
+        return _RenderingOnDevice(rgb, alpha, image[..., 3], _array(shown))
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""

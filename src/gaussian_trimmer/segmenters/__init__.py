@@ -10,6 +10,7 @@ from typing import Any, Protocol, cast
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.rendering import Rendering
 
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
@@ -20,12 +21,8 @@ class View:
     """What a segmenter gets to see of one camera."""
 
     camera: Camera
-    rgb: FloatArray
-    """The picture to segment, in [0, 1]: object and neighbours over a plain background, (H, W, 3)."""
-    depth: FloatArray
-    """Depth of the picture in scene units, zero where nothing is seen, (H, W)."""
-    alpha: FloatArray
-    """Alpha of the picture, (H, W)."""
+    picture: Rendering
+    """Object and neighbours over black."""
     object_alpha: FloatArray
     """Alpha of the coarse object rendered alone, (H, W)."""
     object_visible: FloatArray
@@ -34,6 +31,21 @@ class View:
     """Share of the picture that the object is expected to contribute, from the corrected labels, (H, W)."""
     box: Box
     """Bounding box of the coarse object rendered alone: the prompt of eq. 6."""
+
+    @property
+    def rgb(self) -> FloatArray:
+        """The picture to segment, in [0, 1]: object and neighbours over black, (H, W, 3)."""
+        return self.picture.rgb
+
+    @property
+    def depth(self) -> FloatArray:
+        """Depth of the picture in scene units, zero where nothing is seen, (H, W)."""
+        return self.picture.depth
+
+    @property
+    def alpha(self) -> FloatArray:
+        """Alpha of the picture, (H, W)."""
+        return self.picture.alpha
 
 
 class Segmenter(Protocol):
