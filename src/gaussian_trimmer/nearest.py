@@ -65,23 +65,22 @@ def _build(points):  # type: ignore[no-untyped-def]
     return order, axes, splits
 
 
-@_jit
-def _leaves(points, order, n_leaves):  # type: ignore[no-untyped-def]
+def _leaves(points: FloatArray, order: NDArray[np.int32], n_leaves: int) -> tuple[FloatArray, NDArray[np.int32]]:
     """Coordinates of the leaves' points, (n_leaves, D, _LEAF), and their numbers, (n_leaves, _LEAF).
 
     Distances of a leaf then take a few vector instructions for each axis. Where a leaf has fewer points, coordinates
-    are infinite.
+    are infinite and numbers -1.
     """
-    dims = points.shape[1]
-    leaves = np.full((n_leaves, dims, _LEAF), np.inf, np.float32)
-    numbers = np.full((n_leaves, _LEAF), -1, np.int32)
-    for leaf in range(n_leaves):
-        start, end = _range_of(n_leaves + leaf, len(points))
-        for i in range(end - start):
-            numbers[leaf, i] = order[start + i]
-            for axis in range(dims):
-                leaves[leaf, axis, i] = points[order[start + i], axis]
-    return leaves, numbers
+    edges = np.array([0, len(points)])
+    while len(edges) <= n_leaves:
+        edges = np.insert(edges, np.arange(1, len(edges)), (edges[:-1] + edges[1:]) // 2)
+    places = edges[:-1, None] + np.arange(_LEAF)
+    filled = places < edges[1:, None]
+    numbers = np.full(places.shape, -1, np.int32)
+    numbers[filled] = order[places[filled]]
+    leaves = np.full((*places.shape, points.shape[1]), np.inf, np.float32)
+    leaves[filled] = points[numbers[filled]]
+    return np.ascontiguousarray(leaves.transpose(0, 2, 1)), numbers
 
 
 @_jit
@@ -141,7 +140,8 @@ def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[n
         distances = np.empty(_LEAF, np.float32)
         for q in range(part * _TOGETHER, min((part + 1) * _TOGETHER, len(queries))):
             query, best, ids = queries[q], squared[q], found[q]
-            gaps[0] = 0
+            for axis in range(dims):
+                gaps[0, axis] = 0
             stack[0], bounds[0], top = 1, np.float32(0), 1
             while top > 0:
                 top -= 1
@@ -162,7 +162,8 @@ def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[n
                         gaps[top, axis] = gap
                         top += 1
                     node = 2 * node + (0 if gap < 0 else 1)
-                distances[:] = 0
+                for i in range(_LEAF):
+                    distances[i] = 0
                 for axis in range(dims):
                     coordinates, place = leaves[node - n_nodes, axis], query[axis]
                     for i in range(_LEAF):
