@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from random_sam2 import RandomSam2Segmenter, save_large_model
@@ -24,7 +24,7 @@ from synthetic_scenes import KERNEL_SIZE, kernel_view
 from gaussian_trimmer import formats, report
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
 from gaussian_trimmer.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.segmenters.sam2 import Sam2Config
@@ -95,6 +95,40 @@ def measure_trim(case: Case) -> Record:
         "digest": _digest(result)[:8],
         "refused": bool(result.refused),
     }
+
+
+def measure_host(case: Case) -> Record:
+    """Seconds by stage with every rendering known beforehand: what is left where rendering takes no time."""
+    scene = formats.read(case.scene)
+    selection = load_selection(case.selection, scene)
+    recorder = Recorder(get_renderer(case.renderer))
+    trim(scene, selection, case.config, cast(Renderer, recorder))
+    runs = [trim(scene, selection, case.config, cast(Renderer, recorder.replayed())).seconds for _ in range(case.runs)]
+    stages = medians(runs)
+    return {"pixels": case.config.plan.size, "calls": len(recorder.results), **stages, "trim": sum(stages.values())}
+
+
+class Recorder:
+    """A renderer that keeps what it returns, or gives again what another one has kept, in the same order."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.name, self._renderer, self._replay = renderer.name, renderer, False
+        self.results: list[Any] = []
+
+    def replayed(self) -> Recorder:
+        """A renderer that returns these results without rendering."""
+        other = Recorder(self._renderer)
+        other.results, other._replay = self.results[::-1], True
+        return other
+
+    def __getattr__(self, method: str) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            if self._replay:
+                return self.results.pop()
+            self.results.append(getattr(self._renderer, method)(*arguments, **options))
+            return self.results[-1]
+
+        return call
 
 
 def _segmenter(case: Case) -> Segmenter:

@@ -22,7 +22,17 @@ from typing import Any, Literal
 
 import numpy as np
 import tyro
-from measures import Case, Record, cuda_device, in_new_process, measure_kernel, measure_trim, medians, run_command
+from measures import (
+    Case,
+    Record,
+    cuda_device,
+    in_new_process,
+    measure_host,
+    measure_kernel,
+    measure_trim,
+    medians,
+    run_command,
+)
 from rich.console import Console
 from rich.table import Table
 from synthetic_scenes import tiled, with_object_of
@@ -33,7 +43,7 @@ from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning import PlanConfig
 from gaussian_trimmer.selections import load_selection
 
-Section = Literal["warm", "cold", "sizes", "objects", "views", "resolutions", "kernel", "threads", "avx2"]
+Section = Literal["warm", "cold", "sizes", "objects", "views", "resolutions", "kernel", "threads", "avx2", "host"]
 Change = Callable[[Gaussians, BoolArray, int], tuple[Gaussians, BoolArray]]
 STAGES = ("load", "plan", "render", "correct", "segment", "weigh", "prune", "split", "assemble", "trim", "save")
 
@@ -166,6 +176,10 @@ def avx2_section(base: Case, arguments: Arguments, folder: Path) -> list[Record]
         return [{**kernel, **in_new_process(measure_trim, base, environment=environment)}]
 
 
+def host_section(base: Case, arguments: Arguments, folder: Path) -> list[Record]:
+    return [in_new_process(measure_host, _planned(base, size=n)) for n in arguments.resolutions]
+
+
 SECTIONS: dict[str, Callable[[Case, Arguments, Path], list[Record]]] = {
     "warm": warm_section,
     "cold": cold_section,
@@ -176,6 +190,7 @@ SECTIONS: dict[str, Callable[[Case, Arguments, Path], list[Record]]] = {
     "kernel": kernel_section,
     "threads": threads_section,
     "avx2": avx2_section,
+    "host": host_section,
 }
 SWEEPS = {
     "sizes": ("gaussians", "Gaussians of the scene"),

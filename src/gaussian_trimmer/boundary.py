@@ -109,8 +109,10 @@ def _in_view(
     none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     lesser = weights.min(axis=1)
     wide = (lesser >= config.least_area * mask.size) & (lesser >= config.least_share * weights.sum(axis=1))
+    if not wide.any() or mask.all():
+        return none
     pixels = contour_pixels(mask, config.band)
-    if mask.all() or len(pixels) == 0 or not wide.any():
+    if len(pixels) == 0:
         return none
     ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
     rows = np.unique(ids[(ids >= 0) & (contributions >= config.least_weight)])
