@@ -12,7 +12,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.pictures import close_up, draw_before_after, draw_view, write_picture
 from gaussian_trimmer.pipeline import TrimmedView, trim
 from gaussian_trimmer.planning import Bounds
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import Rendering, get_renderer
 from gaussian_trimmer.segmenters import View
 
 SIZE = 96
@@ -31,7 +31,8 @@ def square(low, high):
 def view(mask, coarse, rejected="", camera=CAMERA):
     black, share = np.zeros((SIZE, SIZE, 3), np.float32), coarse.astype(np.float32)
     whole = np.ones((SIZE, SIZE), np.float32)
-    return TrimmedView(View(camera, black, whole, whole, share, share, share, (0, 0, SIZE, SIZE)), mask, rejected)
+    seen = View(camera, Rendering(black, whole, whole), share, share, share, (0, 0, SIZE, SIZE))
+    return TrimmedView(seen, mask, rejected)
 
 
 def test_outlines_of_mask_and_coarse_selection_have_colours_of_their_own():

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from gaussian_trimmer.acceptance import AcceptConfig
 from gaussian_trimmer.boundary import BoundaryConfig
 from gaussian_trimmer.contact import ContactConfig
 from gaussian_trimmer.decomposition import SPLIT_RULES
@@ -28,20 +29,6 @@ class SplitConfig:
     """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
     contact: ContactConfig = field(default_factory=ContactConfig)
     """Hidden Gaussians that cross the surface below the object."""
-
-
-@dataclass(frozen=True)
-class AcceptConfig:
-    """When a view's mask is believed, and when the whole trim is."""
-
-    least_overlap: float = 0.6
-    """Smallest intersection over union of a mask with the silhouette that the corrected labels expect."""
-    least_silhouette: int = 64
-    """Smallest expected silhouette in pixels; less of the object cannot be judged."""
-    least_views: float = 0.4
-    """Smallest share of views that must be accepted for the trim to stand."""
-    least_remaining: float = 0.4
-    """Smallest share of what the selection shows that must remain of it."""
 
 
 @dataclass(frozen=True)

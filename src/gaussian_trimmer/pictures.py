@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
-from gaussian_trimmer.pipeline import TrimmedView, TrimResult
 from gaussian_trimmer.planning import Bounds
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.result import TrimmedView, TrimResult
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.acceptance import accept, harm, refusal
 from gaussian_trimmer.boundary import find_straddlers
 from gaussian_trimmer.camera_files import CameraSet
 from gaussian_trimmer.cameras import Camera
@@ -34,7 +34,8 @@ from gaussian_trimmer.label_field import correct_labels
 from gaussian_trimmer.orientation import UpVector, find_up
 from gaussian_trimmer.planning import Bounds, plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.segmenters import Segmenter, View, get_segmenter
+from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimmedView, TrimResult
+from gaussian_trimmer.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.support import Support, find_support
 from gaussian_trimmer.views import complete_views, visible_weight
 from gaussian_trimmer.visibility import restrict_to_seen
@@ -44,64 +45,10 @@ __all__ = [
     "LabelFieldConfig", "PlanConfig", "SplitConfig", "TrimConfig", "TrimResult", "TrimmedView", "paper_config", "trim",
 ]  # fmt: skip
 
-KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE = range(5)
-"""Labels of output rows: unchanged side, taken from the object, added to it, and the two parts of a split Gaussian."""
-
 _LEAST_REACH = 1.8
 _IN_FRONT = 0.1
 """Depth difference, in object radii, from which something in the scene hides the object rather than touches it."""
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class TrimmedView:
-    """A virtual view and what was made of it."""
-
-    view: View
-    mask: BoolArray
-    """The segmenter's mask, (H, W)."""
-    rejected: str
-    """Why the mask was not believed; empty if it was."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrimResult:
-    """The object, the scene without it, and how they came about."""
-
-    scene: Gaussians
-    object: Gaussians
-    """The trimmed object."""
-    outside_parts: Gaussians
-    """Outer parts of split Gaussians."""
-    source_index: IntArray
-    """Scene row of every row of the object, then of every row of the background."""
-    label: NDArray[np.uint8]
-    """KEPT, PRUNED, RECOVERED, SPLIT_INSIDE or SPLIT_OUTSIDE, for the same rows."""
-    up: UpVector
-    bounds: Bounds
-    views: tuple[TrimmedView, ...]
-    floaters: int
-    """Selected Gaussians too far from the object's bounds to belong to it."""
-    refused: str
-    """Why the coarse selection was returned unchanged; empty if it was trimmed."""
-    seconds: dict[str, float]
-    """Time taken by each stage."""
-    renderer: str
-    segmenter: str
-
-    @cached_property
-    def background(self) -> Gaussians:
-        """The scene without the object: every other Gaussian, then the outer parts of split ones."""
-        return concatenate([self.scene.select(self.background_rows), self.outside_parts])
-
-    @property
-    def background_rows(self) -> IntArray:
-        """Scene rows of the Gaussians that are whole in the background."""
-        return self.source_index[len(self.object) : len(self.source_index) - len(self.outside_parts)]
-
-    def count(self, label: int) -> int:
-        """Number of output rows with a label."""
-        return int(np.count_nonzero(self.label == label))
 
 
 def trim(
@@ -146,13 +93,13 @@ def trim(
     with clock("render"):
         looks = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
     with clock("segment"):
-        judged = _accept(looks, segmenter.segment(looks), config.accept)
-    refused, verdict = _refusal(judged, config.accept), None
+        judged = accept(looks, segmenter.segment(looks), config.accept)
+    refused, verdict = refusal(judged, config.accept), None
     if not refused:
         verdict = _judge(scope, probability, [view for view in judged if not view.rejected], renderer, config, clock)
-        refused, verdict = _harm(scope, verdict, visible, config.accept)
+        refused = harm(scope.coarse, verdict.keep, visible, config.accept)
     with clock("assemble"):
-        rows = _assemble(scene, selection, scope.rows, verdict)
+        rows = _assemble(scene, selection, scope.rows, None if refused else verdict)
     floaters = int(selection.sum() - scope.coarse.sum())
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(judged), floaters, refused, clock.seconds, renderer.name,
@@ -229,36 +176,11 @@ def _surroundings(scene: Gaussians, selection: BoolArray, bounds: Bounds, reach:
     return rows, core[rows]
 
 
-def _accept(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptConfig) -> list[TrimmedView]:
-    """Pair views and masks, with the reason where a mask is not believed."""
-    judged = []
-    for view, mask in zip(views, masks, strict=True):
-        expected = view.expected > 0.5
-        size = int(np.count_nonzero(expected))
-        overlap = int(np.count_nonzero(mask & expected)) / max(int(np.count_nonzero(mask | expected)), 1)
-        reason = ""
-        if size < config.least_silhouette:
-            reason = f"the object is expected in only {size} pixels"
-        elif overlap < config.least_overlap:
-            reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {config.least_overlap} is needed"
-        judged.append(TrimmedView(view, mask, reason))
-    return judged
-
-
-def _refusal(judged: Sequence[TrimmedView], config: AcceptConfig) -> str:
-    """Why the coarse selection must stay as it is; empty if the views suffice."""
-    accepted = sum(not view.rejected for view in judged)
-    if accepted >= max(1.0, config.least_views * len(judged)):
-        return ""
-    reasons = "; ".join(sorted({view.rejected for view in judged if view.rejected}))
-    return f"only {accepted} of {len(judged)} views were accepted ({reasons})"
-
-
 def _judge(
     scope: _Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: TrimConfig,
     clock: _Clock,
-) -> _Verdict | None:  # fmt: skip
-    """Evidence in the whole picture, evidence of the object alone, and cuts; None if nothing is left of the object."""
+) -> _Verdict:  # fmt: skip
+    """Evidence in the whole picture, evidence of the object alone, and cuts."""
     with clock("weigh"):
         outside, inside = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
         keep = judge(inside, outside, probability, scope.coarse, config.evidence)
@@ -272,29 +194,13 @@ def _judge(
             halo = shows_outside(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
             keep[rows[halo]] = False
     if not keep.any():
-        return None
+        return _Verdict(keep, np.zeros(0, np.int64), None, None)
     with clock("split"):
         cut, inner, outer = _split(alone, keep[rows], accepted, weights, renderer, config)
         verdict = _Verdict(keep, rows[cut], inner, outer)
         if config.split.rule != "none" and config.split.contact.enabled and config.evidence.recover:
             verdict = _cut_sunken(scope, verdict, inside + outside, accepted, renderer, config)
     return verdict
-
-
-def _harm(
-    scope: _Scope, verdict: _Verdict | None, visible: FloatArray, config: AcceptConfig
-) -> tuple[str, _Verdict | None]:
-    """Why a verdict that leaves too little of the selection must not stand, and the verdict if it may."""
-    if verdict is None:
-        return "no Gaussian was left in the object", None
-    shown = visible[scope.coarse].sum()
-    remaining = float(visible[scope.coarse & verdict.keep].sum() / shown) if shown > 0 else 1.0
-    if remaining < config.least_remaining:
-        return (
-            f"only {remaining:.2f} of what the selection shows would remain; {config.least_remaining} is needed",
-            None,
-        )
-    return "", verdict
 
 
 def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:

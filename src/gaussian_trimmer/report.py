@@ -16,8 +16,8 @@ from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.formats.ply import write_selected
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.pictures import draw_before_after, draw_view, write_picture
-from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
 
 LABEL_NAMES = ("kept", "pruned", "recovered", "split_inside", "split_outside")
 """Names of the labels, by number."""
