@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numba
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.compiling import CACHE
+from gaussian_trimmer.connectivity import connected_voxels
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 
 _NEAR = 0.01
 """Near plane of planned cameras in object radii, so that neither tiny nor huge units cut anything off."""
@@ -174,111 +173,6 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
         if shares.max() >= _DOMINANT_SHARE:
             return np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
         size *= 1.5
-
-
-def connected_voxels(points: Float64Array, size: float) -> IntArray:
-    """Number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,)."""
-    voxels, members = np.unique(_cell_keys(points, size), return_inverse=True)
-    return np.asarray(_connect(voxels)[members.reshape(-1)])
-
-
-def connected_points(points: Float64Array, reach: float) -> IntArray:
-    """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
-
-    Exact, whatever grid sorts the points: those of one cell are within reach of each other, and between cells at most
-    two apart the distances decide.
-    """
-    keys = _cell_keys(points, reach / np.sqrt(3))
-    voxels, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    order = np.argsort(members.reshape(-1), kind="stable")
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    return np.asarray(_connect_within(voxels, points[order], starts, reach * reach)[members.reshape(-1)])
-
-
-def _cell_keys(points: Float64Array, size: float) -> IntArray:
-    """Number of the cubic cell that each point (N, 3) lies in, (N,): a step along an axis adds 1 << 42, 1 << 21 or 1.
-
-    Cells are counted from two beyond the first, so that steps of two from any of them stay apart as well.
-    """
-    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_002
-    return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
-
-
-@numba.njit(cache=CACHE)
-def _connect(voxels):  # type: ignore[no-untyped-def]
-    """Label 26-connected components of sorted voxel keys by union-find; a label is the smallest member's index."""
-    parent = np.arange(len(voxels))
-    for i in range(len(voxels)):
-        for dx in range(-1, 2):
-            for dy in range(-1, 2):
-                for dz in range(-1, 2):
-                    j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
-                    if j >= 0:
-                        _join(parent, _root(parent, i), _root(parent, j))
-    return _flattened(parent)
-
-
-@numba.njit(cache=CACHE)
-def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-def]
-    """Label cells (V,) whose points (N, 3), sorted by cell, come within a squared distance, by union-find."""
-    parent = np.arange(len(voxels))
-    for i in range(len(voxels)):
-        for dx in range(-2, 1):
-            for dy in range(-2, 3):
-                for dz in range(-2, 3):
-                    j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
-                    if j < 0:
-                        continue
-                    a, b = _root(parent, i), _root(parent, j)
-                    if a != b and _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit):
-                        _join(parent, a, b)
-    return _flattened(parent)
-
-
-@numba.njit(cache=CACHE)
-def _find(keys, key, end):  # type: ignore[no-untyped-def]
-    """Place of a key among the first `end` of the sorted keys; -1 if it is not there."""
-    low, high = 0, end
-    while low < high:
-        middle = (low + high) // 2
-        if keys[middle] < key:
-            low = middle + 1
-        else:
-            high = middle
-    return low if low < end and keys[low] == key else -1
-
-
-@numba.njit(cache=CACHE)
-def _root(parent, i):  # type: ignore[no-untyped-def]
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@numba.njit(cache=CACHE)
-def _join(parent, a, b):  # type: ignore[no-untyped-def]
-    """Join the trees of two roots; the smaller one becomes the root of both."""
-    parent[max(a, b)] = min(a, b)
-
-
-@numba.njit(cache=CACHE)
-def _flattened(parent):  # type: ignore[no-untyped-def]
-    """The root of every member; no parent is larger than its child."""
-    for i in range(len(parent)):
-        parent[i] = parent[parent[i]]
-    return parent
-
-
-@numba.njit(cache=CACHE)
-def _within(some, others, limit):  # type: ignore[no-untyped-def]
-    """Whether any of some points comes within a squared distance of any of the others."""
-    for i in range(len(some)):
-        for j in range(len(others)):
-            dx, dy, dz = some[i, 0] - others[j, 0], some[i, 1] - others[j, 1], some[i, 2] - others[j, 2]
-            if dx * dx + dy * dy + dz * dz <= limit:
-                return True
-    return False
 
 
 def _angles(bounds: Bounds, config: PlanConfig, seen_from: Sequence[Camera]) -> tuple[Float64Array, float]:

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.connectivity import connected_voxels
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.nearest import nearest
-from gaussian_trimmer.planning import connected_voxels
 
 _WINDOWS = (0.14, 0.2, 0.28, 0.4, 0.56, 0.8)
 """Radii of the windows, relative to half of the picture's longer side at the seed's depth."""

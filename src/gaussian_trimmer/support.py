@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaussian_trimmer.connectivity import connected_points
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
-from gaussian_trimmer.planning import Bounds, connected_points
+from gaussian_trimmer.planning import Bounds
 
 _REACH = 1.5
 _SEARCHED = 0.4

@@ -1,10 +1,10 @@
-"""Pieces of points within reach of each other, against a search over all pairs."""
+"""Pieces: of voxels that touch, by hand, and of points within reach of each other, against a search over all pairs."""
 
 import numpy as np
 import pytest
 from toy import any_rotation
 
-from gaussian_trimmer.planning import connected_points
+from gaussian_trimmer.connectivity import connected_points, connected_voxels
 
 
 def by_all_pairs(points, reach):
@@ -41,3 +41,18 @@ def test_neither_place_nor_turn_matter(seed):
 def test_a_row_of_points_falls_apart_where_a_step_is_too_long(gap, pieces):
     row = np.cumsum([0, 0.9, 0.9, gap, 0.9])[:, None] * np.array([[0.6, 0.0, 0.8]])
     assert len(np.unique(connected_points(row, 1.0))) == pieces
+
+
+def test_voxels_touch_at_faces_edges_and_corners():
+    middle = np.full((1, 3), 0.5)
+    steps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), -1).reshape(-1, 3)
+    for step in steps:
+        assert len(np.unique(connected_voxels(np.concatenate([middle, middle + step]), 1.0))) == 1
+        if step.any():
+            assert len(np.unique(connected_voxels(np.concatenate([middle, middle + 2 * step]), 1.0))) == 2
+
+
+def test_voxels_hang_together_through_others():
+    chain = np.stack([np.arange(7) + 0.5, np.arange(7) + 0.5, np.zeros(7)], axis=1)
+    assert same_pieces(connected_voxels(chain, 1.0), np.zeros(7, int))
+    assert same_pieces(connected_voxels(np.delete(chain, 3, axis=0), 1.0), np.array([0, 0, 0, 1, 1, 1]))
