@@ -88,6 +88,6 @@ def _module(suffix: str) -> ModuleType:
 def _kind_of_ply(path: Path) -> str:
     """The suffix that a PLY's header asks for: compressed files are met under plain names too, and the reverse."""
     from gaussian_trimmer.formats.compressed_ply import is_compressed
-    from gaussian_trimmer.formats.ply import read_header
+    from gaussian_trimmer.formats.ply_table import read_header
 
     return ".compressed.ply" if is_compressed(read_header(path)) else ".ply"

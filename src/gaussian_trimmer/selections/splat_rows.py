@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats import ply
+from gaussian_trimmer.formats.ply_table import read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 
 Columns = Mapping[str, NDArray[Any]]
@@ -43,10 +43,10 @@ def read_splat_rows(path: Path) -> SplatRows:
         InputError: the file cannot be read, or has no positions.
     """
     if path.suffix.lower() == ".ply":
-        header = ply.read_header(path)
+        header = read_header(path)
         vertices = (element for element in header.elements if element.name == "vertex")
         if any(name == "x" for element in vertices for name, _ in element.properties):
-            columns = ply.read_columns(path, header)
+            columns = read_columns(path, header)
             if missing := {"y", "z"} - columns.keys():
                 raise InputError(f"'{path}' has no property {min(missing)}, so its rows cannot be told apart.")
             return SplatRows(_attributes(columns), columns)
