@@ -1,0 +1,122 @@
+"""Camera files: COLMAP models, transforms.json, Inria's cameras.json and lists of OpenCV matrices.
+
+| what | where | pose |
+|---|---|---|
+| COLMAP model, binary or text | a folder, or sparse/0 or sparse below it | world to camera, OpenCV axes |
+| transforms.json of nerfstudio, Instant-NGP, Blender | frames with `transform_matrix` | camera to world, OpenGL axes |
+| Inria's cameras.json | a list with `position` and `rotation` | camera to world, OpenCV axes |
+| OpenCV matrices | frames with `world_to_camera` and `K` | world to camera, OpenCV axes |
+
+Poses are given in the frame that the file uses. The `applied_transform` of a transforms.json is already contained in
+its matrices and is not undone. Trainers that recentre and rescale the poses once more (nerfstudio's dataparser does)
+export a splat that no longer fits them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gaussian_trimmer.camera_files.colmap import read_colmap_frames
+from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE
+from gaussian_trimmer.camera_files.json_files import read_json_frames
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Float64Array
+
+__all__ = ["DISTORTION_TOLERANCE", "CameraSet", "read_camera_set", "read_cameras"]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSet:
+    """The cameras of one file, in its order, and what else the file says about them."""
+
+    cameras: tuple[Camera, ...]
+    """V cameras, pinhole even where the images are distorted."""
+    up: Float64Array | None
+    """Unit up vector that the file states, (3,), or None."""
+    train: tuple[bool, ...]
+    """Which cameras took training images, (V,); all of them where the file names no split."""
+    distorted: bool
+    """Whether some image is distorted by its lens, so that its pixels are not where the cameras project them."""
+
+    def pinhole_cameras(self) -> tuple[Camera, ...]:
+        """The cameras for use with the pixels of their images.
+
+        Raises:
+            InputError: an image is distorted. (Poses and fields of view of `cameras` can be used all the same.)
+        """
+        if self.distorted:
+            raise InputError(
+                "The cameras have lens distortion, so masks of their images cannot be used; "
+                "undistort images and cameras first (colmap image_undistorter) and give the new ones."
+            )
+        return self.cameras
+
+
+def read_cameras(path: str | Path) -> list[Camera]:
+    """The cameras of a COLMAP folder or of a JSON file; errors as `read_camera_set`."""
+    return list(read_camera_set(path).cameras)
+
+
+def read_camera_set(path: str | Path) -> CameraSet:
+    """Cameras, split and up vector of a COLMAP folder or of a JSON file; the kind is found by content.
+
+    Raises:
+        InputError: nothing readable is there, two kinds are, the file is damaged, or a camera is not possible.
+    """
+    found = _camera_file(Path(path))
+    if found.suffix == ".json":
+        frames, up = read_json_frames(found)
+    else:
+        frames, up = list(read_colmap_frames(found)), None
+    if not frames:
+        raise InputError(f"'{found}' holds no posed images; give the cameras of a finished reconstruction.")
+    cameras = tuple(
+        Camera(frame.world_to_camera, frame.lens.K, frame.lens.width, frame.lens.height, name)
+        for frame, name in zip(frames, _image_names([frame.path for frame in frames]), strict=True)
+    )
+    train, distorted = tuple(frame.train for frame in frames), any(frame.lens.distorted for frame in frames)
+    return CameraSet(cameras, up, train, distorted)
+
+
+def _camera_file(path: Path) -> Path:
+    """The JSON file, or the COLMAP images file, that a path stands for."""
+    if path.is_file():
+        if path.suffix.lower() == ".json":
+            return path
+        if path.stem in ("cameras", "images") and path.suffix in (".bin", ".txt"):
+            return _camera_file(path.parent)
+        raise InputError(f"'{path}' is no camera file; give a COLMAP folder, a transforms.json or a cameras.json.")
+    if not path.is_dir():
+        raise InputError(f"There is no file or folder '{path}' to read cameras from.")
+    models = [
+        folder / f"images{suffix}"
+        for folder in (path, path / "sparse" / "0", path / "sparse")
+        for suffix in (".bin", ".txt")
+        if all((folder / f"{stem}{suffix}").is_file() for stem in ("cameras", "images"))
+    ]
+    documents = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
+    # Binary and text twins of one COLMAP model agree; files of different kinds may use different coordinates.
+    candidates = models[:1] + documents
+    if len(candidates) > 1:
+        names = ", ".join(str(candidate.relative_to(path)) for candidate in candidates)
+        raise InputError(
+            f"'{path}' holds several sets of cameras ({names}); give the one that the splat was made from."
+        )
+    if not candidates:
+        raise InputError(
+            f"'{path}' holds no cameras: neither cameras and images (.bin or .txt) of a COLMAP model, there or in "
+            "sparse/0 or sparse, nor a transforms.json or cameras.json."
+        )
+    return candidates[0]
+
+
+def _image_names(paths: Sequence[str]) -> list[str]:
+    """File names of images; where two would be equal, paths without steps that lead out of a folder."""
+    parts = [[part for part in path.replace("\\", "/").split("/") if part not in ("", ".", "..")] for path in paths]
+    last = [part[-1] if part else "" for part in parts]
+    repeated = {name for name, count in Counter(last).items() if count > 1}
+    return ["/".join(part) if name in repeated else name for part, name in zip(parts, last, strict=True)]
