@@ -180,6 +180,16 @@ def test_where_nothing_is_seen(ball):
         select_by_clicks(ball[0], away, [], toy.UP, RENDERER)
 
 
+def test_overview_shows_a_capture_of_one_thing_whole():
+    rng = np.random.default_rng(0)
+    body = rng.normal(0, (0.5, 0.3, 0.3), (900, 3))
+    neck = np.stack([1.0 + 0.1 * rng.random(100), np.zeros(100), 1.3 * rng.random(100)], axis=1)
+    thing = toy.gaussians(np.concatenate([body, neck]), (0.03,) * 3, toy.RED)
+    for camera in plan_overview(thing, toy.UP, 5).cameras:
+        pixels, _ = camera.project(thing.means.astype(np.float64))
+        assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.99
+
+
 def test_overview_looks_at_the_detail_and_leaves_the_walls_out():
     scene, truth = toy.ball_on_floor(n_ball=3000)
     wall = toy.gaussians(np.random.default_rng(0).normal(size=(500, 3)) * [0.1, 8, 8] + [-12, 0, 0], 1.0, toy.WHITE)

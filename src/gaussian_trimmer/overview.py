@@ -12,10 +12,13 @@ from gaussian_trimmer.planning import PlanConfig, plan_cameras
 
 _MIDDLE_SHARE = 0.25
 """Share of the Gaussians nearest to the middle that the views frame."""
+_WHOLE_SHARE, _COMPACT = 0.95, 3.2
+"""A capture of one thing has nearly all of its Gaussians within a few radii of the middle; it is framed whole."""
 _REACH = 3.0
-"""Gaussians farther from the middle than this many radii of that share are left out: walls stand in the way."""
+"""Gaussians farther from the middle than this many radii of what is framed are left out: walls stand in the way."""
 _ROUNDS = 5
-_SIZE, _FILL = 640, 0.6
+_SIZE = 640
+_MIDDLE_FILL, _WHOLE_FILL = 0.6, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +34,17 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, views: int = 8) -> Ove
     """Views on a circle around the middle of a scene, 30 degrees above the horizon.
 
     Training makes many small Gaussians where there is detail and few large ones elsewhere, so the middle is where the
-    centres lie densest, found by repeated medians of the nearest.
+    centres lie densest, found by repeated medians of the nearest. A capture of a single thing is framed whole.
 
     Args:
         up: the scene's up vector, (3,).
         views: their number.
     """
     distance = _distance_from_middle(gaussians.means)
-    radius = float(np.quantile(distance, _MIDDLE_SHARE))
-    cameras, _ = plan_cameras(
-        gaussians.select(distance <= radius), up, PlanConfig(views=views, size=_SIZE, pitch_degrees=30.0, fill=_FILL)
-    )
+    middle, whole = np.quantile(distance, [_MIDDLE_SHARE, _WHOLE_SHARE])
+    radius, fill = (whole, _WHOLE_FILL) if whole < _COMPACT * middle else (middle, _MIDDLE_FILL)
+    plan = PlanConfig(views=views, size=_SIZE, pitch_degrees=30.0, fill=fill)
+    cameras, _ = plan_cameras(gaussians.select(distance <= radius), up, plan)
     return Overview(cameras, np.flatnonzero(distance <= _REACH * radius))
 
 

@@ -68,7 +68,7 @@ def read_camera_set(path: str | Path) -> CameraSet:
         InputError: nothing readable is there, two kinds are, the file is damaged, or a camera is not possible.
     """
     found = _camera_file(Path(path))
-    if found.suffix == ".json":
+    if found.suffix.lower() == ".json":
         frames, up = read_json_frames(found)
     else:
         frames, up = list(read_colmap_frames(found)), None
