@@ -164,7 +164,6 @@ def test_capital_endings(tmp_path: Path) -> None:
     assert len(read_cameras(path.rename(tmp_path / "CAMERAS.JSON"))) == len(cameras)
 
 
-
 def test_opengl_camera_looks_along_minus_z(tmp_path: Path) -> None:
     frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist(), "w": 100, "h": 80, "fl_x": 50}
     (camera,) = read_cameras(write_json({"frames": [frame]}, tmp_path / "transforms.json"))

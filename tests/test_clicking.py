@@ -182,12 +182,11 @@ def test_where_nothing_is_seen(ball):
 
 def test_overview_shows_a_capture_of_one_thing_whole():
     rng = np.random.default_rng(0)
-    body = rng.normal(0, (0.5, 0.3, 0.3), (900, 3))
-    neck = np.stack([1.0 + 0.1 * rng.random(100), np.zeros(100), 1.3 * rng.random(100)], axis=1)
-    thing = toy.gaussians(np.concatenate([body, neck]), (0.03,) * 3, toy.RED)
+    body, neck = rng.uniform(-1, 1, (900, 3)) * [0.8, 0.4, 0.4], rng.uniform(0, 1, (100, 3)) * [0.2, 0.2, 1.3]
+    thing = toy.gaussians(np.concatenate([body, neck + [0.6, 0, 0.4]]), (0.03,) * 3, toy.RED)
     for camera in plan_overview(thing, toy.UP, 5).cameras:
         pixels, _ = camera.project(thing.means.astype(np.float64))
-        assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.99
+        assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.98
 
 
 def test_overview_looks_at_the_detail_and_leaves_the_walls_out():

@@ -42,10 +42,11 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, views: int = 8) -> Ove
     """
     distance = _distance_from_middle(gaussians.means)
     middle, whole = np.quantile(distance, [_MIDDLE_SHARE, _WHOLE_SHARE])
-    radius, fill = (whole, _WHOLE_FILL) if whole < _COMPACT * middle else (middle, _MIDDLE_FILL)
-    plan = PlanConfig(views=views, size=_SIZE, pitch_degrees=30.0, fill=fill)
-    cameras, _ = plan_cameras(gaussians.select(distance <= radius), up, plan)
-    return Overview(cameras, np.flatnonzero(distance <= _REACH * radius))
+    one_thing = whole < _COMPACT * middle
+    framed = gaussians if one_thing else gaussians.select(distance <= middle)
+    fill = _WHOLE_FILL if one_thing else _MIDDLE_FILL
+    cameras, _ = plan_cameras(framed, up, PlanConfig(views=views, size=_SIZE, pitch_degrees=30.0, fill=fill))
+    return Overview(cameras, np.flatnonzero(distance <= _REACH * (whole if one_thing else middle)))
 
 
 def _distance_from_middle(means: FloatArray) -> FloatArray:
