@@ -183,7 +183,7 @@ def test_where_nothing_is_seen(ball):
 def test_overview_shows_a_capture_of_one_thing_whole():
     rng = np.random.default_rng(0)
     body, neck = rng.uniform(-1, 1, (900, 3)) * [0.8, 0.4, 0.4], rng.uniform(0, 1, (100, 3)) * [0.2, 0.2, 1.3]
-    thing = toy.gaussians(np.concatenate([body, neck + [0.6, 0, 0.4]]), (0.03,) * 3, toy.RED)
+    thing = toy.gaussians(np.concatenate([body, neck + np.array([0.6, 0, 0.4])]), (0.03,) * 3, toy.RED)
     for camera in plan_overview(thing, toy.UP, 5).cameras:
         pixels, _ = camera.project(thing.means.astype(np.float64))
         assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.98
