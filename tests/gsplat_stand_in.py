@@ -13,6 +13,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
+from gaussian_trimmer.rendering.gsplat_cuda import GsplatRenderer
 from gaussian_trimmer.rendering.reference import sh_basis
 
 torch = pytest.importorskip("torch", reason="needs PyTorch: the cuda extra")
@@ -186,13 +187,17 @@ class Kernels:
 
 
 class StandIn(ModuleType):
-    """A module `gsplat` with the functions that the renderer calls, as 1.5.3 documents them."""
+    """A module `gsplat` with the functions that the renderer calls, as 1.5.3 documents them.
 
-    def __init__(self, alpha_cap=0.999, with_top_kernel=False):
+    With `tiles`, the sizes of tiles that 1.6 is limited to, it has that version's kernel for top contributors as well.
+    """
+
+    def __init__(self, alpha_cap=0.999, tiles=None):
         super().__init__("gsplat")
         self.kernels = Kernels(alpha_cap)
+        self.tiles = tiles
         self.calls = []
-        if with_top_kernel:
+        if tiles:
             self.rasterize_top_contributing_gaussian_ids = self.kernels.rasterize_top
 
     def rasterization(
@@ -229,6 +234,7 @@ class StandIn(ModuleType):
         self, means2d, conics, colors, opacities, image_width, image_height, tile_size, isect_offsets, flatten_ids,
         backgrounds=None, masks=None, packed=False, absgrad=False,
     ):  # fmt: skip
+        assert not self.tiles or tile_size in self.tiles
         # gsplat pads the channels to a number that its kernels were compiled for.
         channels = colors.shape[-1]
         extra = (1 << (channels - 1).bit_length()) - channels
@@ -283,7 +289,7 @@ def one_thread():
 
 VERSIONS = {
     "1.5.3": {"alpha_cap": 0.999},
-    "1.6": {"alpha_cap": 0.99, "with_top_kernel": True},
+    "1.6": {"alpha_cap": 0.99, "tiles": (4, 16)},
     "1.5.3 kernels": {"alpha_cap": 0.999},
 }
 """Two versions of gsplat replaced as a whole, and the installed one with nothing but its kernels replaced."""
@@ -297,6 +303,17 @@ def install_version(monkeypatch, name):
     if gsplat.__version__ != "1.5.3":
         pytest.skip(f"gsplat is {gsplat.__version__}, and the kernels of the stand-in are those of 1.5.3")
     return install(monkeypatch, gsplat, Kernels(**VERSIONS[name]))
+
+
+def make_renderer(name, monkeypatch):
+    """The renderer on one of `VERSIONS`, or, by the name `gsplat`, on what is installed and on a CUDA device."""
+    if name != "gsplat":
+        install_version(monkeypatch, name)
+        return GsplatRenderer("cpu")
+    pytest.importorskip("gsplat", reason="gsplat is not installed")
+    if not torch.cuda.is_available():
+        pytest.skip("there is no CUDA device for gsplat")
+    return GsplatRenderer()
 
 
 def install(monkeypatch, gsplat, kernels=()):

@@ -11,7 +11,7 @@ from scenes import front_camera, gaussian, random_scene
 
 torch = pytest.importorskip("torch", reason="needs PyTorch: the cuda extra")
 
-from gsplat_stand_in import VERSIONS, StandIn, install, install_version, one_thread  # noqa: E402
+from gsplat_stand_in import VERSIONS, StandIn, install, install_version, make_renderer, one_thread  # noqa: E402
 from test_rendering_parity import assert_close  # noqa: E402
 
 from gaussian_trimmer.errors import InputError  # noqa: E402
@@ -25,6 +25,11 @@ from gaussian_trimmer.rendering.reference import ReferenceRenderer  # noqa: E402
 def version(request, monkeypatch):
     install_version(monkeypatch, request.param)
     return request.param
+
+
+@pytest.fixture(params=["gsplat", *VERSIONS])
+def renderer(request, monkeypatch):
+    return make_renderer(request.param, monkeypatch)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -65,8 +70,8 @@ def test_parts_of_the_pixels_change_nothing(monkeypatch):
     assert max(sizes) <= 150 + len(SCENE)
 
 
-def test_more_labels_and_values_than_go_through_at_once(version):
-    renderer, rng = GsplatRenderer("cpu"), np.random.default_rng(0)
+def test_more_labels_and_values_than_go_through_at_once(renderer):
+    rng = np.random.default_rng(0)
     labels = rng.integers(0, 20, LABELS.shape).astype(np.uint8)
     sums = renderer.blend_weights(SCENE, CAMERA, labels, 19)
     for label in (0, 7, 8, 18):
@@ -79,8 +84,8 @@ def test_more_labels_and_values_than_go_through_at_once(version):
     np.testing.assert_allclose(image, np.concatenate(parts, axis=2), atol=1e-6)
 
 
-def test_a_view_is_projected_once(version, monkeypatch):
-    renderer, other = GsplatRenderer("cpu"), random_scene(1, 80, 2)
+def test_a_view_is_projected_once(renderer, monkeypatch):
+    other = random_scene(1, 80, 2)
     assert renderer._alpha_cap > 0.9
     projected = []
     noting(monkeypatch, renderer, "rasterization", lambda args, _: projected.append((args[0].data_ptr(), args[7])))
@@ -94,37 +99,53 @@ def test_a_view_is_projected_once(version, monkeypatch):
     assert projected[0][0] == projected[2][0] != projected[1][0], "Gaussians are uploaded once, too."
 
 
-def test_images_leave_the_device_when_they_are_looked_at(version, monkeypatch):
+def test_images_leave_the_device_when_they_are_looked_at(renderer, monkeypatch):
     fetched = []
     to_numpy = gsplat_cuda._array
     monkeypatch.setattr(gsplat_cuda, "_array", lambda tensor: fetched.append(tensor.shape) or to_numpy(tensor))
-    seen = GsplatRenderer("cpu").render(SCENE, CAMERA, weights=True)
+    seen = renderer.render(SCENE, CAMERA, weights=True)
     assert fetched == [(len(SCENE),)]
     assert seen.depth is seen.depth
     assert seen.rgb.shape == (*seen.alpha.shape, 3) == (CAMERA.height, CAMERA.width, 3)
     assert len(fetched) == 4
 
 
-def test_the_oldest_projections_make_room(version, monkeypatch):
-    renderer, ones = GsplatRenderer("cpu"), np.ones((80, 1), np.float32)
-    cameras = [front_camera(20, 10 + i) for i in range(3)]
-    for camera in cameras:
+def test_the_oldest_projections_make_room(renderer, monkeypatch):
+    cameras, ones = [front_camera(20, 10) for _ in range(4)], np.ones((80, 1), np.float32)
+    for camera in cameras[:3]:
         renderer.blend_values(SCENE, camera, ones)
     kept = renderer._upload(SCENE).projections
-    assert [camera for camera, _ in kept.values()] == cameras
+    assert [camera for camera, _ in kept.values()] == cameras[:3]
     monkeypatch.setattr(gsplat_cuda, "_KEPT_BYTES", sum(projection.nbytes for _, projection in kept.values()))
     renderer.blend_values(SCENE, cameras[0], ones)
-    renderer.blend_values(SCENE, front_camera(20, 10), ones)
-    assert [camera for camera, _ in kept.values()][:-1] == [cameras[2], cameras[0]]
+    renderer.blend_values(SCENE, cameras[3], ones)
+    assert [camera for camera, _ in kept.values()] == [cameras[2], cameras[0], cameras[3]]
 
 
-def test_weights_of_all_pixels_add_up_to_alpha(version):
-    renderer = GsplatRenderer("cpu")
+def test_a_rendering_frees_the_device_and_can_be_changed(renderer):
+    seen = renderer.render(SCENE, CAMERA)
+    black = replace(seen, rgb=np.zeros_like(seen.rgb))
+    np.testing.assert_array_equal(black.alpha, seen.alpha)
+    np.testing.assert_array_equal(black.depth, seen.depth)
+    assert not black.rgb.any() and seen.rgb.any()
+    assert not vars(seen)["on_device"]
+    assert not hasattr(seen, "colour")
+
+
+def test_inference_mode_of_the_caller_changes_nothing(renderer):
+    with torch.inference_mode():
+        inside = renderer.render(SCENE, CAMERA, weights=True).weights
+        labelled = renderer.blend_weights(SCENE, CAMERA, LABELS, 2)
+    np.testing.assert_array_equal(renderer.render(SCENE, CAMERA, weights=True).weights, inside)
+    np.testing.assert_array_equal(renderer.blend_weights(SCENE, CAMERA, LABELS, 2), labelled)
+
+
+def test_weights_of_all_pixels_add_up_to_alpha(renderer):
     opaque, behind = (gaussian((0, 0, z), (40, 40, 0.01), opacity=o) for z, o in ((1, 0.99999), (2, 0.5)))
     scene, camera = concatenate([behind, opaque]), replace(CAMERA, world_to_camera=np.eye(4))
     weights, alpha = renderer.blend_weights(scene, camera, LABELS, 1), renderer.render(scene, camera).alpha
     # Only with the cap of the version in use does the weight behind the opaque Gaussian come out right.
-    behind = 0.5 * (1 - VERSIONS[version]["alpha_cap"])
+    behind = 0.5 * (1 - renderer._alpha_cap)
     assert weights[0, 0] == pytest.approx(behind * alpha.size, rel=0.01)
     assert weights.sum() == pytest.approx(alpha.sum(), rel=1e-5)
     assert renderer.top_contributors(scene, camera, np.array([[18, 12]]), 2)[1][0, 1] == pytest.approx(behind, rel=0.01)
@@ -134,22 +155,21 @@ def test_the_alpha_cap_is_measured(version):
     assert GsplatRenderer("cpu")._alpha_cap == pytest.approx(VERSIONS[version]["alpha_cap"], abs=1e-6)
 
 
-def test_far_from_the_origin_as_near_it(version, monkeypatch):
+def test_far_from_the_origin_as_near_it(renderer, monkeypatch):
     offset = np.array([40000.0, -70000.0, 9000.0])
     far = SCENE.replace(means=(SCENE.means + offset).astype(np.float32))
     # Rounded to float32, the means have moved by up to 0.004; the renderers must agree on the rounded scene.
     pose = CAMERA.world_to_camera.copy()
     pose[:3, 3] -= pose[:3, :3] @ offset
     camera = replace(CAMERA, world_to_camera=pose)
-    renderer = GsplatRenderer("cpu")
     monkeypatch.setattr("gaussian_trimmer.rendering.reference.ALPHA_CAP", renderer._alpha_cap)
     actual, expected = (r.render(far, camera) for r in (renderer, ReferenceRenderer()))
     assert_close(renderer, actual.rgb, expected.rgb)
     assert_close(renderer, actual.depth * expected.alpha, expected.depth * expected.alpha, scale=3.0)
 
 
-def test_nothing_to_draw(version):
-    renderer, background = GsplatRenderer("cpu"), np.array([0.2, 0.4, 0.9], np.float32)
+def test_nothing_to_draw(renderer):
+    background = np.array([0.2, 0.4, 0.9], np.float32)
     for scene in (SCENE.select(slice(0, 0)), gaussian(mean=(100, 100, -100))):
         n = len(scene)
         picture = renderer.render(scene, CAMERA, background, weights=True)
@@ -161,18 +181,18 @@ def test_nothing_to_draw(version):
         assert ids.tolist() == [[-1] * 3] and weights.tolist() == [[0] * 3]
 
 
-def test_no_pixels_asked(version):
-    ids, weights = GsplatRenderer("cpu").top_contributors(SCENE, CAMERA, np.zeros((0, 2), int), 3)
+def test_no_pixels_asked(renderer):
+    ids, weights = renderer.top_contributors(SCENE, CAMERA, np.zeros((0, 2), int), 3)
     assert ids.shape == weights.shape == (0, 3)
 
 
-def test_pixels_outside_the_image_are_refused(version):
+def test_pixels_outside_the_image_are_refused(renderer):
     with pytest.raises(ValueError, match="in the image of 37 x 26"):
-        GsplatRenderer("cpu").top_contributors(SCENE, CAMERA, np.array([[37, 0]]), 3)
+        renderer.top_contributors(SCENE, CAMERA, np.array([[37, 0]]), 3)
 
 
-def test_gaussians_are_released_with_their_owner(version):
-    renderer, scene, other = GsplatRenderer("cpu"), random_scene(0, 80, 2), random_scene(1, 80, 2)
+def test_gaussians_are_released_with_their_owner(renderer):
+    scene, other = random_scene(0, 80, 2), random_scene(1, 80, 2)
     for drawn in (scene, other):
         renderer.render(drawn, CAMERA)
     assert len(renderer._uploaded) == 2
@@ -181,11 +201,11 @@ def test_gaussians_are_released_with_their_owner(version):
     assert list(renderer._uploaded) == [other]
 
 
-def test_files_are_not_written_through_their_arrays(version):
+def test_files_are_not_written_through_their_arrays(renderer):
     scene = random_scene(0, 80, 2)
     for array in (scene.means, scene.quaternions, scene.opacity_logits):
         array.setflags(write=False)
-    GsplatRenderer("cpu").render(scene, CAMERA)
+    renderer.render(scene, CAMERA)
 
 
 def test_a_missing_extra_says_what_to_install(monkeypatch):

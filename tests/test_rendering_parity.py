@@ -68,20 +68,11 @@ def fast(request):
     if request.param == "numba":
         yield get_renderer("numba")
         return
-    torch = pytest.importorskip("torch", reason="needs PyTorch: the cuda extra")
-    from gaussian_trimmer.rendering.gsplat_cuda import GsplatRenderer
-
-    if request.param == "gsplat":
-        pytest.importorskip("gsplat", reason="gsplat is not installed")
-        if not torch.cuda.is_available():
-            pytest.skip("there is no CUDA device for gsplat")
-        yield GsplatRenderer()
-        return
-    from gsplat_stand_in import install_version, one_thread
+    pytest.importorskip("torch", reason="needs PyTorch: the cuda extra")
+    from gsplat_stand_in import make_renderer, one_thread
 
     with pytest.MonkeyPatch.context() as patch, one_thread():
-        install_version(patch, request.param)
-        yield GsplatRenderer("cpu")
+        yield make_renderer(request.param, patch)
 
 
 @pytest.fixture

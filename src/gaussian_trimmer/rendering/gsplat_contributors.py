@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.rendering.gsplat_projection import TILE, Projection
+from gaussian_trimmer.rendering.gsplat_projection import Projection
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 
@@ -24,7 +24,7 @@ def top_by_kernel(gsplat: Any, projection: Projection, camera: Camera, pixels: T
     """The k largest blend weights at pixels, given by their flat numbers (P,): splats (P, k) and weights (P, k)."""
     ids, weights = gsplat.rasterize_top_contributing_gaussian_ids(
         projection.means, projection.conics, projection.opacities, projection.tile_starts, projection.tile_lists,
-        camera.width, camera.height, TILE, k,
+        camera.width, camera.height, projection.tile, k,
     )  # fmt: skip
     # The kernel lists them from near to far.
     return _largest_first(ids.reshape(-1, k)[pixels].long(), weights.reshape(-1, k)[pixels], k)
@@ -47,7 +47,8 @@ def top_by_pairs(
 def _parts(projection: Projection, camera: Camera, pixels: Tensor) -> Iterator[Tensor]:
     """Pixels (P,) in parts whose pairs with the splats of their tiles fit into memory."""
     y, x = pixels // camera.width, pixels % camera.width
-    pairs = projection.list_lengths()[y // TILE * projection.tile_starts.shape[2] + x // TILE].cumsum(0)
+    tiles = y // projection.tile * projection.tile_starts.shape[2] + x // projection.tile
+    pairs = projection.list_lengths()[tiles].cumsum(0)
     _, counts = (pairs // _PAIRS_AT_ONCE).unique_consecutive(return_counts=True)
     yield from pixels.split(counts.tolist())
 
@@ -65,7 +66,7 @@ def _contributions(
     light.view(-1)[pixels] = 1
     ids, flat, _ = gsplat.rasterize_to_indices_in_range(
         0, _TO_THE_LAST, light, projection.means, projection.conics, projection.opacities, camera.width, camera.height,
-        TILE, projection.tile_starts, projection.tile_lists,
+        projection.tile, projection.tile_starts, projection.tile_lists,
     )  # fmt: skip
     ids, flat = ids.long(), flat.long()
     mean_x, mean_y = projection.means[0, ids].unbind(1)

@@ -8,11 +8,12 @@ measured and used where this package repeats the kernels' arithmetic.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, wraps
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,13 +24,17 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, Rendering, pixels_inside
 from gaussian_trimmer.rendering.gsplat_contributors import top_by_kernel, top_by_pairs
-from gaussian_trimmer.rendering.gsplat_projection import TILE, Projection
+from gaussian_trimmer.rendering.gsplat_projection import Projection
 
 Tensor = Any  # torch is imported late, so its types have no name here.
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 _INSTALL = 'run: pip install "gaussian-trimmer[cuda]", or render with --renderer numba.'
 _CHANNELS_AT_ONCE = 32
 _LABELS_AT_ONCE = 8
+_TILE, _TILE_OF_1_6 = 8, 4
+"""Side of a tile in pixels: warps of 32 threads draw it, two or a part of one, and sums of two terms have no order.
+Version 1.6 draws tiles of 4 or 16 pixels alone."""
 _KEPT_BYTES = 1 << 29
 """Device memory for the projections of one scene that are kept for the next call."""
 _WEIGHT_UNIT = 2.0**-30
@@ -61,21 +66,27 @@ class _Uploaded:
 class _RenderingOnDevice(Rendering):
     """A rendering whose images leave the device when they are first looked at; most never are."""
 
-    def __init__(self, rgb: Tensor, alpha: Tensor, depth: Tensor, weights: FloatArray) -> None:
-        # Past the setters of a frozen dataclass; attributes by these names would hide the properties below.
-        vars(self).update(on_device=(rgb, alpha, depth), weights=weights)
+    def __init__(self, rgb: Any, alpha: Any, depth: Any, weights: FloatArray) -> None:
+        # Past the setters of a frozen dataclass. What is no attribute yet is looked up below.
+        vars(self).update(weights=weights, on_device={"rgb": rgb, "alpha": alpha, "depth": depth})
 
-    @cached_property
-    def rgb(self) -> FloatArray:
-        return _array(vars(self)["on_device"][0])
+    def __getattr__(self, name: str) -> Any:
+        if name not in vars(self).get("on_device", {}):
+            raise AttributeError(f"A rendering has no '{name}'.")
+        image = vars(self)["on_device"].pop(name)  # which frees its memory
+        vars(self)[name] = image if isinstance(image, np.ndarray) else _array(image)
+        return vars(self)[name]
 
-    @cached_property
-    def alpha(self) -> FloatArray:
-        return _array(vars(self)["on_device"][1])
 
-    @cached_property
-    def depth(self) -> FloatArray:
-        return _array(vars(self)["on_device"][2])
+def _outside_inference_mode(method: Method) -> Method:
+    """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in."""
+
+    @wraps(method)
+    def wrapped(self: GsplatRenderer, *arguments: Any, **options: Any) -> Any:
+        with self._torch.inference_mode(False):
+            return method(self, *arguments, **options)
+
+    return cast(Method, wrapped)
 
 
 class GsplatRenderer:
@@ -92,8 +103,11 @@ class GsplatRenderer:
     def __init__(self, device: str = "cuda") -> None:
         self._torch, self._gsplat = _import_libraries(device)
         self._device = self._torch.device(device)
+        self._lists_top = hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids")
+        self._tile = _TILE_OF_1_6 if self._lists_top else _TILE
         self._uploaded: WeakKeyDictionary[Gaussians, _Uploaded] = WeakKeyDictionary()
 
+    @_outside_inference_mode
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
@@ -108,6 +122,7 @@ class GsplatRenderer:
         shown = self._weights_under(everywhere, gaussians, camera).flatten()
         return _RenderingOnDevice(rgb, alpha, image[..., 3], _array(shown))
 
+    @_outside_inference_mode
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
         if not len(gaussians):
@@ -117,6 +132,7 @@ class GsplatRenderer:
         images = [self._blend(projection, camera, part.contiguous())[0] for part in parts]
         return _array(self._torch.cat(images, dim=2))
 
+    @_outside_inference_mode
     def blend_weights(
         self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
     ) -> FloatArray:
@@ -126,6 +142,7 @@ class GsplatRenderer:
         sums = [self._weights_under((label == part).float(), gaussians, camera) for part in parts]
         return _array(self._torch.cat(sums, dim=1))
 
+    @_outside_inference_mode
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
@@ -135,7 +152,7 @@ class GsplatRenderer:
             return np.full((len(pixels), k), -1), np.zeros((len(pixels), k), np.float32)
         flat = self._torch.tensor(pixels[:, 1] * camera.width + pixels[:, 0], device=self._device)
         projection = self._projection(gaussians, camera)
-        if hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids"):
+        if self._lists_top:
             ids, weights = top_by_kernel(self._gsplat, projection, camera, flat, k)
         else:
             ids, weights = top_by_pairs(self._gsplat, projection, camera, flat, k, self._alpha_cap)
@@ -146,7 +163,7 @@ class GsplatRenderer:
 
         They are the gradient of a blended image by the values that are blended, so gsplat's backward pass gives them at
         the price of a few pictures. Its kernel adds up what the warps of a tile find in any order; with splats apart
-        for every tile, and two warps to a tile, order does not matter, and tiles are added up as whole numbers.
+        for every tile, and at most two warps to a tile, order does not matter, and tiles are added up as whole numbers.
         """
         sums = self._torch.zeros((len(gaussians), images.shape[2]), dtype=self._torch.int64, device=self._device)
         projection = self._projection(gaussians, camera) if len(gaussians) else None
@@ -170,8 +187,8 @@ class GsplatRenderer:
     ) -> tuple[Tensor, Tensor]:
         """Blended values (1, M, C) before a background (1, C), as (H, W, C), and alpha, (H, W)."""
         image, alpha = self._gsplat.rasterize_to_pixels(
-            projection.means, projection.conics, values, projection.opacities, camera.width, camera.height, TILE,
-            projection.tile_starts, projection.tile_lists, backgrounds=background,
+            projection.means, projection.conics, values, projection.opacities, camera.width, camera.height,
+            projection.tile, projection.tile_starts, projection.tile_lists, backgrounds=background,
         )  # fmt: skip
         return image[0], alpha[0, ..., 0]
 
@@ -193,10 +210,10 @@ class GsplatRenderer:
                 drawn.means, drawn.quaternions, drawn.scales, drawn.opacities, drawn.coefficients,
                 self._tensor(world_to_camera)[None], self._tensor(camera.K)[None], camera.width, camera.height,
                 sh_degree=gaussians.sh_degree, render_mode="RGB+ED", near_plane=camera.near,
-                eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False, tile_size=TILE,
+                eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False, tile_size=self._tile,
             )  # fmt: skip
         names = ("means2d", "conics", "opacities", "isect_offsets", "flatten_ids")
-        projection = Projection(*(info[name] for name in names))
+        projection = Projection(self._tile, *(info[name] for name in names))
         drawn.projections[id(camera)] = camera, projection
         while len(drawn.projections) > 1 and sum(p.nbytes for _, p in drawn.projections.values()) > _KEPT_BYTES:
             drawn.projections.popitem(last=False)

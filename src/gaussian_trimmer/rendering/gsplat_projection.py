@@ -7,14 +7,13 @@ from typing import Any
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 
-TILE = 8
-"""Side of a tile in pixels: it is drawn by two warps of 32 threads, and a sum of two terms has no order."""
-
 
 @dataclass(frozen=True, eq=False)
 class Projection:
     """M splats of one view, on the device; the leading 1 of the shapes counts gsplat's cameras."""
 
+    tile: int
+    """Side of a tile in pixels."""
     means: Tensor
     """Pixel coordinates, (1, M, 2)."""
     conics: Tensor
@@ -29,7 +28,8 @@ class Projection:
     @property
     def nbytes(self) -> int:
         """Device memory held."""
-        return int(sum(tensor.nbytes for tensor in vars(self).values()))
+        held = (self.means, self.conics, self.opacities, self.tile_starts, self.tile_lists)
+        return int(sum(tensor.nbytes for tensor in held))
 
     def list_lengths(self) -> Tensor:
         """Number of splats that reach each tile, (tiles,)."""
