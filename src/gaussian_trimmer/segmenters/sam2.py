@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ Colour = tuple[float, float, float]
 _GPU_MODEL = "facebook/sam2.1-hiera-large"
 _CPU_MODEL = "facebook/sam2.1-hiera-tiny"
 _HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
+_OLDEST_TRANSFORMERS = (5, 6)  # 5.0 breaks off while tracking; versions before 5.6 cannot prompt SAM3 view by view.
 _OBJECT = 1
 _BOX_CORNERS = (2, 3)  # Point labels by which SAM2 knows a box's upper left and lower right corner.
 _MASK_LOGITS = (20.0, -10.0)  # Scale and offset by which SAM2 turns a given mask into logits.
@@ -44,7 +45,7 @@ class Sam2Config:
     device: str = "auto"
     """Where the model runs: cuda, mps, cpu, or auto for the first of these that is there."""
     dtype: Literal["auto", "bfloat16", "float16", "float32"] = "auto"
-    """Number format of the model; auto is bfloat16 on CUDA and float32 elsewhere."""
+    """Number format of the model; auto is bfloat16 on CUDA devices that compute in it, and float32 elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -201,11 +202,19 @@ class Sam2Segmenter:
 def _import_libraries() -> tuple[Any, Any]:
     """The modules torch and transformers."""
     try:
-        return import_module("torch"), import_module("transformers")
+        torch, transformers = import_module("torch"), import_module("transformers")
+        version = metadata.version("transformers")
     except ImportError as error:
         raise InputError(
             f'SAM2 needs PyTorch and Transformers ({error}); run: pip install "gaussian-trimmer[sam2]".'
         ) from error
+    if tuple(int(part) for part in version.split(".")[:2]) < _OLDEST_TRANSFORMERS:
+        oldest = ".".join(map(str, _OLDEST_TRANSFORMERS))
+        raise InputError(
+            f"SAM2 needs Transformers {oldest} or newer, and {version} is installed; "
+            "run: pip install --upgrade transformers."
+        )
+    return torch, transformers
 
 
 def _find_device(torch: Any, name: str) -> Any:
@@ -220,9 +229,10 @@ def _find_device(torch: Any, name: str) -> Any:
 
 
 def _find_dtype(torch: Any, name: str, device: Any) -> Any:
-    if name == "auto":
-        return torch.bfloat16 if device.type == "cuda" else torch.float32
-    return getattr(torch, name)
+    if name != "auto":
+        return getattr(torch, name)
+    fast = device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False)
+    return torch.bfloat16 if fast else torch.float32
 
 
 def _check_source(source: str) -> None:
