@@ -101,11 +101,16 @@ def measure_host(case: Case) -> Record:
     """Seconds by stage with every rendering known beforehand: what is left where rendering takes no time."""
     scene = formats.read(case.scene)
     selection = load_selection(case.selection, scene)
-    recorder = Recorder(get_renderer(case.renderer))
-    trim(scene, selection, case.config, cast(Renderer, recorder))
-    runs = [trim(scene, selection, case.config, cast(Renderer, recorder.replayed())).seconds for _ in range(case.runs)]
-    stages = medians(runs)
-    return {"pixels": case.config.plan.size, "calls": len(recorder.results), **stages, "trim": sum(stages.values())}
+    recorder, segmenter = Recorder(get_renderer(case.renderer)), _segmenter(case)
+    trim(scene, selection, case.config, cast(Renderer, recorder), segmenter)
+    stages = []
+    for _ in range(case.runs):
+        replay = recorder.replayed()
+        start = time.perf_counter()
+        result = trim(scene, selection, case.config, cast(Renderer, replay), segmenter)
+        stages.append({**result.seconds, "trim": time.perf_counter() - start})
+        assert not replay.results, "The trim took another way than the recorded one."
+    return {"pixels": case.config.plan.size, "calls": len(recorder.results), **medians(stages)}
 
 
 class Recorder:
@@ -113,7 +118,7 @@ class Recorder:
 
     def __init__(self, renderer: Renderer) -> None:
         self.name, self._renderer, self._replay = renderer.name, renderer, False
-        self.results: list[Any] = []
+        self.results: list[tuple[str, Any]] = []
 
     def replayed(self) -> Recorder:
         """A renderer that returns these results without rendering."""
@@ -123,10 +128,12 @@ class Recorder:
 
     def __getattr__(self, method: str) -> Callable[..., Any]:
         def call(*arguments: Any, **options: Any) -> Any:
-            if self._replay:
-                return self.results.pop()
-            self.results.append(getattr(self._renderer, method)(*arguments, **options))
-            return self.results[-1]
+            if not self._replay:
+                self.results.append((method, getattr(self._renderer, method)(*arguments, **options)))
+                return self.results[-1][1]
+            recorded, result = self.results.pop()
+            assert recorded == method, "The trim took another way than the recorded one."
+            return result
 
         return call
 

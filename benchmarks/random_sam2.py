@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.segmenters import View
@@ -31,16 +30,11 @@ _LARGE_VISION = {
 }
 
 
-def large_model() -> Any:
-    """A `Sam2VideoModel` of the large architecture, 224 million random weights."""
-    transformers = import_module("transformers")
-    return transformers.Sam2VideoModel(transformers.Sam2VideoConfig(vision_config=_LARGE_VISION))
-
-
 def save_large_model(folder: Path) -> None:
-    """A folder that `--sam2.model` takes, of 0.9 GB."""
-    import_module("torch").manual_seed(0)
-    large_model().save_pretrained(folder)
+    """A folder that `--sam2.model` takes, with 224 million random weights, 0.9 GB."""
+    torch, transformers = import_module("torch"), import_module("transformers")
+    torch.manual_seed(0)
+    transformers.Sam2VideoModel(transformers.Sam2VideoConfig(vision_config=_LARGE_VISION)).save_pretrained(folder)
 
 
 class RandomSam2Segmenter:

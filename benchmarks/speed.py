@@ -82,7 +82,8 @@ class Arguments:
     """What segments the views."""
     sam2_model: str = ""
     """With `sam2`: a model on the hub or a local folder. Not given: SAM2.1 large with random weights, which costs as
-    much as the trained one; its masks mean nothing, so later stages get those of the default segmenter."""
+    much as the trained one; its masks mean nothing, so later stages get those of the default segmenter. Sections
+    that run the command, `cold` among them, then cannot be measured."""
     runs: int = 5
     """Runs of which the median is taken."""
     first_run: bool = False

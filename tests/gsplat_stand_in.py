@@ -145,6 +145,7 @@ class Kernels:
 
     def rasterize_top(self, means2d, conics, opacities, offsets, flatten_ids, width, height, tile, k):
         """Of every pixel the largest weights, from near to far, padded with -1 and 0: a kernel of 1.6."""
+        assert tile in (4, 16)
         top_ids = torch.full((height * width, k), -1, dtype=torch.int32)
         top_weights = torch.zeros(height * width, k)
         everywhere = torch.ones(1, height, width)

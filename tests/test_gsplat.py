@@ -1,8 +1,10 @@
 """The gsplat renderer without a GPU, on stand-ins for gsplat; test_rendering_parity.py tests what it computes."""
 
+import copy
 import gc
 import inspect
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +132,18 @@ def test_a_rendering_frees_the_device_and_can_be_changed(renderer):
     assert not black.rgb.any() and seen.rgb.any()
     assert not vars(seen)["on_device"]
     assert not hasattr(seen, "colour")
+
+
+def test_copies_and_threads_look_at_the_same_images(renderer):
+    expected = renderer.render(SCENE, CAMERA)
+    for _ in range(20):
+        seen = renderer.render(SCENE, CAMERA)
+        twin = copy.copy(seen)
+        with ThreadPoolExecutor(4) as pool:
+            images = list(pool.map(lambda name, seen=seen: getattr(seen, name), ["rgb", "depth", "alpha"] * 4))
+        for name, image in zip(["rgb", "depth", "alpha"] * 4, images, strict=True):
+            np.testing.assert_array_equal(image, getattr(expected, name))
+            np.testing.assert_array_equal(image, getattr(twin, name))
 
 
 def test_inference_mode_of_the_caller_changes_nothing(renderer):

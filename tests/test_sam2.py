@@ -195,9 +195,11 @@ def checkpoint(request, tmp_path_factory) -> tuple[Family, Path, "transformers.P
     family, path = FAMILIES[request.param], tmp_path_factory.mktemp(request.param)
     if request.param == "edgetam_video":
         pytest.importorskip("timm", reason="EdgeTAM needs the package timm")
+    # Some versions ask the hub for the defaults of an EdgeTAM.
+    impossible = (AttributeError, ImportError, *([OSError] if request.param == "edgetam_video" else []))
     try:
         model = family.make()
-    except (AttributeError, ImportError, OSError) as error:  # some versions ask the hub for EdgeTAM's defaults
+    except impossible as error:
         pytest.skip(f"this Transformers cannot make a {request.param}: {error}")
     # Written by hand: with `save_pretrained`, some versions double a prefix in the names of SAM3's weights.
     model.config.save_pretrained(path)

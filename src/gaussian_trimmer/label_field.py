@@ -24,6 +24,7 @@ from gaussian_trimmer.planning import Bounds
 from gaussian_trimmer.support import SupportConfig, attached_to_object, find_support
 
 _BINS = 32
+# Blurring by one bin's standard deviation, cut at three, as a matrix.
 _STEPS = np.arange(_BINS) - np.arange(_BINS)[:, None]
 _BLUR = np.where(np.abs(_STEPS) <= 3, np.exp(-0.5 * _STEPS.astype(np.float64) ** 2), 0.0)
 _LEAST_WEIGHT = 0.05
@@ -143,7 +144,7 @@ class _Field:
     def _trust(self, labels: BoolArray, signs: FloatArray) -> FloatArray:
         """Log-odds of each Gaussian by its own label, its depth behind the boundary and the surface below, (S,)."""
         config = self.config
-        deep = self._distance_to_boundary(signs, _DEEPEST * config.depth) / np.float32(config.depth)
+        deep = np.minimum(self._distance_to_boundary(signs, _DEEPEST * config.depth) / config.depth, _DEEPEST)
         unary = np.asarray((config.trust + config.depth_trust * deep**2) * signs, np.float32)
         support = find_support(self.places, labels, self.weights, self.bounds, config.support)
         if support is None:
@@ -153,8 +154,8 @@ class _Field:
         resting = support.on_surface & labels
         return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
 
-    def _distance_to_boundary(self, signs: FloatArray, farthest: float) -> FloatArray:
-        """Distance of each Gaussian to the nearest of the other side, at most `farthest`, (S,).
+    def _distance_to_boundary(self, signs: FloatArray, reach: float) -> FloatArray:
+        """Distance of each Gaussian to the nearest of the other side, infinite from `reach` on, (S,).
 
         The sides are local majorities of the labels. Where one side has all, there is no boundary, and the distance 0.
         """
@@ -162,8 +163,8 @@ class _Field:
         distance = np.zeros(len(signs), np.float32)
         if majority.any() and not majority.all():
             for side in (True, False):
-                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1, reach=farthest)
-                distance[majority == side] = np.minimum(np.sqrt(squared[:, 0]), np.float32(farthest))
+                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1, reach)
+                distance[majority == side] = np.sqrt(squared[:, 0])
         return distance
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> tuple[Float64Array, float]:

@@ -189,7 +189,8 @@ def _best_plane(
 ) -> _Plane | None:
     """The plane of highest score among random ones, or None where all points lie in a line.
 
-    A score is at most the share of inliers, so the planes are scored in falling order of that until none can win.
+    A score is at most the share of inliers, with its bonus, so the planes are scored in falling order of that until
+    none can win.
     """
     normals, offsets = _planes_through_points(points, tolerance, rng)
     if len(normals) == 0:

@@ -12,8 +12,10 @@ from gaussian_trimmer.planning import PlanConfig, plan_cameras
 
 _MIDDLE_SHARE = 0.25
 """Share of the Gaussians nearest to the middle that the views frame."""
-_WHOLE_SHARE, _COMPACT = 0.95, 3.2
-"""A capture of one thing has nearly all of its Gaussians within a few radii of the middle; it is framed whole."""
+_WHOLE_SHARE = 0.95
+"""Share of the Gaussians by which it is told whether a capture is compact."""
+_COMPACT = 3.2
+"""A capture that has that share within so many radii of the middle share, as one of a single thing, is framed whole."""
 _REACH = 3.0
 """Gaussians farther from the middle than this many radii of what is framed are left out: walls stand in the way."""
 _ROUNDS = 5
@@ -34,7 +36,8 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, views: int = 8) -> Ove
     """Views on a circle around the middle of a scene, 30 degrees above the horizon.
 
     Training makes many small Gaussians where there is detail and few large ones elsewhere, so the middle is where the
-    centres lie densest, found by repeated medians of the nearest. A capture of a single thing is framed whole.
+    centres lie densest, found by repeated medians of the nearest. A compact capture, as of a single thing, is framed
+    whole.
 
     Args:
         up: the scene's up vector, (3,).
@@ -42,11 +45,11 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, views: int = 8) -> Ove
     """
     distance = _distance_from_middle(gaussians.means)
     middle, whole = np.quantile(distance, [_MIDDLE_SHARE, _WHOLE_SHARE])
-    one_thing = whole < _COMPACT * middle
-    framed = gaussians if one_thing else gaussians.select(distance <= middle)
-    fill = _WHOLE_FILL if one_thing else _MIDDLE_FILL
+    compact = whole < _COMPACT * middle
+    framed = gaussians if compact else gaussians.select(distance <= middle)
+    fill = _WHOLE_FILL if compact else _MIDDLE_FILL
     cameras, _ = plan_cameras(framed, up, PlanConfig(views=views, size=_SIZE, pitch_degrees=30.0, fill=fill))
-    return Overview(cameras, np.flatnonzero(distance <= _REACH * (whole if one_thing else middle)))
+    return Overview(cameras, np.flatnonzero(distance <= _REACH * (whole if compact else middle)))
 
 
 def _distance_from_middle(means: FloatArray) -> FloatArray:

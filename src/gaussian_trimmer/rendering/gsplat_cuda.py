@@ -64,17 +64,25 @@ class _Uploaded:
 
 
 class _RenderingOnDevice(Rendering):
-    """A rendering whose images leave the device when they are first looked at; most never are."""
+    """A rendering whose images leave the device when they are first looked at; most never are.
 
-    def __init__(self, rgb: Any, alpha: Any, depth: Any, weights: FloatArray) -> None:
+    Arrays are taken too, so that `dataclasses.replace` works.
+    """
+
+    def __init__(
+        self, rgb: Tensor | FloatArray, alpha: Tensor | FloatArray, depth: Tensor | FloatArray, weights: FloatArray
+    ) -> None:
         # Past the setters of a frozen dataclass. What is no attribute yet is looked up below.
         vars(self).update(weights=weights, on_device={"rgb": rgb, "alpha": alpha, "depth": depth})
 
     def __getattr__(self, name: str) -> Any:
-        if name not in vars(self).get("on_device", {}):
+        left = vars(self).get("on_device", {})
+        if name in left:
+            vars(self)[name] = left[name] if isinstance(left[name], np.ndarray) else _array(left[name])
+            # Only then is it let go, and by another dictionary: other threads and copies may be looking too.
+            vars(self)["on_device"] = {other: image for other, image in left.items() if other != name}
+        if name not in vars(self):
             raise AttributeError(f"A rendering has no '{name}'.")
-        image = vars(self)["on_device"].pop(name)  # which frees its memory
-        vars(self)[name] = image if isinstance(image, np.ndarray) else _array(image)
         return vars(self)[name]
 
 
@@ -103,6 +111,7 @@ class GsplatRenderer:
     def __init__(self, device: str = "cuda") -> None:
         self._torch, self._gsplat = _import_libraries(device)
         self._device = self._torch.device(device)
+        # Version 1.6 is known by its kernel for this.
         self._lists_top = hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids")
         self._tile = _TILE_OF_1_6 if self._lists_top else _TILE
         self._uploaded: WeakKeyDictionary[Gaussians, _Uploaded] = WeakKeyDictionary()

@@ -34,7 +34,7 @@ class View:
 
     @property
     def rgb(self) -> FloatArray:
-        """The picture to segment, in [0, 1]: object and neighbours over black, (H, W, 3)."""
+        """The picture to segment, object and neighbours over black; colours are not clipped above one, (H, W, 3)."""
         return self.picture.rgb
 
     @property
