@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.compiling import CACHE, KERNELS
-from gaussian_trimmer.gaussians import FloatArray
+from gaussian_trimmer.gaussians import FloatArray, IntArray
 
 _LEAF = 16
 _TOGETHER = 64  # Queries that share their scratch memory.
@@ -28,9 +28,9 @@ def nearest(
     [[0.0, inf]]
     """
     points = np.ascontiguousarray(points, np.float32)
-    order, axes, splits = _build(points)
+    order, axes, splits, edges = _build(points)
     queries = np.ascontiguousarray(queries, np.float32)
-    leaves, numbers = _leaves(points, order, len(axes))
+    leaves, numbers = _leaves(points, order, edges)
     with KERNELS:
         squared, found = _search(leaves, numbers, axes, splits, queries, k, reach * reach)
     return squared, found
@@ -40,40 +40,45 @@ def nearest(
 def _build(points):  # type: ignore[no-untyped-def]
     """Order the points so that every node is a contiguous range, halved at the median of its widest axis.
 
-    Nodes are numbered as in a heap; a node's range follows from its number, so only axis and split are stored.
+    Nodes are numbered as in a heap, level after level; ranges follow from the halving, so only axis and split of a
+    node are stored, and where the leaves' ranges begin and end.
     """
     n, dims = points.shape
     order = np.arange(n).astype(np.int32)
-    n_nodes = 1
-    while _LEAF * n_nodes < n:
-        n_nodes *= 2
-    axes = np.zeros(n_nodes, np.int32)
-    splits = np.zeros(n_nodes, np.float32)
-    for node in range(1, n_nodes):
-        start, end = _range_of(node, n)
-        widest, width = 0, np.float32(-1)
-        for axis in range(dims):
-            low, high = points[order[start], axis], points[order[start], axis]
-            for i in range(start + 1, end):
-                value = points[order[i], axis]
-                low, high = min(low, value), max(high, value)
-            if high - low > width:
-                widest, width = axis, high - low
-        middle = (start + end) // 2
-        _select(points, order, widest, start, end, middle)
-        axes[node], splits[node] = widest, points[order[middle], widest]
-    return order, axes, splits
+    n_leaves = 1
+    while _LEAF * n_leaves < n:
+        n_leaves *= 2
+    axes = np.zeros(n_leaves, np.int32)
+    splits = np.zeros(n_leaves, np.float32)
+    edges = np.array([0, n])
+    while len(edges) <= n_leaves:
+        level = len(edges) - 1
+        halves = np.empty(2 * level + 1, np.int64)
+        halves[2 * level] = n
+        for i in range(level):
+            start, end = edges[i], edges[i + 1]
+            widest, width = 0, np.float32(-1)
+            for axis in range(dims):
+                low, high = points[order[start], axis], points[order[start], axis]
+                for j in range(start + 1, end):
+                    value = points[order[j], axis]
+                    low, high = min(low, value), max(high, value)
+                if high - low > width:
+                    widest, width = axis, high - low
+            middle = (start + end) // 2
+            _select(points, order, widest, start, end, middle)
+            axes[level + i], splits[level + i] = widest, points[order[middle], widest]
+            halves[2 * i], halves[2 * i + 1] = start, middle
+        edges = halves
+    return order, axes, splits, edges
 
 
-def _leaves(points: FloatArray, order: NDArray[np.int32], n_leaves: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Coordinates of the leaves' points, (n_leaves, D, _LEAF), and their numbers, (n_leaves, _LEAF).
+def _leaves(points: FloatArray, order: NDArray[np.int32], edges: IntArray) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Coordinates of the points of the T leaves, (T, D, _LEAF), and their numbers, (T, _LEAF).
 
     Distances of a leaf then take a few vector instructions for each axis. Where a leaf has fewer points, coordinates
-    are infinite and numbers -1.
+    are infinite and numbers -1. The leaves' ranges of `order` lie between the `edges` (T + 1,).
     """
-    edges = np.array([0, len(points)])
-    while len(edges) <= n_leaves:
-        edges = np.insert(edges, np.arange(1, len(edges)), (edges[:-1] + edges[1:]) // 2)
     places = edges[:-1, None] + np.arange(_LEAF)
     filled = places < edges[1:, None]
     numbers = np.full(places.shape, -1, np.int32)
@@ -81,22 +86,6 @@ def _leaves(points: FloatArray, order: NDArray[np.int32], n_leaves: int) -> tupl
     leaves = np.full((*places.shape, points.shape[1]), np.inf, np.float32)
     leaves[filled] = points[numbers[filled]]
     return np.ascontiguousarray(leaves.transpose(0, 2, 1)), numbers
-
-
-@_jit
-def _range_of(node, n):  # type: ignore[no-untyped-def]
-    """The contiguous range of a node: follow its number's bits from the root, halving the range."""
-    depth = 0
-    while node >> (depth + 1):
-        depth += 1
-    start, end = 0, n
-    for bit in range(depth - 1, -1, -1):
-        middle = (start + end) // 2
-        if (node >> bit) & 1:
-            start = middle
-        else:
-            end = middle
-    return start, end
 
 
 @_jit
