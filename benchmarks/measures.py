@@ -22,7 +22,7 @@ from random_sam2 import RandomSam2Segmenter, save_large_model
 from synthetic_scenes import KERNEL_SIZE, kernel_view
 
 from gaussian_trimmer import formats, report
-from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
@@ -77,12 +77,11 @@ def measure_trim(case: Case) -> Record:
     selection = load_selection(case.selection, scene)
     loads = [_seconds(lambda: formats.read(case.scene)) for _ in range(case.runs)]
     renderer, segmenter = get_renderer(case.renderer), _segmenter(case)
-    result = trim(scene, selection, case.config, renderer, segmenter)
+    result, _ = _timed_trim(scene, selection, case.config, renderer, segmenter)
     stages = []
     for _ in range(case.runs):
-        start = time.perf_counter()
-        result = trim(scene, selection, case.config, renderer, segmenter)
-        stages.append({**result.seconds, "trim": time.perf_counter() - start})
+        result, seconds = _timed_trim(scene, selection, case.config, renderer, segmenter)
+        stages.append(seconds)
     return {
         "gaussians": len(scene),
         "selected": int(selection.sum()),
@@ -106,11 +105,18 @@ def measure_host(case: Case) -> Record:
     stages = []
     for _ in range(case.runs):
         replay = recorder.replayed()
-        start = time.perf_counter()
-        result = trim(scene, selection, case.config, cast(Renderer, replay), segmenter)
-        stages.append({**result.seconds, "trim": time.perf_counter() - start})
+        stages.append(_timed_trim(scene, selection, case.config, cast(Renderer, replay), segmenter)[1])
         assert not replay.results, "The trim took another way than the recorded one."
     return {"pixels": case.config.plan.size, "calls": len(recorder.results), **medians(stages)}
+
+
+def _timed_trim(
+    scene: Gaussians, selection: BoolArray, config: TrimConfig, renderer: Renderer, segmenter: Segmenter
+) -> tuple[TrimResult, dict[str, float]]:
+    """A trim, and its seconds by stage and in all."""
+    start = time.perf_counter()
+    result = trim(scene, selection, config, renderer, segmenter)
+    return result, {**result.seconds, "trim": time.perf_counter() - start}
 
 
 class Recorder:

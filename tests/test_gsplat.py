@@ -257,8 +257,8 @@ def test_the_stand_in_has_the_signatures_of_the_installed_gsplat(name):
         assert real[parameter].default == own.default
 
 
-def test_the_alpha_cap_of_a_gpu():
-    pytest.importorskip("gsplat", reason="gsplat is not installed")
-    if not torch.cuda.is_available():
-        pytest.skip("there is no CUDA device")
-    assert GsplatRenderer()._alpha_cap in (pytest.approx(0.999, abs=1e-5), pytest.approx(0.99, abs=1e-5))
+def test_the_alpha_cap_of_a_gpu(monkeypatch):
+    assert make_renderer("gsplat", monkeypatch)._alpha_cap in (
+        pytest.approx(0.999, abs=1e-5),
+        pytest.approx(0.99, abs=1e-5),
+    )
