@@ -21,13 +21,14 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from gaussian_trimmer.camera_files import CameraSet, read_camera_set
-from gaussian_trimmer.contact import ContactConfig
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.decomposition.contact import ContactConfig
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
+from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.pipeline import SplitConfig, TrimConfig, TrimResult, paper_config, trim
-from gaussian_trimmer.planning import up_frame
 from gaussian_trimmer.rendering import get_renderer
 
 _HIGHEST_PSNR = 100.0  # dB; a view that does not show the object would have an infinite one.

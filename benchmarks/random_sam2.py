@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.segmenters import View
-from gaussian_trimmer.segmenters.label_field import LabelFieldSegmenter
-from gaussian_trimmer.segmenters.sam2 import Sam2Config, Sam2Segmenter
+from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config, Sam2Segmenter
+from gaussian_trimmer.segmentation.segmenters.silhouette import LabelFieldSegmenter
+from gaussian_trimmer.views import View
 
 # Where SAM2.1's large model differs from the smallest, which is what Transformers makes if nothing is said.
 _LARGE_BACKBONE = {

@@ -40,8 +40,8 @@ from synthetic_scenes import tiled, with_object_of
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.pipeline import TrimConfig
-from gaussian_trimmer.planning import PlanConfig
-from gaussian_trimmer.selections import load_selection
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.selection_files import load_selection
 
 Section = Literal["warm", "cold", "sizes", "objects", "views", "resolutions", "kernel", "threads", "avx2", "host"]
 Change = Callable[[Gaussians, BoolArray, int], tuple[Gaussians, BoolArray]]

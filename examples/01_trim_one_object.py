@@ -5,10 +5,10 @@ from pathlib import Path
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.pictures import draw_before_after, write_picture
+from gaussian_trimmer.output.pictures import draw_before_after, write_picture
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selections import load_selection
+from gaussian_trimmer.selection_files import load_selection
 
 scene = formats.read(sample.SCENE)
 rough = load_selection(sample.SELECTION, scene)

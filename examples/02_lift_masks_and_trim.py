@@ -6,10 +6,15 @@ line the first half is `gaussian-trimmer select --masks`.
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.lifting import lift_by_assignment
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, MaskFilesSegmenter, cameras_with_masks, mask_of
+from gaussian_trimmer.segmentation.segmenters.mask_files import (
+    MaskFilesConfig,
+    MaskFilesSegmenter,
+    cameras_with_masks,
+    mask_of,
+)
+from gaussian_trimmer.selecting.lifting import lift_by_assignment
 
 scene = formats.read(sample.SCENE)
 cameras = read_camera_set(sample.CAMERAS)

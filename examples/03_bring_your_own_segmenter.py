@@ -11,8 +11,8 @@ import numpy as np
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.pipeline import TrimConfig, trim
-from gaussian_trimmer.segmenters import View
-from gaussian_trimmer.selections import load_selection
+from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.views import View
 
 
 class WatershedSegmenter:

@@ -12,7 +12,7 @@ from gaussian_trimmer.gaussians import FloatArray, Gaussians
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.selections import load_selection
+from gaussian_trimmer.selection_files import load_selection
 
 
 class MatteRenderer(NumbaRenderer):

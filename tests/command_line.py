@@ -8,7 +8,7 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cli import main
-from gaussian_trimmer.planning import PlanConfig, plan_cameras
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
 SMALL = ["--plan.size", "160"]

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from gaussian_trimmer.camera_files import CameraSet, read_camera_set, read_cameras
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.camera_files import read_camera_set, read_cameras
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 
 DATA = Path(__file__).parents[2] / "shared" / "data"

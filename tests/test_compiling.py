@@ -20,7 +20,7 @@ def test_kernels_are_kept_here():
 def test_without_a_folder_for_kernels_they_are_compiled_in_every_process():
     code = (
         "from gaussian_trimmer.compiling import CACHE\n"
-        "from gaussian_trimmer.nearest import nearest\n"
+        "from gaussian_trimmer.geometry.kd_tree import nearest\n"
         "import numpy as np\n"
         "points = np.float32([[0], [1], [5]])\n"
         "print(CACHE, nearest(points, points, 1)[1].ravel().tolist())"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from toy import BLUE, CENTRE, ball_on_floor, check_parts, dilated, gaussians, small_config
 
-from gaussian_trimmer.contact import ContactConfig
-from gaussian_trimmer.evidence import EvidenceConfig
+from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import SPLIT_INSIDE, SPLIT_OUTSIDE, SplitConfig, trim
 from gaussian_trimmer.rendering import get_renderer

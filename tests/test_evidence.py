@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
-from gaussian_trimmer.evidence import EvidenceConfig, judge, shows_outside
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig, judge, shows_outside
 from gaussian_trimmer.pipeline import RECOVERED, PlanConfig, SplitConfig, trim
 
 COARSE, OTHER = True, False

@@ -12,7 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS, compressed_ply, ply
 from gaussian_trimmer.formats.morton import morton_order
-from gaussian_trimmer.selections import load_selection
+from gaussian_trimmer.selection_files import load_selection
 
 SUFFIXES = list(FORMATS)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from selection_builders import checkpoint_state, classifier_state, identity_columns, make_scene, rows_mask, save_ply
 
+from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.inspection import describe_file
 
 N = 12
 

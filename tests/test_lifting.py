@@ -14,13 +14,13 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.lifting import (
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting.lifting import (
     assign_labels,
     lift_by_assignment,
     lift_by_vote,
     lift_objects_by_assignment,
 )
-from gaussian_trimmer.rendering import get_renderer
 
 SCENE = Path(__file__).parents[2] / "shared" / "data" / "scene0"
 REFERENCE = get_renderer("reference")

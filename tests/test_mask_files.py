@@ -7,8 +7,15 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmenters import View, get_segmenter
-from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with_masks, find_mask, ids_of, mask_of
+from gaussian_trimmer.segmentation.segmenters import get_segmenter
+from gaussian_trimmer.segmentation.segmenters.mask_files import (
+    MaskFilesConfig,
+    cameras_with_masks,
+    find_mask,
+    ids_of,
+    mask_of,
+)
+from gaussian_trimmer.views import View
 
 WIDTH, HEIGHT = 12, 8
 

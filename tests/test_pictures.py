@@ -9,11 +9,11 @@ import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.pictures import close_up, draw_before_after, draw_view, write_picture
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.output.pictures import close_up, draw_before_after, draw_view, write_picture
 from gaussian_trimmer.pipeline import TrimmedView, trim
-from gaussian_trimmer.planning import Bounds
 from gaussian_trimmer.rendering import Rendering, get_renderer
-from gaussian_trimmer.segmenters import View
+from gaussian_trimmer.views import View
 
 SIZE = 96
 CAMERA = Camera(

@@ -23,9 +23,8 @@ from toy import (
     with_floaters,
 )
 
-from gaussian_trimmer.camera_files import CameraSet
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.decomposition import SPLIT_RULES
+from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import (

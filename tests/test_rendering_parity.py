@@ -9,7 +9,7 @@ from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import trim
-from gaussian_trimmer.planning import PlanConfig
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import ALPHA_CAP, get_renderer
 
 # The fast paths compute in float32 with an approximate exponential, relative errors of about 1e-5; where that tips an

@@ -8,9 +8,9 @@ import pytest
 import toy
 
 from gaussian_trimmer import __version__, formats
+from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
 from gaussian_trimmer.pipeline import AcceptConfig, trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.report import LABEL_NAMES, count, describe, write_results
 
 RENDERER = get_renderer("numba")
 CONFIG = toy.small_config()

@@ -6,8 +6,9 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmenters import SEGMENTERS, View, get_segmenter
-from gaussian_trimmer.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter
+from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, get_segmenter
+from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter
+from gaussian_trimmer.views import View
 
 HEIGHT, WIDTH = 96, 128
 

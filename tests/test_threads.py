@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config
 
-from gaussian_trimmer.nearest import nearest
+from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.pipeline import SPLIT_INSIDE, BoundaryConfig, SplitConfig, trim
-from gaussian_trimmer.planning import PlanConfig, plan_cameras
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
 N_CALLS = 12

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, logit, quaternions_of, rotation_matrices
 from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimConfig
-from gaussian_trimmer.planning import PlanConfig
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE = np.array([0.0, 0.0, 1.0])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
 
 
@@ -67,6 +68,33 @@ class Camera:
         K[0] *= width / self.width
         K[1] *= height / self.height
         return replace(self, K=K, width=width, height=height)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSet:
+    """The cameras of one file, in its order, and what else the file says about them."""
+
+    cameras: tuple[Camera, ...]
+    """V cameras, pinhole even where the images are distorted."""
+    up: Float64Array | None
+    """Unit up vector that the file states, (3,), or None."""
+    train: tuple[bool, ...]
+    """Which cameras took training images, (V,); all of them where the file names no split."""
+    distorted: bool
+    """Whether some image is distorted by its lens, so that its pixels are not where the cameras project them."""
+
+    def pinhole_cameras(self) -> tuple[Camera, ...]:
+        """The cameras for use with the pixels of their images.
+
+        Raises:
+            InputError: an image is distorted. (Poses and fields of view of `cameras` can be used all the same.)
+        """
+        if self.distorted:
+            raise InputError(
+                "The cameras have lens distortion, so masks of their images cannot be used; "
+                "undistort images and cameras first (colmap image_undistorter) and give the new ones."
+            )
+        return self.cameras
 
 
 def look_at(position: Float64Array, target: Float64Array, up: Float64Array) -> Float64Array:

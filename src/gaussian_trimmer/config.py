@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from gaussian_trimmer.acceptance import AcceptConfig
-from gaussian_trimmer.boundary import BoundaryConfig
-from gaussian_trimmer.contact import ContactConfig
-from gaussian_trimmer.decomposition import SPLIT_RULES
+from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig
+from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
+from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evidence import EvidenceConfig
-from gaussian_trimmer.label_field import LabelFieldConfig
-from gaussian_trimmer.planning import PlanConfig
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.segmentation.acceptance import AcceptConfig
+from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig
 
 __all__ = [
     "AcceptConfig", "BoundaryConfig", "ContactConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig",

@@ -10,10 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.acceptance import accept, harm, refusal
-from gaussian_trimmer.boundary import find_straddlers
-from gaussian_trimmer.camera_files import CameraSet
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import (
     AcceptConfig,
     BoundaryConfig,
@@ -25,20 +22,24 @@ from gaussian_trimmer.config import (
     check_config,
     paper_config,
 )
-from gaussian_trimmer.contact import cut_sunken
-from gaussian_trimmer.decomposition import SPLIT_RULES
+from gaussian_trimmer.decomposition.contact import cut_sunken
+from gaussian_trimmer.decomposition.evidence import judge, shows_outside
+from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
+from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evidence import judge, shows_outside
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.label_field import correct_labels
-from gaussian_trimmer.orientation import UpVector, find_up
-from gaussian_trimmer.planning import Bounds, plan_cameras
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.support_plane import Support, find_support
+from gaussian_trimmer.planning.coverage import restrict_to_seen
+from gaussian_trimmer.planning.up_vector import UpVector, find_up
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimmedView, TrimResult
-from gaussian_trimmer.segmenters import Segmenter, get_segmenter
-from gaussian_trimmer.support import Support, find_support
-from gaussian_trimmer.views import complete_views, visible_weight
-from gaussian_trimmer.visibility import restrict_to_seen
+from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimResult
+from gaussian_trimmer.segmentation.acceptance import accept, harm, refusal
+from gaussian_trimmer.segmentation.label_crf import correct_labels
+from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
+from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
+from gaussian_trimmer.views import TrimmedView
 
 __all__ = [
     "KEPT", "PRUNED", "RECOVERED", "SPLIT_INSIDE", "SPLIT_OUTSIDE", "AcceptConfig", "BoundaryConfig", "EvidenceConfig",

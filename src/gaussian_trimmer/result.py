@@ -8,24 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.orientation import UpVector
-from gaussian_trimmer.planning import Bounds
-from gaussian_trimmer.segmenters import View
+from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.views import TrimmedView
 
 KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE = range(5)
 """Labels of output rows: unchanged side, taken from the object, added to it, and the two parts of a split Gaussian."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrimmedView:
-    """A virtual view and what was made of it."""
-
-    view: View
-    mask: BoolArray
-    """The segmenter's mask, (H, W)."""
-    rejected: str
-    """Why the mask was not believed; empty if it was."""
 
 
 @dataclass(frozen=True, eq=False)

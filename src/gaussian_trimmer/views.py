@@ -1,58 +1,55 @@
-"""The pictures that are segmented: two renders a view, the object with its neighbours and the object alone."""
+"""A view: what one camera sees of an object, and the mask that was drawn in it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
+from dataclasses import dataclass
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer, Rendering
-from gaussian_trimmer.segmenters import Box, View
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.rendering import Rendering
 
-_REFERENCE_PIXELS = 5 * 512 * 512
-
-
-def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
-    """Blend weight of each Gaussian over all views, in pixels of five views of 512 x 512, (N,).
-
-    Args:
-        weights: that of each view, in its own pixels, (N,) each.
-        cameras: the views.
-    """
-    pixels = sum(camera.height * camera.width for camera in cameras)
-    return np.asarray(np.sum(weights, axis=0) * np.float32(_REFERENCE_PIXELS / pixels))
+Box = tuple[int, int, int, int]
+"""Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
 
 
-def complete_views(
-    pictures: Sequence[Rendering], local: Gaussians, coarse: BoolArray, probability: FloatArray,
-    cameras: Sequence[Camera], renderer: Renderer,
-) -> list[View]:  # fmt: skip
-    """What the segmenter gets to see from each camera.
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a segmenter gets to see of one camera."""
 
-    Args:
-        pictures: what the cameras see.
-        local: the coarse object and its neighbours, (N,).
-        coarse: which of them are the coarse object, (N,).
-        probability: their corrected labels, (N,).
-        cameras: the views.
-        renderer: draws them.
-    """
-    alone = local.select(coarse)
-    shares = np.stack([coarse.astype(np.float32), probability], axis=1)
-    views = []
-    for camera, picture in zip(cameras, pictures, strict=True):
-        shown = renderer.blend_values(local, camera, shares)
-        object_alpha = renderer.blend_values(alone, camera, np.ones((len(alone), 1), np.float32))[..., 0]
-        visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
-        views.append(View(camera, picture, object_alpha, visible, expected, bounding_box(object_alpha > 0.5)))
-    return views
+    camera: Camera
+    picture: Rendering
+    """Object and neighbours over black."""
+    object_alpha: FloatArray
+    """Alpha of the coarse object rendered alone, (H, W)."""
+    object_visible: FloatArray
+    """Share of the picture that coarse object Gaussians contribute, sum of their blend weights, (H, W)."""
+    expected: FloatArray
+    """Share of the picture that the object is expected to contribute, from the corrected labels, (H, W)."""
+    box: Box
+    """Bounding box of the coarse object rendered alone: the prompt of eq. 6."""
+
+    @property
+    def rgb(self) -> FloatArray:
+        """The picture to segment, object and neighbours over black; colours are not clipped above one, (H, W, 3)."""
+        return self.picture.rgb
+
+    @property
+    def depth(self) -> FloatArray:
+        """Depth of the picture in scene units, zero where nothing is seen, (H, W)."""
+        return self.picture.depth
+
+    @property
+    def alpha(self) -> FloatArray:
+        """Alpha of the picture, (H, W)."""
+        return self.picture.alpha
 
 
-def bounding_box(mask: BoolArray) -> Box:
-    """Bounding box of a mask (H, W), the prompt of eq. 6; the whole image if the mask is empty."""
-    if not mask.any():
-        return 0, 0, mask.shape[1], mask.shape[0]
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+@dataclass(frozen=True, eq=False)
+class TrimmedView:
+    """A virtual view and what was made of it."""
+
+    view: View
+    mask: BoolArray
+    """The segmenter's mask, (H, W)."""
+    rejected: str
+    """Why the mask was not believed; empty if it was."""

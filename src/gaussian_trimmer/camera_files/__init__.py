@@ -16,44 +16,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from gaussian_trimmer.camera_files.colmap import read_colmap_frames
 from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE
 from gaussian_trimmer.camera_files.json_files import read_json_frames
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array
 
-__all__ = ["DISTORTION_TOLERANCE", "CameraSet", "read_camera_set", "read_cameras"]
-
-
-@dataclass(frozen=True, eq=False)
-class CameraSet:
-    """The cameras of one file, in its order, and what else the file says about them."""
-
-    cameras: tuple[Camera, ...]
-    """V cameras, pinhole even where the images are distorted."""
-    up: Float64Array | None
-    """Unit up vector that the file states, (3,), or None."""
-    train: tuple[bool, ...]
-    """Which cameras took training images, (V,); all of them where the file names no split."""
-    distorted: bool
-    """Whether some image is distorted by its lens, so that its pixels are not where the cameras project them."""
-
-    def pinhole_cameras(self) -> tuple[Camera, ...]:
-        """The cameras for use with the pixels of their images.
-
-        Raises:
-            InputError: an image is distorted. (Poses and fields of view of `cameras` can be used all the same.)
-        """
-        if self.distorted:
-            raise InputError(
-                "The cameras have lens distortion, so masks of their images cannot be used; "
-                "undistort images and cameras first (colmap image_undistorter) and give the new ones."
-            )
-        return self.cameras
+__all__ = ["DISTORTION_TOLERANCE", "read_camera_set", "read_cameras"]
 
 
 def read_cameras(path: str | Path) -> list[Camera]:

@@ -8,8 +8,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.inspection import describe_file
 
 
 @dataclass(frozen=True)

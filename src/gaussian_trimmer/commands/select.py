@@ -12,22 +12,21 @@ from rich.console import Console
 from tyro.conf import Positional, UseAppendAction, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import CameraSet, read_camera_set
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.clicking import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.atomic import whole_file, whole_folder
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, refuse_existing
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
-from gaussian_trimmer.orientation import UpVector, find_up
-from gaussian_trimmer.output_folder import whole_folder
-from gaussian_trimmer.overview import plan_overview
-from gaussian_trimmer.pictures import write_picture
+from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import TrimConfig
+from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
+from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
+from gaussian_trimmer.selecting.overview import plan_overview
 
 _WAYS = {"piece": "a thing that stands on a surface", "colour": "what has its colour in that view"}
 

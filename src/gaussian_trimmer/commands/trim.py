@@ -10,22 +10,23 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from tyro.conf import Positional, arg
 
-from gaussian_trimmer import formats, report
-from gaussian_trimmer.camera_files import CameraSet, read_camera_set
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer import formats
+from gaussian_trimmer.atomic import whole_folder
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output_folder import whole_folder
+from gaussian_trimmer.output import report
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmenters import SEGMENTERS, Segmenter, get_segmenter
-from gaussian_trimmer.segmenters.grabcut import GrabCutConfig
-from gaussian_trimmer.segmenters.mask_files import MaskFilesConfig, cameras_with_masks
-from gaussian_trimmer.segmenters.sam2 import Sam2Config
-from gaussian_trimmer.selections import SelectionOptions, load_selection
+from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, Segmenter, get_segmenter
+from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
+from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, cameras_with_masks
+from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
 _COMPILING_AGAIN = (

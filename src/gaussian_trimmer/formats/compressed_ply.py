@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.atomic import whole_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite
 from gaussian_trimmer.formats.packing import (
@@ -25,7 +26,6 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.formats.ply_table import Header, read_columns, read_header
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 
 _CHUNK = 256

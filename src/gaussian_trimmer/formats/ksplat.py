@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.atomic import whole_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite, file_bytes
 from gaussian_trimmer.formats.packing import (
@@ -27,7 +28,6 @@ from gaussian_trimmer.formats.packing import (
     sh_dc_of,
     to_levels,
 )
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
 
 _HEADER_SIZE, _SECTION_SIZE = 4096, 1024

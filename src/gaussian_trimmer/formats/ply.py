@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.atomic import whole_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite
 from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.formats.ply_table import property_line, read_columns, read_header
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 
 _POSITION = ["x", "y", "z"]

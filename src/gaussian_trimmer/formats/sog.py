@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.atomic import whole_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
@@ -27,7 +28,6 @@ from gaussian_trimmer.formats.packing import (
 )
 from gaussian_trimmer.formats.sog_meta import SogMeta, parse_meta
 from gaussian_trimmer.formats.webp import decode_webp, encode_webp, webp_size
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 
 _COEFFICIENTS = (3, 8, 15)

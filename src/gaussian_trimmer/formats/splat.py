@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaussian_trimmer.atomic import whole_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite, file_bytes
 from gaussian_trimmer.formats.packing import (
@@ -17,7 +18,6 @@ from gaussian_trimmer.formats.packing import (
     sh_dc_of,
     to_levels,
 )
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import Gaussians
 
 _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)])

@@ -18,6 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.atomic import whole_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_count, check_finite
 from gaussian_trimmer.formats.packing import (
@@ -28,7 +29,6 @@ from gaussian_trimmer.formats.packing import (
     restore_largest,
     to_levels,
 )
-from gaussian_trimmer.formats.whole import whole_file
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 
 _HEADER = struct.Struct("<4sIIBBBB")

@@ -1,0 +1,179 @@
+"""What a file is, in words: splats, selections and cameras, for `gaussian-trimmer info`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
+from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
+from gaussian_trimmer.selection_files.classifier import classifier_of
+from gaussian_trimmer.selection_files.clusters import LEAF
+from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids
+from gaussian_trimmer.selection_files.options import flag
+from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, open_selection
+from gaussian_trimmer.selection_files.splat_property import MASK
+from gaussian_trimmer.selection_files.splat_rows import has_identity_features
+
+_FAINT, _SOLID = 0.05, 0.95
+_COLMAP_FILES = ("cameras.bin", "cameras.txt", "images.bin", "images.txt")
+_USES = {
+    "mask": "selects from a scene of {n} Gaussians",
+    "labels": f"selects from a scene of {{n}} Gaussians, with {flag('object_id')}",
+    "indices": "selects the listed rows",
+    "clusters": f"selects OpenGaussian's clusters, with {flag('object_id')}",
+    "flashsplat": f"selects from a scene of {{n}} Gaussians by FlashSplat's weights, with {flag('object_id')}",
+}
+
+
+def describe_file(path: Path) -> str:
+    """Several lines on a splat file, a selection file, or a file or folder of cameras.
+
+    Raises:
+        InputError: the file is missing, of no known kind, or damaged.
+    """
+    if not path.exists():
+        raise InputError(f"There is no file or folder '{path}'.")
+    name = path.name.lower()
+    if path.is_dir() or path.suffix.lower() == ".json" or name in _COLMAP_FILES:
+        lines = describe_cameras(path)
+    elif name.endswith(tuple(formats.FORMATS)):
+        lines = describe_gaussians(formats.read(path))
+    elif name.endswith(SUFFIXES):
+        lines = describe_selection(open_selection(path))
+    else:
+        known = ", ".join((*formats.FORMATS, *SUFFIXES, ".json"))
+        raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
+    return "\n  ".join([f"{path}{_size(path)}", *lines])
+
+
+def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
+    """Lines on counts, bounds, opacities, sizes and extra columns, and on the selections that the columns offer."""
+    yield f"splats: {len(gaussians)} Gaussians, SH degree {gaussians.sh_degree}"
+    low, high = np.percentile(gaussians.means, [1, 99], axis=0)
+    ranges = (f"{axis} {low[i]:.3g} to {high[i]:.3g}" for i, axis in enumerate("xyz"))
+    yield f"bounds of the middle 98 %: {', '.join(ranges)}"
+    opacities = gaussians.opacities
+    yield (
+        f"opacity: median {np.median(opacities):.2f}, {_percent(opacities < _FAINT)} below {_FAINT}, "
+        f"{_percent(opacities > _SOLID)} above {_SOLID}"
+    )
+    with np.errstate(over="ignore"):
+        largest = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
+    yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
+    if gaussians.extras:
+        yield f"extra columns: {', '.join(_grouped(gaussians.extras))}"
+        yield from _offers_of_columns(gaussians.extras)
+
+
+def describe_selection(file: SelectionFile) -> Iterator[str]:
+    """Lines on what the arrays or the checkpoint of a selection file hold, and how they can be used."""
+    if file.checkpoint is not None:
+        yield from _checkpoint_lines(file.checkpoint)
+        return
+    if (classifier := classifier_of(file)) is not None:
+        yield f"classifier of {classifier.weight.shape[0]} ids from {classifier.weight.shape[1]} identity features"
+        yield f"selects from a scene with obj_dc columns, with {flag('object_id')}"
+        return
+    for name, array in file.arrays.items():
+        yield f"{f'array {name}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
+    longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
+    options = SelectionOptions()
+    kinds = ["clusters"] if LEAF in file.arrays else offered_kinds(file, longest, options)
+    for kind in kinds:
+        yield _USES[kind].format(n=longest)
+    if "labels" in kinds and _distinct_rows(file, options):
+        yield "selects the listed rows of a scene with more Gaussians"
+    if not kinds:
+        yield "holds no selection of a known kind"
+
+
+def describe_cameras(path: Path) -> Iterator[str]:
+    """Lines on the number of cameras, their images, split and up vector."""
+    found = read_camera_set(path)
+    source = "JSON file" if path.suffix.lower() == ".json" else "COLMAP model or folder"
+    yield f"cameras: {len(found.cameras)} views ({sum(found.train)} for training) in a {source}"
+    sizes = sorted({(camera.width, camera.height) for camera in found.cameras})
+    more = f" and {len(sizes) - 3} more sizes" if len(sizes) > 3 else ""
+    yield f"images: {', '.join(f'{width} x {height}' for width, height in sizes[:3])}{more}"
+    if found.up is not None:
+        yield f"up: {', '.join(f'{value:.3g}' for value in found.up)}"
+    if found.distorted:
+        yield "the lens distorts: poses can be used, pixels of the images cannot before they are undistorted"
+
+
+def _checkpoint_lines(checkpoint: Checkpoint) -> Iterator[str]:
+    iteration = "" if checkpoint.iteration is None else f" of iteration {checkpoint.iteration}"
+    n, degree = len(checkpoint.gaussians), checkpoint.gaussians.sh_degree
+    yield f"training checkpoint{iteration}: {n} Gaussians, SH degree {degree}"
+    if checkpoint.logits is not None:
+        yield "selects the Gaussians with COB-GS's foreground probability above 0.9"
+    elif checkpoint.features is not None:
+        width = checkpoint.features.shape[1]
+        yield (
+            f"{width} identity features a Gaussian: selects with {flag('classifier')} and {flag('object_id')}, or with "
+            f"{flag('query_row')}"
+        )
+    else:
+        yield "holds no selection"
+
+
+def _offers_of_columns(columns: Iterable[str]) -> Iterator[str]:
+    names = set(columns)
+    if has_identity_features(names):
+        yield (
+            f"identity features: selects with {flag('classifier')} and {flag('object_id')}, or with {flag('query_row')}"
+        )
+    if MASK in names:
+        yield f"property {MASK}: selects the rows where it is positive, as SA3D-GS does"
+    elif any(not name.startswith("obj_dc_") for name in names):
+        yield f"selects by one of the columns, with {flag('property')} and {flag('threshold')} or {flag('object_id')}"
+
+
+def _values(array: NDArray[Any]) -> str:
+    if array.size == 0:
+        return "empty"
+    if array.dtype.kind == "b":
+        return f"{int(array.sum())} true"
+    if array.dtype.kind == "f":
+        return f"{array.min():g} to {array.max():g}"
+    ids, counts = count_ids(array)
+    # Row numbers are all different: a list of them says nothing.
+    return f"{array.min()} to {array.max()}" + (f": {list_ids(ids, counts)}" if len(ids) < array.size else "")
+
+
+def _distinct_rows(file: SelectionFile, options: SelectionOptions) -> bool:
+    rows = file.vector(options)
+    return rows is not None and len(np.unique(rows)) == len(rows) and int(rows.min(initial=0)) >= 0
+
+
+def _grouped(names: Iterable[str]) -> list[str]:
+    """Column names, with runs that differ in their last number alone written as first to last.
+
+    >>> _grouped(["mask", "obj_dc_0", "obj_dc_1", "obj_dc_2"])
+    ['mask', 'obj_dc_0 to obj_dc_2']
+    """
+    runs: dict[str, list[str]] = {}
+    for name in names:
+        runs.setdefault(re.sub(r"\d+$", "#", name), []).append(name)
+    return [run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs.values()]
+
+
+def _percent(flags: NDArray[np.bool_]) -> str:
+    return f"{100 * float(np.mean(flags)):.0f} %"
+
+
+def _size(path: Path) -> str:
+    if path.is_dir():
+        return ""
+    n_bytes = path.stat().st_size
+    return f" ({n_bytes / 1e6:.1f} MB)" if n_bytes >= 1e5 else f" ({n_bytes / 1e3:.1f} kB)"

@@ -1,0 +1,1 @@
+"""What several stages measure with: bounds, planes, nearest neighbours, connected components."""

@@ -1,0 +1,1 @@
+"""What is written: results, reports and pictures."""

@@ -1,0 +1,152 @@
+"""Pictures of a trim: the views with their outlines, and the object before and after.
+
+Pictures are 8-bit BGR arrays (H, W, 3), as OpenCV writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.views import TrimmedView
+
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+BACKDROP = np.full(3, 0.5, np.float32)
+"""Neutral grey behind all pictures: neither dark nor light edges of a cut-out vanish in it."""
+_COARSE: Colour = (40, 150, 255)
+_MASK: Colour = (255, 235, 60)
+_REJECTED: Colour = (70, 70, 255)
+_PAPER: Colour = (32, 32, 32)
+_TEXT: Colour = (235, 235, 235)
+_LINE_HEIGHT = 26
+_FONT_SCALE = 0.5
+_COLUMNS = 5
+_CELL = 320
+_GAP = 4
+_MARGIN = 1.2
+_CONTEXT_RADII = 1.8
+
+
+def draw_view(view: TrimmedView, number: int) -> Picture:
+    """A virtual view as it was segmented, with the outlines of the coarse selection and of the mask below it."""
+    rgb = view.view.rgb + (1 - view.view.alpha)[..., None] * BACKDROP
+    picture = _as_picture(rgb)
+    mask_colour = _REJECTED if view.rejected else _MASK
+    # The thick line below still shows where both outlines agree.
+    _draw_outline(picture, view.view.object_visible > 0.5, _COARSE, 2)
+    _draw_outline(picture, view.mask, mask_colour, 1)
+    if view.rejected:
+        cv2.rectangle(picture, (0, 0), (picture.shape[1] - 1, picture.shape[0] - 1), _REJECTED, 3)
+    legend = [(f"view {number}", _TEXT), ("coarse selection", _COARSE), ("mask", mask_colour)]
+    verdict = [(f"rejected: {view.rejected}", _REJECTED)] if view.rejected else [("accepted", _TEXT)]
+    return np.vstack([picture, _strip(legend, picture.shape[1]), _strip(verdict, picture.shape[1])])
+
+
+def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Renderer) -> Picture:
+    """The coarse object, the trimmed one and the scene without it, a row each, from up to five accepted views.
+
+    All views are shown where none was accepted. The scene's row holds what lies around the object: walls farther out
+    would stand before the camera.
+    """
+    chosen = [view for view in result.views if not view.rejected] or list(result.views)
+    chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, min(_COLUMNS, len(chosen))).astype(int))]
+    cameras = [close_up(view, result.bounds, _CELL) for view in chosen]
+    coarse, around = result.scene.select(selection), _context(result)
+    after = "the object, left as it was: " if result.refused else "trimmed object: "
+    rows = [
+        (f"coarse selection: {len(coarse):,} Gaussians", coarse),
+        (f"{after}{len(result.object):,} Gaussians", result.object),
+        ("what was cut off" if selection.all() else "the scene without the object", around),
+    ]
+    return np.vstack([_row(caption, gaussians, cameras, renderer) for caption, gaussians in rows])
+
+
+def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
+    """The view's camera, its image cut to a square about the object and enlarged to `size` pixels.
+
+    The object is where its mask is, or its bounds if the mask was rejected; the middle of the image is taken where the
+    camera stands inside the bounds.
+    """
+    camera = view.view.camera
+    rows, columns = np.nonzero(view.mask)
+    corners, _ = camera.project(bounds.corners())
+    if len(rows) and not view.rejected:
+        low, high = np.array([columns.min(), rows.min()]), np.array([columns.max() + 1, rows.max() + 1])
+    elif np.isfinite(corners).all():
+        low, high = corners.min(axis=0), corners.max(axis=0)
+    else:
+        low, high = np.zeros(2), np.array([camera.width, camera.height])
+    half = _MARGIN * max(float((high - low).max()) / 2, 1.0)
+    corner, scale = (low + high) / 2 - half, size / (2 * half)
+    crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
+    return replace(camera, K=crop @ camera.K, width=size, height=size)
+
+
+def write_picture(picture: Picture, path: Path) -> None:
+    """Write a picture in the format of the file's name.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    done, data = cv2.imencode(path.suffix, picture)
+    if not done:
+        raise InputError(f"Cannot write '{path}': no picture format has the ending '{path.suffix}'.")
+    try:
+        path.write_bytes(data.tobytes())
+    except OSError as error:
+        raise InputError(f"Cannot write '{path}': {error.strerror}.") from error
+
+
+def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> Picture:
+    gap = np.full((_CELL, _GAP, 3), _PAPER, np.uint8)
+    cells: list[Picture] = []
+    for camera in cameras:
+        rgb = (
+            renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else np.tile(BACKDROP, (_CELL, _CELL, 1))
+        )
+        cells += [gap, _as_picture(rgb)]
+    pictures = np.hstack(cells[1:])
+    return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
+
+
+def _context(result: TrimResult) -> Gaussians:
+    """What of the background lies around the object."""
+    rows = result.background_rows
+    offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
+    near = rows[np.linalg.norm(offset, axis=1) < _CONTEXT_RADII * result.bounds.radius]
+    return concatenate([result.scene.select(near), result.outside_parts])
+
+
+def _as_picture(rgb: FloatArray) -> Picture:
+    return np.ascontiguousarray(np.clip(rgb[..., ::-1] * 255 + 0.5, 0, 255).astype(np.uint8))
+
+
+def _draw_outline(picture: Picture, mask: BoolArray, colour: Colour, thickness: int) -> None:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, contours, -1, colour, thickness, cv2.LINE_AA)
+
+
+def _strip(words: Sequence[tuple[str, Colour]], width: int) -> Picture:
+    """A line of coloured words, made small enough to fit the width."""
+    strip = np.full((_LINE_HEIGHT, width, 3), _PAPER, np.uint8)
+    font, gap = cv2.FONT_HERSHEY_SIMPLEX, 18
+    widths = [cv2.getTextSize(text, font, _FONT_SCALE, 1)[0][0] for text, _ in words]
+    scale = _FONT_SCALE * min(1.0, (width - 16 - gap * (len(words) - 1)) / max(sum(widths), 1))
+    x = 8
+    for text, colour in words:
+        cv2.putText(strip, text, (x, _LINE_HEIGHT - 8), font, scale, colour, 1, cv2.LINE_AA)
+        x += cv2.getTextSize(text, font, scale, 1)[0][0] + gap
+    return strip

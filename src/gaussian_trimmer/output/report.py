@@ -1,0 +1,143 @@
+"""What a trim leaves on disk: two splat files, labels, pictures, and a report of how they came about."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussian_trimmer import __version__, formats
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.formats.ply import write_selected
+from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
+
+LABEL_NAMES = ("kept", "pruned", "recovered", "split_inside", "split_outside")
+"""Names of the labels, by number."""
+RESULT_FILES = ("object.*", "background.*", "labels.npz", "report.json", "views", "before_after.png")
+"""Patterns of the names that `write_results` writes."""
+
+
+def write_results(
+    result: TrimResult, selection: BoolArray, report: Mapping[str, Any], folder: Path, renderer: Renderer,
+    suffix: str = ".ply",
+) -> None:  # fmt: skip
+    """Write everything into an existing folder.
+
+    Args:
+        result: the trim.
+        selection: the coarse object, (N,).
+        report: what `describe` returns.
+        folder: where to write.
+        renderer: draws the pictures.
+        suffix: ending of the splat files, one of `formats.FORMATS`.
+
+    A background without a single Gaussian, as an object that was given alone can leave, is not written.
+
+    Raises:
+        InputError: a file cannot be written, or the format cannot hold the Gaussians.
+    """
+    formats.write(result.object, folder / f"object{suffix}")
+    if len(result.source_index) > len(result.object):
+        _write_background(result, folder / f"background{suffix}")
+    np.savez(
+        folder / "labels.npz",
+        source_index=result.source_index.astype(np.int32),
+        label=result.label,
+        n_object=np.int64(len(result.object)),
+        label_names=np.array(LABEL_NAMES),
+    )
+    (folder / "views").mkdir()
+    for i, view in enumerate(result.views):
+        write_picture(draw_view(view, i), folder / "views" / f"{i:02d}.png")
+    write_picture(draw_before_after(result, selection, renderer), folder / "before_after.png")
+    (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _write_background(result: TrimResult, path: Path) -> None:
+    """A PLY is written piece by piece; other formats need all Gaussians at once."""
+    if formats.format_suffix(path) == ".ply":
+        write_selected(result.scene, result.background_rows, result.outside_parts, path)
+    else:
+        formats.write(result.background, path)
+
+
+def describe(
+    result: TrimResult,
+    selection: BoolArray,
+    config: TrimConfig,
+    inputs: Mapping[str, Any],
+    segmenter: str = "",
+    seconds: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """The report as JSON holds it.
+
+    Args:
+        result: the trim.
+        selection: the coarse object, (N,).
+        config: the settings that it was made with.
+        inputs: where the scene, the selection and so on came from, as JSON holds it.
+        segmenter: a fuller description of the segmenter than its name.
+        seconds: time taken outside the trimmer, by stage.
+    """
+    return {
+        "version": __version__,
+        "inputs": dict(inputs),
+        "configuration": asdict(config),
+        "renderer": result.renderer,
+        "segmenter": segmenter or result.segmenter,
+        "up": {
+            "direction": result.up.direction.tolist(),
+            "source": result.up.source,
+            "confidence": round(result.up.confidence, 4),
+        },
+        "bounds": {
+            "centre": result.bounds.centre.tolist(),
+            "half_extents": result.bounds.half_extents.tolist(),
+            "axes": result.bounds.axes.tolist(),
+        },
+        "views": [
+            {"accepted": not view.rejected, "reason": view.rejected, **_camera_entry(view.view.camera)}
+            for view in result.views
+        ],
+        "refused": result.refused,
+        "counts": count(result, selection),
+        "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
+    }
+
+
+def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
+    """Numbers of Gaussians: of the inputs and outputs, and of what was done to them.
+
+    `kept` and `recovered` are whole Gaussians of the object, `split` those that have a part in it; `pruned` ones left
+    the coarse selection, `floaters` among them for lying far from the object.
+    """
+    ours, labels = result.label[: len(result.object)], result.label
+    return {
+        "scene": len(result.scene),
+        "selected": int(np.count_nonzero(selection)),
+        "kept": int(np.count_nonzero(ours == KEPT)),
+        "split": int(np.count_nonzero(ours == SPLIT_INSIDE)),
+        "recovered": int(np.count_nonzero(ours == RECOVERED)),
+        "pruned": int(np.count_nonzero(labels == PRUNED)),
+        "floaters": result.floaters,
+        "object": len(result.object),
+        "background": len(result.source_index) - len(result.object),
+    }
+
+
+def _camera_entry(camera: Camera) -> dict[str, Any]:
+    return {
+        "name": camera.name,
+        "width": camera.width,
+        "height": camera.height,
+        "K": camera.K.tolist(),
+        "world_to_camera": camera.world_to_camera.tolist(),
+    }

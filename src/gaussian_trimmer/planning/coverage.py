@@ -1,0 +1,67 @@
+"""From where an object was seen, when no cameras tell.
+
+Training carves the space between the cameras and what they saw; behind the object of a forward-facing capture the
+scene is full of haze and the backs of other things. So an object that can be seen freely all around was photographed
+all around, and one that can be seen freely from one side was photographed from the middle of that side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.rendering import Renderer
+
+_PROBES = 8
+_PROBE_SIZE = 96
+_FREE = 0.85
+_BLOCKED = 0.75
+_BLOCKED_SHARE = 0.25
+_FACING_PITCH_DEGREES = 10.0
+
+
+def restrict_to_seen(
+    local: Gaussians, selection: BoolArray, up: Float64Array, config: PlanConfig, renderer: Renderer
+) -> PlanConfig:
+    """The plan limited to the middle half of the directions that see the object freely, at a low pitch.
+
+    The plan comes back unchanged where the object is free all around, or where it states yaw or pitch itself.
+
+    Args:
+        local: the coarse object and its neighbours.
+        selection: which of them are the object, (N,).
+        up: up vector, (3,).
+        config: the plan so far.
+        renderer: renders small probes from all around.
+    """
+    if config.yaw_range_degrees is not None or config.pitch_degrees is not None or config.framing == "paper":
+        return config
+    alone = local.select(selection)
+    probes, _ = plan_cameras(alone, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
+    labels = selection.astype(np.float32)[:, None]
+    shown = np.array([renderer.blend_values(local, camera, labels).sum() for camera in probes])
+    ones = np.ones((len(alone), 1), np.float32)
+    whole = np.array([renderer.blend_values(alone, camera, ones).sum() for camera in probes])
+    free = shown / np.maximum(whole, 1e-9)
+    if np.mean(free < _BLOCKED * free.max()) < _BLOCKED_SHARE:
+        return config
+    first, length = _longest_arc(free >= _FREE * free.max())
+    step = 360.0 / _PROBES
+    middle, half_span = (first + (length - 1) / 2) * step, length * step / 4
+    return replace(
+        config, yaw_range_degrees=(middle - half_span, middle + half_span), pitch_degrees=_FACING_PITCH_DEGREES
+    )
+
+
+def _longest_arc(flags: BoolArray) -> tuple[int, int]:
+    """Start and length of the longest run of True on a circle.
+
+    >>> _longest_arc(np.array([True, False, False, True, True]))
+    (3, 3)
+    """
+    n = len(flags)
+    runs = [(start, next((k for k in range(n) if not flags[(start + k) % n]), n)) for start in range(n)]
+    return max(runs, key=lambda run: run[1])

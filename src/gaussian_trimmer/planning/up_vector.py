@@ -1,0 +1,258 @@
+"""The up vector of a scene: given, stated with the cameras, found from them, or from the plane that things stand on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
+
+DEFAULT_UP = (0.0, -1.0, 0.0)
+"""Up where nothing tells: the first OpenCV camera of a reconstruction mostly stands upright."""
+
+# Cameras
+_MIN_TURN = 0.01
+"""Mean square of the second principal direction of the right axes that tells a turn from noise (6 degrees)."""
+_MAX_ROLL = 0.05
+"""Largest scatter of the right axes out of their plane, relative to that turn."""
+_MIN_AGREEMENT = 0.5
+"""Shortest mean of the cameras' unit up axes that still means something."""
+
+# Ground plane
+_SAMPLE = 20_000
+_SCORED = 4_000
+_OBJECT_SAMPLE = 1_000
+_HYPOTHESES = 2_000
+_PLANES_AT_ONCE = 64
+_POINTS_AT_ONCE = 1 << 14
+_THICKNESS = 0.01
+"""Distance of inliers from the plane, relative to the robust radius of what is searched."""
+_REACH = 3.0
+"""The object's support is searched within this many robust radii of it."""
+_MIN_SHARE = 0.15
+"""Smallest share of inliers: clouds without a plane reach 0.1 by chance."""
+_MIN_POINTS = 50
+_AXIS_BONUS = 1.25
+_AXIS_COSINE = np.cos(np.radians(20))
+
+
+@dataclass(frozen=True, eq=False)
+class UpVector:
+    """Which way is up, and how that is known."""
+
+    direction: Float64Array
+    """Unit vector in the world, (3,)."""
+    source: str
+    """One of: given, camera file, camera axes, mean camera up, ground plane, default."""
+    confidence: float
+    """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """Points x with normal . x = offset."""
+
+    normal: Float64Array
+    offset: float
+
+    def heights(self, points: Float64Array) -> Float64Array:
+        return np.asarray(points @ self.normal - self.offset)
+
+
+def find_up(
+    gaussians: Gaussians,
+    cameras: CameraSet | None = None,
+    given: Sequence[float] | Float64Array | None = None,
+    object_rows: BoolArray | None = None,
+) -> UpVector:
+    """The up vector by the best evidence there is.
+
+    In falling order: the given vector, the one that the camera file states, the cameras' axes, the plane that the
+    scene or the object stands on, and -y with confidence 0.
+
+    Arguments:
+        given: any non-zero vector (3,).
+        object_rows: the Gaussians of the object, (N,), whose supporting plane is then looked for.
+
+    Raises:
+        InputError: the given vector has not three finite entries or has length zero.
+    """
+    if given is not None:
+        return UpVector(_unit(given), "given", 1.0)
+    if cameras is not None and cameras.up is not None:
+        return UpVector(_unit(cameras.up), "camera file", 1.0)
+    found = up_from_cameras(cameras.cameras) if cameras is not None else None
+    found = found or up_from_ground_plane(gaussians, object_rows)
+    return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
+
+
+def up_from_cameras(cameras: Sequence[Camera]) -> UpVector | None:
+    """The direction in which the cameras were held upright, or None where they do not agree on one.
+
+    Cameras that turn about the vertical keep their right axes level, whatever their pitch, so the direction in which
+    the right axes vary least is up. That holds on a part of an orbit too, where the mean of the up axes leans towards
+    the side that the cameras look from. Cameras that hardly turn leave that direction undetermined, and those that
+    were rolled have no level axes; for both the mean up axis is taken, which is off by their mean pitch.
+    """
+    axes = np.array([camera.rotation for camera in cameras])  # (V, 3, 3), rows right, down, forward
+    mean_up, mean_forward = -axes[:, 1].mean(axis=0), axes[:, 2].mean(axis=0)
+    agreement = float(np.linalg.norm(mean_up))
+
+    spread, directions = np.linalg.eigh(axes[:, 0].T @ axes[:, 0] / len(axes))
+    if spread[1] > _MIN_TURN and spread[0] < _MAX_ROLL * spread[1]:
+        direction = directions[:, 0]
+        # Cameras that look straight down have no mean up; they look down.
+        side = direction @ (mean_up if abs(direction @ mean_up) > 0.1 else -mean_forward)
+        roll = np.sqrt(max(spread[0], 0.0) / spread[1])
+        return UpVector(direction * (1.0 if side >= 0 else -1.0), "camera axes", float(1.0 - roll))
+    if agreement >= _MIN_AGREEMENT:
+        # A camera always agrees with itself, so a single one is no more than a guess.
+        return UpVector(mean_up / agreement, "mean camera up", agreement * (1 - 1 / len(axes)))
+    return None
+
+
+def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = None) -> UpVector | None:
+    """Normal of the plane that most Gaussians lie on, towards what stands on it, or None where there is no plane.
+
+    RANSAC over at most 20 000 centres drawn by opacity, then least squares on the inliers; the same every time. With
+    `object_rows` (N,) only the object's surroundings are searched, and planes that touch it from one side are
+    preferred; without, the side with more Gaussians is up.
+    """
+    rng = np.random.default_rng(0)
+    thing = None
+    if object_rows is None or not object_rows.any():
+        points = _draw(gaussians, np.ones(len(gaussians), np.bool_), _SAMPLE, rng)
+    else:
+        thing = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
+        points = _draw(gaussians, _surroundings(gaussians, object_rows, thing), _SAMPLE, rng)
+    if len(points) < _MIN_POINTS:
+        return None
+    tolerance = _THICKNESS * _robust_radius(points)
+    plane = _best_plane(points, thing, tolerance, rng) if tolerance > 0 else None
+    if plane is None:
+        return None
+    plane = _refined(plane, points, tolerance)
+    heights = plane.heights(points)
+    share = float((abs(heights) < tolerance).mean())
+    if share < _MIN_SHARE:
+        return None
+    standing = heights[abs(heights) >= tolerance] if thing is None else plane.heights(thing)
+    up = plane.normal if (standing > 0).sum() >= (standing < 0).sum() else -plane.normal
+    return UpVector(up, "ground plane", share)
+
+
+def _unit(vector: Sequence[float] | Float64Array) -> Float64Array:
+    array = np.asarray(vector, np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+        raise InputError(f"The up vector {array.tolist()} must be three finite numbers that are not all zero.")
+    array = array / abs(array).max()  # so that squares neither overflow nor vanish
+    return np.asarray(array / np.linalg.norm(array))
+
+
+def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
+    """Centres of at most `size` of the Gaussians in `rows`, the opaque ones rather, in random order, (M, 3)."""
+    candidates = np.flatnonzero(rows)
+    weights = sigmoid(gaussians.opacity_logits[candidates]).astype(np.float64) + 1e-6
+    size = min(size, len(candidates))
+    chosen = rng.choice(candidates, size, replace=False, p=weights / weights.sum()) if size else candidates
+    return np.asarray(gaussians.means[chosen], np.float64)
+
+
+def _surroundings(gaussians: Gaussians, object_rows: BoolArray, thing: Float64Array) -> BoolArray:
+    """What an object stands amid, (N,): Gaussians near it, or all but the object where too few are near."""
+    distances = _distances(gaussians.means, np.median(thing, axis=0))
+    near = ~object_rows & (distances < _REACH * np.quantile(distances[object_rows], 0.9))
+    return np.asarray(near if near.sum() >= _MIN_POINTS else ~object_rows)
+
+
+def _distances(points: FloatArray, centre: Float64Array) -> Float64Array:
+    """Distance of each point from a centre, (N,); in parts that fit into the processor's cache."""
+    distances = np.empty(len(points))
+    for start in range(0, len(points), _POINTS_AT_ONCE):
+        part = slice(start, start + _POINTS_AT_ONCE)
+        x, y, z = (points[part] - centre).T
+        np.sqrt(x * x + y * y + z * z, out=distances[part])
+    return distances
+
+
+def _robust_radius(points: Float64Array) -> float:
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+
+
+def _best_plane(
+    points: Float64Array, thing: Float64Array | None, tolerance: float, rng: np.random.Generator
+) -> _Plane | None:
+    """The plane of highest score among random ones, or None where all points lie in a line.
+
+    A score is at most the share of inliers, with its bonus, so the planes are scored in falling order of that until
+    none can win.
+    """
+    normals, offsets = _planes_through_points(points, tolerance, rng)
+    if len(normals) == 0:
+        return None
+    shares = _inlier_shares(normals, offsets, points[:_SCORED], tolerance)
+    order = np.argsort(-shares, kind="stable")
+    best, highest = int(order[0]), -1.0
+    for start in range(0, len(order), _PLANES_AT_ONCE):
+        rows = order[start : start + _PLANES_AT_ONCE]
+        if shares[rows[0]] <= highest:
+            break
+        scores = shares[rows]
+        if thing is not None:
+            scores = scores * _standing(normals[rows], offsets[rows], thing, tolerance)
+        if scores.max() > highest:
+            best, highest = int(rows[np.argmax(scores)]), float(scores.max())
+    return _Plane(normals[best], float(offsets[best]))
+
+
+def _planes_through_points(
+    points: Float64Array, tolerance: float, rng: np.random.Generator
+) -> tuple[Float64Array, Float64Array]:
+    """Normals (P, 3) and offsets (P,) of planes through three random points each."""
+    first, second, third = points[rng.integers(len(points), size=(3, _HYPOTHESES))]
+    normals = np.cross(second - first, third - first)
+    lengths = np.linalg.norm(normals, axis=1)
+    proper = lengths > tolerance**2  # not three points in a line, nor twice the same one
+    normals = normals[proper] / lengths[proper, None]
+    return normals, np.asarray((normals * first[proper]).sum(axis=1))
+
+
+def _inlier_shares(
+    normals: Float64Array, offsets: Float64Array, points: Float64Array, tolerance: float
+) -> Float64Array:
+    """Shares of points near each plane (P,), raised for normals along y or z.
+
+    Up is stored along -y, +y or +z by nearly all tools and along x by none, so this decides between floor and wall
+    where both have about as many inliers.
+    """
+    columns = np.ascontiguousarray(points.T)
+    counts = np.empty(len(normals))
+    for start in range(0, len(normals), _PLANES_AT_ONCE):  # whose heights fit into the processor's cache
+        rows = slice(start, start + _PLANES_AT_ONCE)
+        heights = normals[rows] @ columns - offsets[rows, None]
+        counts[rows] = np.count_nonzero(np.abs(heights, out=heights) < tolerance, axis=1)
+    bonus = np.where(abs(normals[:, 1:]).max(axis=1) > _AXIS_COSINE, _AXIS_BONUS, 1.0)
+    return np.asarray(bonus * counts / len(points))
+
+
+def _standing(normals: Float64Array, offsets: Float64Array, thing: Float64Array, tolerance: float) -> Float64Array:
+    """How far an object stands on each plane, (P,): 1 if wholly on one side and touching, towards 0 otherwise."""
+    heights = normals @ thing.T - offsets[:, None]  # (P, M)
+    heights *= np.where(np.median(heights, axis=1) < 0, -1, 1)[:, None]
+    on_one_side = (heights > -tolerance).mean(axis=1)
+    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(thing), tolerance)
+    return np.asarray(on_one_side / (1.0 + gap))
+
+
+def _refined(plane: _Plane, points: Float64Array, tolerance: float) -> _Plane:
+    """Least-squares plane of the inliers, found anew a few times."""
+    for _ in range(5):
+        inliers = points[abs(plane.heights(points)) < tolerance]
+        centre = inliers.mean(axis=0)
+        normal = np.linalg.eigh((inliers - centre).T @ (inliers - centre))[1][:, 0]
+        plane = _Plane(normal, float(normal @ centre))
+    return plane

@@ -1,0 +1,131 @@
+"""Masks that the user brings, for cameras of pictures that exist: segmentation without virtual views.
+
+A mask belongs to the camera whose picture has its name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.views import View
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+_HALF_COVERAGE = 127
+
+
+@dataclass(frozen=True)
+class MaskFilesConfig:
+    """Where the masks are."""
+
+    folder: Path | None = None
+    """Folder of the masks, named as the pictures of the cameras; bright is the object."""
+
+
+class MaskFilesSegmenter:
+    """Takes the mask of every view from a file. The views must be those of the masks' own cameras.
+
+    Raises:
+        InputError: no folder of masks is given.
+    """
+
+    name = "mask-files"
+
+    def __init__(self, config: MaskFilesConfig | None = None) -> None:
+        folder = config.folder if config else None
+        if folder is None:
+            raise InputError("The segmenter 'mask-files' needs the folder of the masks: --mask-files.folder DIR.")
+        self._folder = folder
+
+    def segment(self, views: Sequence[View]) -> list[BoolArray]:
+        """One mask (H, W) a view, True where the file is brighter than half.
+
+        Raises:
+            InputError: a view has no mask, or one that cannot be read or is of another size.
+        """
+        return [mask_of(view.camera, self._folder) for view in views]
+
+
+def mask_of(camera: Camera, folder: Path) -> BoolArray:
+    """The mask of a camera's picture, True where the file is brighter than half, (H, W).
+
+    Raises:
+        InputError: the folder has none, or it cannot be read or is of another size.
+    """
+    return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > _HALF_COVERAGE)
+
+
+def ids_of(camera: Camera, folder: Path) -> NDArray[np.uint8]:
+    """The object numbers of a camera's picture, 0 for the background, (H, W).
+
+    Raises:
+        InputError: as for `mask_of`, or the file has colours or more than 8 bits.
+    """
+    ids = _read(camera, folder, cv2.IMREAD_UNCHANGED)
+    if ids.ndim != 2 or ids.dtype != np.uint8:
+        raise InputError(
+            f"The mask of '{camera.name}' has colours or more than 8 bits; object numbers need one grey channel of 8."
+        )
+    return ids
+
+
+def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
+    """The cameras for whose pictures the folder has a mask, in their order.
+
+    Raises:
+        InputError: the folder does not exist, has several masks for one camera, or none for any.
+    """
+    if not folder.is_dir():
+        raise InputError(f"There is no folder '{folder}' to read masks from.")
+    found = [camera for camera in cameras if find_mask(folder, camera) is not None]
+    if not found:
+        example = cameras[0].name or "the pictures, but the cameras have no names"
+        raise InputError(
+            f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}."
+        )
+    return found
+
+
+def find_mask(folder: Path, camera: Camera) -> Path | None:
+    """The mask of a camera's picture, or None.
+
+    Raises:
+        InputError: there are several.
+    """
+    if not camera.name:
+        return None
+    picture = folder / camera.name
+    names = {f"{stem}{suffix}" for stem in (picture.name, picture.stem) for suffix in _SUFFIXES}
+    found = sorted(path for path in map(picture.with_name, names) if path.is_file())
+    if len(found) > 1:
+        raise InputError(f"'{camera.name}' has several masks ({', '.join(p.name for p in found)}); leave one.")
+    return found[0] if found else None
+
+
+def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
+    path = find_mask(folder, camera)
+    if path is None:
+        raise InputError(f"The folder '{folder}' has no mask for the view '{camera.name}'.")
+    try:
+        picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), mode)
+    except OSError as error:
+        raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
+    except cv2.error:  # an empty file, or a picture larger than OpenCV allows
+        picture = None
+    if picture is None:
+        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+    if picture.shape[:2] != (camera.height, camera.width):
+        raise InputError(
+            f"The mask '{path}' has {picture.shape[1]} x {picture.shape[0]} pixels, but its camera has "
+            f"{camera.width} x {camera.height}; resize the masks, keeping hard edges, or the cameras."
+        )
+    return picture

@@ -1,0 +1,1 @@
+"""Rough selections from clicks, boxes and masks."""

@@ -1,0 +1,113 @@
+"""Training checkpoints of 3D Gaussian Splatting and its relatives: a tuple of tensors, usually with the iteration.
+
+The original tuple has 12 entries: SH degree, centres, f_dc, f_rest, scales, rotations, opacities, then statistics and
+the optimizer. Methods that segment insert one entry at place 7, which makes 13.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.selection_files import torch_files
+
+PLAIN_LENGTH = 12
+EXTENDED_LENGTH = 13
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """The Gaussians of a checkpoint, and what a segmentation method added to each."""
+
+    gaussians: Gaussians
+    iteration: int | None
+    """Training iteration, where the file says it."""
+    extra: NDArray[Any] | None
+    """Entry 7 of a 13-tuple, (N,), (N, 3) or (N, 1, D); None in a plain checkpoint."""
+
+    @property
+    def logits(self) -> NDArray[Any] | None:
+        """COB-GS's foreground logits, (N,), if that is what the method added."""
+        return self.extra if self.extra is not None and self.extra.ndim == 1 else None
+
+    @property
+    def features(self) -> NDArray[Any] | None:
+        """Identity features of Gaussian Grouping or OmniSeg3D-GS, (N, D), if that is what the method added."""
+        if self.extra is None or self.extra.ndim != 3:
+            return None
+        return self.extra.reshape(len(self.extra), -1)
+
+
+def is_checkpoint(value: Any) -> bool:
+    """Whether what torch loaded looks like a checkpoint rather than like tensors of another use."""
+    state = _state(value)
+    return state is not None and len(state) in (PLAIN_LENGTH, EXTENDED_LENGTH)
+
+
+def parse_checkpoint(value: Any, path: Path) -> Checkpoint:
+    """Gaussians and extra entry of a loaded checkpoint.
+
+    Raises:
+        InputError: entries are missing, have other shapes than the original's, or are not finite.
+    """
+    state = _state(value)
+    assert state is not None
+    n_tensors = 8 if len(state) == EXTENDED_LENGTH else 7
+    if not all(torch_files.is_tensor(entry) for entry in state[1:n_tensors]):
+        raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: entries 1 to 6 are not all tensors.")
+    means, dc, rest, scales, rotations, opacities, *extra = (
+        torch_files.as_array(entry, path) for entry in state[1:n_tensors]
+    )
+    n = len(means) if means.ndim else 0
+    if dc.shape != (n, 1, 3) or rest.ndim != 3 or rest.shape[::2] != (n, 3) or opacities.shape != (n, 1):
+        raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: the shapes of its colours do not fit.")
+    try:
+        gaussians = Gaussians(
+            means=np.asarray(means, np.float32),
+            log_scales=np.asarray(scales, np.float32),
+            quaternions=np.asarray(rotations, np.float32),
+            opacity_logits=np.asarray(opacities[:, 0], np.float32),
+            sh_dc=np.asarray(dc[:, 0], np.float32),
+            sh_rest=np.asarray(rest.transpose(0, 2, 1), np.float32),
+        )
+    except ValueError as error:
+        raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: {error}") from error
+    if n == 0:
+        raise InputError(f"'{path}' holds zero Gaussians.")
+    if not all(np.isfinite(array).all() for array in (means, dc, rest, scales, rotations, opacities)):
+        raise InputError(f"'{path}' holds Gaussians that are NaN or infinite; use an earlier checkpoint.")
+    if extra and (extra[0].ndim == 0 or len(extra[0]) != n):
+        raise InputError(f"'{path}' has an entry of shape {extra[0].shape} at place 7; {n} rows are needed.")
+    return Checkpoint(gaussians, _iteration(value), extra[0] if extra else None)
+
+
+def read_checkpoint(path: str | Path) -> Checkpoint:
+    """The checkpoint in a .pth file, for instance to save its Gaussians as a PLY.
+
+    Raises:
+        InputError: the file cannot be read, or holds no checkpoint.
+    """
+    path = Path(path)
+    value = torch_files.load(path)
+    if not is_checkpoint(value):
+        raise InputError(
+            f"'{path}' holds no checkpoint: neither a tuple of {PLAIN_LENGTH} or {EXTENDED_LENGTH} entries nor one "
+            "with the iteration behind it."
+        )
+    return parse_checkpoint(value, path)
+
+
+def _state(value: Any) -> tuple[Any, ...] | None:
+    if isinstance(value, (tuple, list)) and len(value) == 2 and isinstance(value[0], (tuple, list)):
+        return tuple(value[0])
+    return tuple(value) if isinstance(value, (tuple, list)) else None
+
+
+def _iteration(value: Any) -> int | None:
+    return value[1] if len(value) == 2 and isinstance(value[1], int) else None

@@ -1,0 +1,125 @@
+"""Identity features with the linear classifier that was trained on them.
+
+Gaussian Grouping and OmniSeg3D-GS save 16 features a Gaussian as obj_dc_0 .. obj_dc_15, or as entry 7 of a
+checkpoint. `classifier.pth` is the state of a 1 x 1 convolution, weight (K, 16, 1, 1) and bias (K,); Unified-Lift's is
+a bare weight (256, 16).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.selection_files.object_ids import check_ids
+from gaussian_trimmer.selection_files.options import SelectionOptions, flag
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
+from gaussian_trimmer.selection_files.splat_rows import identity_features
+
+OPTIONS = frozenset({"classifier", "object_id", "threshold"})
+PROBABILITY = 0.3
+"""Gaussian Grouping's threshold on the softmax."""
+_FEATURES = 16
+_ROWS_PER_CHUNK = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class LinearClassifier:
+    """Logits of K object ids as a linear function of D features."""
+
+    weight: FloatArray
+    """(K, D)."""
+    bias: FloatArray
+    """(K,)."""
+
+
+def classifier_of(file: SelectionFile) -> LinearClassifier | None:
+    """The classifier that a file holds, or None if it holds something else."""
+    if "weight" in file.arrays:
+        weight, bias = file.arrays["weight"], file.arrays.get("bias")
+    elif len(file.arrays) == 1:
+        weight, bias = next(iter(file.arrays.values())), None
+        if weight.shape[1:] != (_FEATURES,):
+            return None
+    else:
+        return None
+    if weight.dtype.kind != "f" or weight.ndim < 2 or weight.shape[2:] not in ((), (1,), (1, 1)):
+        return None
+    weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
+    bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
+    return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
+
+
+def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file is a classifier, or holds features for which the options name one."""
+    return classifier_of(file) is not None or (file.has_features and options.classifier is not None)
+
+
+def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians that the classifier gives one of the chosen ids with a probability above the threshold, (N,).
+
+    Raises:
+        InputError: features or classifier are missing or do not fit each other, or the ids are not chosen or absent.
+    """
+    source = file if options.classifier is None else open_selection(options.classifier)
+    classifier = classifier_of(source)
+    if classifier is None:
+        raise InputError(
+            f"'{source.path.name}' holds no classifier of identity features; give the method's classifier.pth with "
+            f"{flag('classifier')}."
+        )
+    features, rows = features_and_rows(file, gaussians)
+    if features.shape[1] != classifier.weight.shape[1]:
+        raise InputError(
+            f"'{source.path.name}' classifies {classifier.weight.shape[1]} features, but a Gaussian has "
+            f"{features.shape[1]}; give the classifier of the same training."
+        )
+    threshold = PROBABILITY if options.threshold is None else options.threshold
+    ids = range(len(classifier.bias))
+    check_ids(options.object_id, ids, _count_likely(features, classifier, threshold), source.path)
+    mask = np.zeros(len(gaussians), bool)
+    mask[rows[_likely(features, classifier, threshold, options.object_id)]] = True
+    return mask
+
+
+def features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatArray, IntArray]:
+    """Identity features (M, D) of the file, or else of the scene, with their scene rows (M,).
+
+    Raises:
+        InputError: neither has features, they are not finite, or the file's Gaussians are not the scene's.
+    """
+    own = file.features
+    features = identity_features(gaussians.extras) if own is None else own
+    if features is None:
+        raise InputError(
+            "The scene has no identity features obj_dc_0, obj_dc_1, ...; give the PLY that the method wrote as the "
+            "scene."
+        )
+    if not np.isfinite(features).all():
+        raise InputError(f"'{file.path.name}' is used with identity features that are NaN or infinite; train again.")
+    return features, np.arange(len(gaussians)) if own is None else file.scene_rows(gaussians)
+
+
+def _probabilities(features: FloatArray, classifier: LinearClassifier) -> Iterator[FloatArray]:
+    """Softmax over the ids, in chunks of rows (C, K)."""
+    for start in range(0, len(features), _ROWS_PER_CHUNK):
+        logits = features[start : start + _ROWS_PER_CHUNK] @ classifier.weight.T + classifier.bias
+        odds = np.exp(logits - logits.max(axis=1, keepdims=True))
+        yield odds / odds.sum(axis=1, keepdims=True)
+
+
+def _count_likely(features: FloatArray, classifier: LinearClassifier, threshold: float) -> list[int]:
+    counts = np.zeros(len(classifier.bias), np.int64)
+    for probabilities in _probabilities(features, classifier):
+        counts += (probabilities > threshold).sum(axis=0)
+    return [int(count) for count in counts]
+
+
+def _likely(features: FloatArray, classifier: LinearClassifier, threshold: float, ids: Sequence[int]) -> BoolArray:
+    chunks = [
+        (probabilities[:, list(ids)] > threshold).any(axis=1) for probabilities in _probabilities(features, classifier)
+    ]
+    return np.concatenate(chunks)

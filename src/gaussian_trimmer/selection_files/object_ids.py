@@ -1,0 +1,62 @@
+"""Objects chosen by their ids, and lists of ids for those who did not choose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.selection_files.options import flag
+
+_LISTED = 24
+
+
+def list_ids(ids: Sequence[int], counts: Sequence[int]) -> str:
+    """Ids with their numbers of Gaussians, the most frequent ones if there are many.
+
+    >>> list_ids([0, 3], [90, 10])
+    '0 (90), 3 (10)'
+    """
+    frequent = sorted(sorted(range(len(ids)), key=lambda i: -counts[i])[:_LISTED])
+    left_out = f" and {len(ids) - _LISTED} more ids" if len(ids) > _LISTED else ""
+    return ", ".join(f"{ids[i]} ({counts[i]})" for i in frequent) + left_out
+
+
+def count_ids(labels: NDArray[Any]) -> tuple[list[int], list[int]]:
+    """The ids among labels (N,) and how many entries have each."""
+    ids, counts = np.unique(labels, return_counts=True)
+    return ids.tolist(), counts.tolist()
+
+
+def select_ids(labels: NDArray[Any], wanted: Sequence[int], path: Path) -> BoolArray:
+    """Which labels (M,) are among the wanted ids.
+
+    Raises:
+        InputError: no id is wanted, or one does not occur.
+    """
+    check_ids(wanted, *count_ids(labels), path)
+    return np.isin(labels, wanted)
+
+
+def check_ids(wanted: Sequence[int], ids: Sequence[int], counts: Sequence[int], path: Path) -> None:
+    """Refuse a choice of nothing, or of ids that no Gaussian has; the message lists what there is.
+
+    Raises:
+        InputError: no id is wanted, or one does not occur.
+    """
+    present = {i: count for i, count in zip(ids, counts, strict=True) if count}
+    listing = list_ids(list(present), list(present.values())) or "none"
+    if not wanted:
+        raise InputError(
+            f"'{path.name}' holds several objects; choose with {flag('object_id')} among these ids (Gaussians): "
+            f"{listing}."
+        )
+    if absent := sorted(set(wanted) - present.keys()):
+        raise InputError(
+            f"'{path.name}' has no Gaussians of object {', '.join(map(str, absent))}; its ids (Gaussians): {listing}."
+        )

@@ -1,0 +1,224 @@
+"""Tests of picking an object by a click or a box."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.datasets import open_scene
+from gaussian_trimmer.evaluation.metrics import foreground_iou
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.pipeline import TrimConfig, trim
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.view_rendering import bounding_box
+from gaussian_trimmer.selecting.clicks import select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.selecting.segment_on_plane import standing_pieces
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+RENDERER = get_renderer("numba")
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return toy.ball_on_floor(n_ball=1500)
+
+
+def camera_at(position, target=toy.CENTRE, size=200):
+    pose = look_at(np.asarray(position, float), np.asarray(target, float), toy.UP)
+    return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
+
+
+def pixel_of(camera, point):
+    x, y = camera.project(np.atleast_2d(np.asarray(point, float)))[0][0]
+    return int(x), int(y)
+
+
+def click_on(point, camera, scene, up=toy.UP):
+    return select_by_clicks(scene, camera, [pixel_of(camera, point)], up, RENDERER)
+
+
+@pytest.mark.parametrize("position", [(5, 0, 3), (-4, 3, 2), (0, -7, 4)])
+def test_click_finds_what_stands_on_the_floor(ball, position):
+    scene, truth = ball
+    pick = click_on(toy.CENTRE, camera_at(position), scene)
+    assert pick.ways == ("piece",)
+    assert toy.jaccard(pick.selection, truth) > 0.9
+
+
+def test_large_pictures_and_units_change_nothing(ball):
+    scene, truth = ball
+    turned, scale = toy.any_rotation(), 40.0
+    camera = camera_at((5, 0, 3), size=900)
+    pose = camera.world_to_camera.copy()
+    pose[:3, :3] = pose[:3, :3] @ turned.T
+    pose[:3, 3] *= scale
+    pick = select_by_clicks(
+        toy.moved(scene, turned, scale), replace(camera, world_to_camera=pose), [pixel_of(camera, toy.CENTRE)],
+        turned @ toy.UP, RENDERER,
+    )  # fmt: skip
+    assert toy.jaccard(pick.selection, truth) > 0.9
+
+
+def test_permuted_gaussians_give_the_permuted_answer(ball):
+    scene, _ = ball
+    order = np.random.default_rng(1).permutation(len(scene))
+    camera = camera_at((5, 0, 3))
+    straight, permuted = (click_on(toy.CENTRE, camera, s).selection for s in (scene, scene.select(order)))
+    np.testing.assert_array_equal(straight[order], permuted)
+
+
+def two_balls():
+    """The ball, another one 2.7 radii beside it, and more floor: the scene, and the rows of either ball."""
+    scene, first = toy.ball_on_floor(n_ball=1500)
+    ball, floor = scene.select(first), scene.select(scene.means[:, 2] < 0)
+    ball = ball.replace(means=ball.means + np.float32([0, 2.7, 0]))
+    floor = floor.replace(means=floor.means + np.float32([0, 6, 0]))
+    part = np.repeat([0, 1, 2], [len(scene), len(ball), len(floor)])
+    return concatenate([scene, ball, floor]), np.pad(first, (0, len(ball) + len(floor))), part == 1
+
+
+def test_neighbours_stay_apart_and_several_clicks_add_up():
+    scene, first, second = two_balls()
+    camera = camera_at((6, 1, 4), (0, 1.3, 1))
+    one, two = pixel_of(camera, toy.CENTRE), pixel_of(camera, toy.CENTRE + np.array([0, 2.7, 0]))
+    alone = select_by_clicks(scene, camera, [two], toy.UP, RENDERER)
+    assert toy.jaccard(alone.selection, second) > 0.9
+    both = select_by_clicks(scene, camera, [one, two], toy.UP, RENDERER)
+    assert both.ways == ("piece", "piece")
+    assert toy.jaccard(both.selection, first | second) > 0.9
+
+
+def test_box_finds_the_thing_that_fills_it():
+    scene, first, second = two_balls()
+    camera = camera_at((6, 1, 4), (0, 1.3, 1))
+    for truth in (first, second):
+        shown = RENDERER.blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
+        pick = select_by_box(scene, camera, bounding_box(shown), toy.UP, RENDERER)
+        assert pick.ways == ("piece",)
+        assert toy.jaccard(pick.selection, truth) > 0.9
+
+
+def patch_on_wall():
+    """A red disc that lies in a blue wall, and which Gaussians are red."""
+    steps = np.linspace(-3, 3, 101)
+    wall = np.stack(np.meshgrid([0.0], steps, steps, indexing="ij"), -1).reshape(-1, 3)
+    red = np.linalg.norm(wall, axis=1) < 0.8
+    return toy.gaussians(wall, (0.02, 0.05, 0.05), np.where(red[:, None], toy.RED, toy.BLUE)), red
+
+
+def test_colour_decides_where_nothing_stands():
+    scene, red = patch_on_wall()
+    camera = camera_at((6, 0, 0.5), (0, 0, 0))
+    pick = click_on((0, 0.1, 0.1), camera, scene)
+    assert pick.ways == ("colour",)
+    assert toy.jaccard(pick.selection, red) > 0.8
+    x, y = pixel_of(camera, (0, 0, 0))
+    pick = select_by_box(scene, camera, (x - 30, y - 30, x + 30, y + 30), toy.UP, RENDERER)
+    assert toy.jaccard(pick.selection, red) > 0.8
+
+
+def test_colour_does_not_reach_what_shines_through_from_far_behind():
+    scene, red = patch_on_wall()
+    veil = scene.replace(opacity_logits=np.where(red, 0.0, scene.opacity_logits).astype(np.float32))
+    behind = toy.gaussians([[-8.0, y, z] for y in (-0.3, 0, 0.3) for z in (-0.3, 0, 0.3)], 0.4, toy.RED)
+    pick = click_on((0, 0.1, 0.1), camera_at((6, 0, 0.5), (0, 0, 0)), concatenate([veil, behind]))
+    assert not pick.selection[len(veil) :].any()
+
+
+def test_nearer_surface_comes_first():
+    """A ball on a plinth on the floor: the ball, then both; a point on the plinth means both."""
+    scene, truth = toy.ball_on_floor(n_ball=1500, floor_side=60)
+    steps = np.linspace(-2.0, 2.0, 41)
+    top = np.stack(np.meshgrid(steps, steps, [-0.1], indexing="ij"), -1).reshape(-1, 3)
+    heights = np.linspace(-2.0, -0.1, 20)
+    side = np.stack(np.meshgrid(steps, heights, indexing="ij"), -1).reshape(-1, 2)
+    walls = [np.insert(side, axis, end, axis=1) for axis in (0, 1) for end in (-2.0, 2.0)]
+    plinth = np.concatenate([top, *walls])
+    floor = scene.means[~truth] * [2, 2, 1] - [0, 0, 2]
+    places = np.concatenate([scene.means[truth], plinth, floor])
+    n, parts = truth.sum(), np.repeat([0, 1, 2], [truth.sum(), len(plinth), len(floor)])
+    visible = np.full(len(places), 10, np.float32)
+
+    def asked(row):
+        seeds = np.zeros(len(places), np.float32)
+        seeds[row] = 1
+        return standing_pieces(places - places[row], seeds, visible, 5.0)
+
+    on_ball = asked(int(np.argmin(np.linalg.norm(places[:n] - [1, 0, 1], axis=1))))
+    assert toy.jaccard(on_ball[0], parts == 0) > 0.9
+    assert any(toy.jaccard(piece, parts <= 1) > 0.9 for piece in on_ball[1:])
+    on_plinth = asked(int(np.argmin(np.linalg.norm(places - [2, 0, -1], axis=1))))
+    assert toy.jaccard(on_plinth[0], parts <= 1) > 0.9
+
+
+@pytest.mark.parametrize("pixel", [(-1, 5), (200, 5), (5, 200)])
+def test_pixels_outside_the_picture(ball, pixel):
+    with pytest.raises(InputError, match="outside the view of 200 x 200"):
+        select_by_clicks(ball[0], camera_at((5, 0, 3)), [pixel], toy.UP, RENDERER)
+
+
+@pytest.mark.parametrize("box", [(5, 5, 5, 9), (9, 9, 5, 20), (0, 0, 201, 5), (-1, 0, 5, 5)])
+def test_impossible_boxes(ball, box):
+    with pytest.raises(InputError, match="not within the view"):
+        select_by_box(ball[0], camera_at((5, 0, 3)), box, toy.UP, RENDERER)
+
+
+def test_where_nothing_is_seen(ball):
+    away = camera_at((40, 0, 60), (80, 0, 120))
+    with pytest.raises(InputError, match="Nothing is seen at the pixel"):
+        select_by_clicks(ball[0], away, [(100, 100)], toy.UP, RENDERER)
+    with pytest.raises(InputError, match="Nothing is seen in the middle"):
+        select_by_box(ball[0], away, (50, 50, 150, 150), toy.UP, RENDERER)
+    with pytest.raises(InputError, match="no click"):
+        select_by_clicks(ball[0], away, [], toy.UP, RENDERER)
+
+
+def test_overview_shows_a_capture_of_one_thing_whole():
+    rng = np.random.default_rng(0)
+    body, neck = rng.uniform(-1, 1, (900, 3)) * [0.8, 0.4, 0.4], rng.uniform(0, 1, (100, 3)) * [0.2, 0.2, 1.3]
+    thing = toy.gaussians(np.concatenate([body, neck + np.array([0.6, 0, 0.4])]), (0.03,) * 3, toy.RED)
+    for camera in plan_overview(thing, toy.UP, 5).cameras:
+        pixels, _ = camera.project(thing.means.astype(np.float64))
+        assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.98
+
+
+def test_overview_looks_at_the_detail_and_leaves_the_walls_out():
+    scene, truth = toy.ball_on_floor(n_ball=3000)
+    wall = toy.gaussians(np.random.default_rng(0).normal(size=(500, 3)) * [0.1, 8, 8] + [-12, 0, 0], 1.0, toy.WHITE)
+    both = concatenate([scene, wall])
+    overview = plan_overview(both, toy.UP, 5)
+    assert len(overview.cameras) == 5
+    for camera in overview.cameras:
+        x, y = pixel_of(camera, toy.CENTRE)
+        assert 0.2 * camera.width < x < 0.8 * camera.width
+        assert 0.2 * camera.height < y < 0.8 * camera.height
+    assert set(np.flatnonzero(truth)) <= set(overview.rows)
+    assert overview.rows.max() < len(scene)
+
+
+@pytest.mark.skipif(not (DATA / "scene0").is_dir(), reason="the benchmark's scenes are not here")
+@pytest.mark.parametrize(("name", "view"), [("avocado", "012.png"), ("lantern", "003.png")])
+def test_benchmark_click_then_trim(name, view):
+    """One click in a training view, then the trimmer: the object in views that nobody trained on."""
+    scene, cameras = open_scene(DATA / "scene0"), read_camera_set(DATA / "scene0" / "cameras.json")
+    camera = next(camera for camera in scene.training_cameras if camera.name == view)
+    mask = np.pad(scene.coverage(name, view) > 0.5, 1).astype(np.uint8)
+    depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    y, x = np.unravel_index(np.argmax(depth), depth.shape)
+    pick = select_by_clicks(scene.gaussians, camera, [(int(x), int(y))], scene.up, RENDERER)
+    kept = tuple(camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train)
+    training = replace(cameras, cameras=kept, train=(True,) * len(kept))
+    result = trim(scene.gaussians, pick.selection, TrimConfig(up=(0, 0, 1)), cameras=training)
+    overlaps = [
+        foreground_iou(RENDERER.render(result.object, test.camera).alpha, test.coverage, test.valid)
+        for test in scene.test_views(name)
+        if not test.far
+    ]
+    assert np.mean(overlaps) > 0.95

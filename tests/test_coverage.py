@@ -1,0 +1,129 @@
+"""From where a ball was seen: free all around, with a wall on one side, and the arcs of a circle by hand."""
+
+import numpy as np
+import pytest
+from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved, one_thread
+
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.planning.coverage import _longest_arc, restrict_to_seen
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.rendering import get_renderer
+
+RENDERER = get_renderer("numba")
+SCENE, TRUTH = ball_on_floor(n_floaters=0)
+STEP = 45.0
+"""Degrees between two probes."""
+
+
+def direction(yaw_degrees):
+    """Horizontal unit vector at a yaw in the planner's frame, (3,)."""
+    yaw = np.radians(yaw_degrees)
+    return np.array([np.cos(yaw), np.sin(yaw), 0]) @ up_frame(UP)
+
+
+def with_wall(yaw_degrees, distance=1.5, half=2.5, opacity=0.95):
+    """The ball with an upright wall of Gaussians at that yaw, and which of them are the ball."""
+    away = direction(yaw_degrees)
+    across, upwards = (grid.reshape(-1, 1) for grid in np.meshgrid(*[np.linspace(-half, half, 40)] * 2))
+    means = CENTRE + distance * away + across * np.cross(UP, away) + (upwards + 1.5) * UP
+    wall = gaussians(means, (0.1,) * 3, BLUE, opacity)
+    return concatenate([SCENE, wall]), np.append(TRUTH, np.zeros(len(wall), np.bool_))
+
+
+@one_thread()
+def restricted(scene, selection, config=None, up=UP):
+    return restrict_to_seen(scene, selection, up, config or PlanConfig(), RENDERER)
+
+
+def test_an_object_free_all_around_leaves_the_plan_as_it_is():
+    for config in (PlanConfig(), PlanConfig(views=3, size=64, fill=0.5)):
+        assert restricted(SCENE, TRUTH, config) is config
+
+
+def test_an_object_without_surroundings_leaves_the_plan_as_it_is():
+    config = PlanConfig()
+    assert restricted(SCENE.select(TRUTH), np.ones(np.count_nonzero(TRUTH), np.bool_), config) is config
+
+
+@pytest.mark.parametrize("yaw", range(0, 360, 30))
+def test_a_wall_behind_the_object_turns_the_views_away_from_it_at_a_low_pitch(yaw):
+    plan = restricted(*with_wall(yaw))
+    first, last = plan.yaw_range_degrees
+    middle = (first + last) / 2
+    assert abs((middle - yaw) % 360 - 180) <= STEP / 2  # opposite, as well as eight probes can tell
+    assert 0 < last - first <= 180
+    assert plan.pitch_degrees == 10
+
+
+@pytest.mark.parametrize("yaw", [20, 200])
+def test_planned_views_stand_before_the_wall(yaw):
+    scene, truth = with_wall(yaw)
+    cameras, bounds = plan_cameras(scene.select(truth), UP, restricted(scene, truth))
+    outward = np.array([camera.centre for camera in cameras]) - bounds.centre
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    assert (outward @ direction(yaw) < -0.4).all()
+    np.testing.assert_allclose(outward @ UP, np.sin(np.radians(10)), atol=1e-6)
+
+
+def test_nothing_but_yaw_and_pitch_is_changed():
+    config = PlanConfig(views=7, size=128, fov_degrees=40, fill=0.6)
+    plan = restricted(*with_wall(0), config)
+    for name in ("views", "size", "fov_degrees", "fill", "framing"):
+        assert getattr(plan, name) == getattr(config, name)
+
+
+@pytest.mark.parametrize(
+    "config", [PlanConfig(yaw_range_degrees=(0, 360)), PlanConfig(pitch_degrees=30), PlanConfig(framing="paper")]
+)
+def test_what_the_plan_states_itself_is_left_alone(config):
+    assert restricted(*with_wall(0), config) is config
+
+
+@pytest.mark.parametrize("change", [{"opacity": 0.02}, {"half": 0.15}])
+def test_haze_and_posts_are_no_walls(change):
+    config = PlanConfig()
+    assert restricted(*with_wall(0, **change), config) is config
+
+
+@pytest.mark.parametrize(("scale", "shift", "opposite"), [(100.0, (0, 0, 0), 180), (0.01, (3, -2, 1), 180)])
+def test_units_and_place_do_not_matter(scale, shift, opposite):
+    scene, truth = with_wall(90)
+    plan = restricted(moved(scene, np.eye(3), scale, shift), truth)
+    assert plan == restricted(scene, truth)
+    assert np.mean(plan.yaw_range_degrees) % 360 == pytest.approx(90 + opposite, abs=STEP / 2)
+
+
+def test_a_turned_scene_is_seen_from_the_same_side():
+    rotation = any_rotation(3)
+    scene, truth = with_wall(0)
+    turned = moved(scene, rotation)
+    plan = restricted(turned, truth, up=rotation @ UP)
+    cameras, bounds = plan_cameras(turned.select(truth), rotation @ UP, plan)
+    outward = np.array([camera.centre for camera in cameras]) - bounds.centre
+    assert (outward @ (rotation @ direction(0)) < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("flags", "start_and_length"),
+    [
+        ("11111111", (0, 8)),
+        ("00000000", (0, 0)),
+        ("10011", (3, 3)),  # over the seam
+        ("01101", (1, 2)),
+        ("11011011", (6, 4)),
+        ("10101010", (0, 1)),  # the first of equals
+        ("00000001", (7, 1)),
+        ("1", (0, 1)),
+        ("0", (0, 0)),
+    ],
+)
+def test_longest_arc(flags, start_and_length):
+    assert _longest_arc(np.array([flag == "1" for flag in flags])) == start_and_length
+
+
+def test_the_longest_arc_turns_with_the_circle():
+    flags = np.array([True, True, True, False, True, False, False, True])
+    start, length = _longest_arc(flags)
+    for turn in range(8):
+        assert _longest_arc(np.roll(flags, turn)) == ((start + turn) % 8, length)

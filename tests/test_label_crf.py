@@ -1,0 +1,158 @@
+"""Correction of labels over patches of coloured Gaussians."""
+
+import numpy as np
+import pytest
+from toy import BLUE, RED, gaussians
+
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig, correct_labels
+
+CONFIG = LabelFieldConfig()
+
+
+def patch(seed=0, n=900, noise=0.01):
+    """A flat square [-1, 1]^2, red at the left and blue at the right, and which of it is red."""
+    rng = np.random.default_rng(seed)
+    means = rng.uniform(-1, 1, (n, 3)) * [1, 1, 0]
+    red = means[:, 0] < 0
+    colours = np.where(red[:, None], RED, BLUE) + rng.normal(0, noise, (n, 3))
+    return gaussians(means, (0.03,) * 3, colours), red
+
+
+def visible(thing, weight=5.0):
+    return np.full(len(thing), weight, np.float32)
+
+
+def corrected(thing, selection, seen=None, radius=1.0, config=CONFIG):
+    """The patch stands upright, so it is no surface that anything could rest on."""
+    upright = Bounds(np.zeros(3), np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.array([0, radius, 0]))
+    return correct_labels(thing, selection, visible(thing) if seen is None else seen, upright, config)
+
+
+def test_wrong_labels_inside_uniform_blobs_are_corrected():
+    thing, red = patch()
+    wrong = np.zeros(len(red), np.bool_)
+    wrong[np.flatnonzero(np.abs(thing.means[:, 0]) > 0.3)[::40]] = True
+    assert wrong[red].any()
+    assert wrong[~red].any()
+    np.testing.assert_array_equal(corrected(thing, red ^ wrong) > 0.5, red)
+
+
+@pytest.mark.parametrize("shift", [-0.1, 0.1])
+def test_a_boundary_beside_a_colour_edge_moves_to_the_edge(shift):
+    thing, red = patch()
+    rough = thing.means[:, 0] < shift
+    assert np.count_nonzero(rough != red) > 30
+    assert np.count_nonzero((corrected(thing, rough) > 0.5) != red) <= 3
+
+
+def test_labels_that_follow_a_colour_edge_stay():
+    thing, red = patch()
+    np.testing.assert_array_equal(corrected(thing, red) > 0.5, red)
+
+
+def test_a_straight_boundary_without_any_colour_edge_stays_about_where_it_is():
+    thing, _ = patch()
+    plain = thing.replace(sh_dc=np.zeros_like(thing.sh_dc))
+    selection = plain.means[:, 0] < 0.2
+    changed = (corrected(plain, selection) > 0.5) != selection
+    assert (np.abs(plain.means[changed, 0] - 0.2) < 0.15).all()
+
+
+def with_hidden():
+    """The patch with a ninth of it wrongly labelled and shown by no view: both labels, visible weights, what is."""
+    thing, red = patch()
+    hidden = np.arange(len(red)) % 9 == 0
+    return thing, red, red ^ hidden, np.where(hidden, 0, visible(thing)).astype(np.float32), hidden
+
+
+def test_what_no_view_shows_follows_what_surrounds_it_and_is_a_third_its_own():
+    thing, red, rough, seen, hidden = with_hidden()
+    probability = corrected(thing, rough, seen)
+    deep = hidden & (np.abs(thing.means[:, 0]) > 0.3)
+    np.testing.assert_allclose(probability[deep & red], 2 / 3, atol=0.01)
+    np.testing.assert_allclose(probability[deep & ~red], 1 / 3, atol=0.01)
+    assert (probability[hidden] >= rough[hidden] / 3 - 1e-6).all()
+    assert (probability[hidden] <= (2 + rough[hidden]) / 3 + 1e-6).all()
+    one = corrected(thing, rough, seen, config=LabelFieldConfig(hidden_neighbours=1))[hidden]
+    np.testing.assert_allclose(np.minimum(one % (1 / 3), 1 / 3 - one % (1 / 3)), 0, atol=0.05)
+
+
+def test_labels_of_what_no_view_shows_tell_nothing_of_what_is_seen():
+    thing, red, rough, seen, hidden = with_hidden()
+    np.testing.assert_array_equal(corrected(thing, rough, seen)[~hidden], corrected(thing, red, seen)[~hidden])
+
+
+@pytest.mark.parametrize("n_seen", [2, 5])
+def test_more_hidden_neighbours_than_visible_gaussians(n_seen):
+    thing, red = patch()
+    seen = np.zeros(len(red), np.float32)
+    seen[np.flatnonzero(red)[: n_seen - 1]] = seen[np.flatnonzero(~red)[0]] = 5
+    probability = corrected(thing, red, seen)
+    assert ((probability >= 0) & (probability <= 1)).all()
+
+
+def test_without_visible_gaussians_labels_stay():
+    thing, red = patch()
+    np.testing.assert_array_equal(corrected(thing, red, np.zeros(len(red), np.float32)), red.astype(np.float32))
+
+
+def test_disabled_it_returns_the_selection():
+    thing, red = patch()
+    rough = red ^ (np.arange(len(red)) % 7 == 0)
+    np.testing.assert_array_equal(corrected(thing, rough, config=LabelFieldConfig(enabled=False)), rough)
+
+
+@pytest.mark.parametrize("label", [True, False])
+def test_with_one_label_only_there_is_nothing_to_correct(label):
+    thing, red = patch()
+    np.testing.assert_array_equal(corrected(thing, np.full_like(red, label)), np.full(len(red), float(label)))
+
+
+def test_results_are_probabilities_and_the_same_every_time():
+    thing, _ = patch(noise=0.2)
+    rough = thing.means[:, 0] < 0.1
+    first = corrected(thing, rough)
+    assert first.dtype == np.float32
+    assert first.shape == rough.shape
+    assert ((first >= 0) & (first <= 1)).all()
+    np.testing.assert_array_equal(first, corrected(thing, rough))
+
+
+def test_permuting_gaussians_permutes_probabilities():
+    thing, _ = patch(noise=0.1)
+    rough = thing.means[:, 0] < 0.1
+    seen = np.random.default_rng(5).uniform(0, 10, len(thing)).astype(np.float32)
+    order = np.random.default_rng(6).permutation(len(thing))
+    permuted = corrected(thing.select(order), rough[order], seen[order])
+    np.testing.assert_allclose(permuted, corrected(thing, rough, seen)[order], atol=1e-3)
+
+
+def test_units_do_not_matter():
+    thing, _ = patch(noise=0.1)
+    rough = thing.means[:, 0] < 0.1
+    scaled = corrected(thing.replace(means=1000 * thing.means), rough, radius=1000.0)
+    np.testing.assert_allclose(scaled, corrected(thing, rough), atol=1e-3)
+
+
+@pytest.mark.parametrize("n", [2, 3, 17])
+def test_fewer_gaussians_than_neighbours(n):
+    thing = gaussians(np.arange(3.0 * n).reshape(n, 3), (0.1,) * 3, np.linspace(RED, BLUE, n))
+    selection = np.arange(n) < n // 2
+    probability = corrected(thing, selection)
+    assert np.isfinite(probability).all()
+    assert probability[0] > probability[-1]
+
+
+def test_gaussians_on_one_spot_and_of_one_colour():
+    thing = gaussians(np.zeros((50, 3)), (0.1,) * 3, RED)
+    probability = corrected(thing, np.arange(50) < 40)
+    assert np.isfinite(probability).all()
+
+
+def test_the_selection_is_not_written_to():
+    thing, red = patch()
+    rough = red ^ (np.arange(len(red)) % 7 == 0)
+    before = rough.copy()
+    corrected(thing, rough)
+    np.testing.assert_array_equal(rough, before)

@@ -1,0 +1,261 @@
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+from selection_builders import make_scene, rows_mask
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.selection_files import KINDS, SelectionOptions, load_selection
+
+N = 12
+SCENE = make_scene(N)
+
+
+def save(path: Path, array) -> Path:
+    np.save(path, np.asarray(array))
+    return path
+
+
+def select(path: Path, **options) -> list[int]:
+    selection = load_selection(path, SCENE, SelectionOptions(**options))
+    assert selection.shape == (N,)
+    assert selection.dtype == np.bool_
+    return np.flatnonzero(selection).tolist()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        rows_mask(N, 2, 5),
+        rows_mask(N, 2, 5)[:, None],
+        rows_mask(N, 2, 5)[None],
+        rows_mask(N, 2, 5).astype(np.int64),
+        rows_mask(N, 2, 5).astype(np.uint8) * 255,
+        rows_mask(N, 2, 5).astype(np.float32),
+    ],
+    ids=["bool", "column", "row", "0/1", "0/255", "float"],
+)
+def test_mask_of_every_type(tmp_path, values):
+    assert select(save(tmp_path / "m.npy", values)) == [2, 5]
+
+
+def test_mask_in_npz_alone_or_by_name(tmp_path):
+    np.savez_compressed(tmp_path / "one.npz", anything=rows_mask(N, 3))
+    np.savez(tmp_path / "named.npz", mask=rows_mask(N, 4), scores=np.ones(N), note=np.array("text"))
+    assert select(tmp_path / "one.npz") == [3]
+    assert select(tmp_path / "named.npz") == [4]
+    assert select(tmp_path / "named.npz", property="scores", threshold=0.5) == list(range(N))
+
+
+def test_mask_of_wrong_length_names_both_lengths(tmp_path):
+    for values in (np.ones(7, bool), np.array([0, 1, 0, 1, 1, 0, 0]), np.linspace(0, 1, 7)):
+        with pytest.raises(InputError, match=r"7 entries, but the scene has 12 Gaussians"):
+            select(save(tmp_path / "m.npy", values))
+
+
+def test_scores_need_a_threshold(tmp_path):
+    path = save(tmp_path / "scores.npy", np.linspace(-1, 1, N))
+    with pytest.raises(InputError, match=r"scores from -1 to 1; choose with --selection\.threshold"):
+        select(path)
+    assert select(path, threshold=0.75) == [10, 11]
+
+
+def test_labels_need_an_id_and_list_what_there_is(tmp_path):
+    path = save(tmp_path / "labels.npy", [0, 0, 3, 3, 3, -1, 0, 0, 0, 0, 7, 0])
+    with pytest.raises(InputError, match=r"--selection\.object-id .*: -1 \(1\), 0 \(7\), 3 \(3\), 7 \(1\)\."):
+        select(path)
+    with pytest.raises(InputError, match=r"no Gaussians of object 4; its ids \(Gaussians\): -1 \(1\)"):
+        select(path, object_id=(3, 4))
+    assert select(path, object_id=(3,)) == [2, 3, 4]
+    assert select(path, object_id=(7, -1)) == [5, 10]
+
+
+def test_an_id_turns_a_two_valued_array_into_labels(tmp_path):
+    path = save(tmp_path / "labels.npy", rows_mask(N, 0, 1).astype(int))
+    assert select(path) == [0, 1]
+    assert select(path, object_id=(0,)) == list(range(2, N))
+
+
+def test_long_lists_of_ids_are_shortened(tmp_path):
+    scene = make_scene(60)
+    path = save(tmp_path / "labels.npy", np.arange(60) % 40)
+    with pytest.raises(InputError, match=r"19 \(2\).* and 16 more ids"):
+        load_selection(path, scene)
+
+
+@pytest.mark.parametrize("text", ["2\n9\n4\n", "2, 9 4", "# rows\n2 # lid\n9,4"])
+def test_index_lists_in_text(tmp_path, text):
+    (tmp_path / "rows.txt").write_text(text)
+    assert select(tmp_path / "rows.txt") == [2, 4, 9]
+
+
+def test_integers_of_another_length_are_row_numbers(tmp_path):
+    assert select(save(tmp_path / "rows.npy", np.uint32([11, 0]))) == [0, 11]
+    assert select(save(tmp_path / "rows.npy", [0, 1])) == [0, 1]
+    assert select(save(tmp_path / "rows.npy", [1])) == [1]
+
+
+def test_row_numbers_as_many_as_the_scene_are_labels_unless_forced(tmp_path):
+    path = save(tmp_path / "rows.npy", np.arange(N))
+    with pytest.raises(InputError, match="several objects"):
+        select(path)
+    assert select(path, kind="indices") == list(range(N))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([3, 4, 3], "3 integers, some of them equal, for a scene of 12"),
+        ([3, 12], "lists row 12, but .* 0 to 11"),
+        ([3, -1], "lists row -1"),
+    ],
+)
+def test_impossible_row_numbers(tmp_path, rows, message):
+    with pytest.raises(InputError, match=message):
+        select(save(tmp_path / "rows.npy", rows))
+
+
+def test_opengaussian_clusters(tmp_path):
+    leaves = np.array([4, 4, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2])
+    path = tmp_path / "cluster_lang.npz"
+    np.savez(
+        path,
+        leaf_feat=np.zeros((5, 512), np.float32),
+        leaf_score=np.zeros(5, np.float32),
+        occu_count=np.zeros(5, np.float32),
+        leaf_ind=leaves,
+    )
+    assert select(path, object_id=(4, 2)) == [0, 1, 10, 11]
+    with pytest.raises(InputError, match=r"0 \(5\), 1 \(3\), 2 \(2\), 4 \(2\)"):
+        select(path)
+    with pytest.raises(InputError, match="12 cluster ids, but the scene has 5"):
+        load_selection(path, make_scene(5), SelectionOptions(object_id=(4,)))
+
+
+def test_ambiguous_archive_names_the_kinds_and_can_be_forced(tmp_path):
+    path = tmp_path / "both.npz"
+    np.savez(path, mask=rows_mask(N, 1), labels=np.arange(N) % 3)
+    with pytest.raises(InputError, match=r"as mask or as labels; say which with --selection\.kind mask"):
+        select(path)
+    assert select(path, kind="mask") == [1]
+    assert select(path, kind="labels", object_id=(2,)) == [2, 5, 8, 11]
+
+
+def test_options_without_use_are_refused(tmp_path):
+    path = save(tmp_path / "m.npy", rows_mask(N, 2))
+    with pytest.raises(InputError, match=r"'mask', which has no use for --selection\.gamma, --selection\.object-id"):
+        select(path, object_id=(1,), gamma=0.5)
+
+
+def test_nothing_selected_is_said(tmp_path):
+    with pytest.raises(InputError, match="selects none of the 12 Gaussians"):
+        select(save(tmp_path / "m.npy", np.zeros(N, bool)))
+
+
+def test_everything_selected_is_left_to_the_caller(tmp_path):
+    assert select(save(tmp_path / "m.npy", np.ones(N, bool))) == list(range(N))
+
+
+def test_arrays_of_no_use_are_described(tmp_path):
+    np.savez(tmp_path / "x.npz", a=np.zeros((3, 4), np.float32), b=np.zeros(2))
+    with pytest.raises(InputError, match=r"a: float32 \(3, 4\); b: float64 \(2,\)\) is no selection for 12 Gaussians"):
+        select(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_forcing_a_kind_that_the_file_is_not(tmp_path, kind):
+    np.savez(tmp_path / "x.npz", a=np.zeros((3, 4), np.float32), b=np.zeros(2))
+    with pytest.raises(InputError):
+        select(tmp_path / "x.npz", kind=kind)
+
+
+def test_unknown_names(tmp_path):
+    with pytest.raises(InputError, match="Unknown kind of selection 'maks'; available: auto, mask"):
+        select(save(tmp_path / "m.npy", rows_mask(N, 2)), kind="maks")
+    with pytest.raises(InputError, match="There is no file"):
+        select(tmp_path / "absent.npy")
+    (tmp_path / "mask.png").write_bytes(b"")
+    with pytest.raises(InputError, match=r"known endings: \.npy, .*\.ply"):
+        select(tmp_path / "mask.png")
+
+
+class TestHostileFiles:
+    def test_pickled_objects(self, tmp_path):
+        np.save(tmp_path / "m.npy", np.array([{"a": 1}] * N), allow_pickle=True)
+        with pytest.raises(InputError, match="without pickled objects"):
+            select(tmp_path / "m.npy")
+        np.savez(tmp_path / "m.npz", mask=np.array([{"a": 1}] * N))
+        with pytest.raises(InputError, match="no array of numbers"):
+            select(tmp_path / "m.npz")
+
+    def test_text_and_damage(self, tmp_path):
+        for name in ("m.npy", "m.npz"):
+            (tmp_path / name).write_bytes(b"nonsense")
+            with pytest.raises(InputError, match="damaged or no NumPy"):
+                select(tmp_path / name)
+        (tmp_path / "m.txt").write_text("1 two")
+        with pytest.raises(InputError, match="no list of whole numbers"):
+            select(tmp_path / "m.txt")
+        with pytest.raises(InputError, match="type <U3"):
+            select(save(tmp_path / "s.npy", ["abc"] * N))
+
+    def test_truncated_array(self, tmp_path):
+        path = save(tmp_path / "m.npy", rows_mask(N, 2))
+        path.write_bytes(path.read_bytes()[:-3])
+        with pytest.raises(InputError, match="damaged"):
+            select(path)
+
+    @pytest.mark.parametrize("suffix", ["npy", "npz"])
+    def test_announced_size_is_not_allocated(self, tmp_path, suffix):
+        header = io.BytesIO()
+        np.lib.format.write_array_header_1_0(header, {"descr": "|b1", "fortran_order": False, "shape": (10**15,)})
+        path = tmp_path / f"m.{suffix}"
+        if suffix == "npy":
+            path.write_bytes(header.getvalue())
+        else:
+            with zipfile.ZipFile(path, "w") as archive:
+                archive.writestr("mask.npy", header.getvalue())
+        with pytest.raises(InputError, match=r"damaged|too many to be true"):
+            select(path)
+
+
+@dataclass(frozen=True)
+class Command:
+    """The part of the command line that selections are about."""
+
+    scene: tyro.conf.Positional[Path]
+    coarse: tyro.conf.Positional[Path]
+    selection: SelectionOptions = field(default_factory=SelectionOptions)
+
+
+def documented_commands() -> list[str]:
+    text = (Path(__file__).parents[1] / "docs" / "methods.md").read_text("utf-8")
+    return re.findall(r"gaussian-trimmer trim ([^`\n]+)", text)
+
+
+def test_documented_commands_are_understood():
+    commands = documented_commands()
+    assert len(commands) > 10
+    for command in commands:
+        parsed = tyro.cli(Command, args=command.split())
+        given, kind = parsed.selection.given(), parsed.selection.kind
+        assert kind == "auto" or given <= import_module(KINDS[kind]).OPTIONS, command
+
+
+def test_benchmark_selection():
+    folder = Path(__file__).parents[2] / "shared" / "data" / "tabletop"
+    if not folder.is_dir():
+        pytest.skip("the benchmark's scenes are not here")
+    from gaussian_trimmer import formats
+
+    scene = formats.read(folder / "scene.ply")
+    for path in sorted(folder.glob("coarse/*/exact.npy")):
+        assert np.array_equal(load_selection(path, scene), np.load(path))

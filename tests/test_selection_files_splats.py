@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from selection_builders import identity_columns, make_scene, save_ply, save_ply_like_sa3d_gs
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import ply
+from gaussian_trimmer.gaussians import Gaussians, concatenate
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+
+N = 12
+
+
+def select(path, scene: Gaussians, **options) -> list[int]:
+    return np.flatnonzero(load_selection(path, scene, SelectionOptions(**options))).tolist()
+
+
+class TestSubset:
+    def test_rows_in_any_order(self, tmp_path):
+        scene = make_scene(N)
+        assert select(save_ply(tmp_path / "part.ply", scene, [7, 2, 9]), scene) == [2, 7, 9]
+
+    @pytest.mark.parametrize("coefficients", [0, 3, 8])
+    def test_fewer_harmonics_than_the_scene(self, tmp_path, coefficients):
+        scene = make_scene(N)
+        part = scene.replace(sh_rest=scene.sh_rest[:, :, :coefficients])
+        assert select(save_ply(tmp_path / "part.ply", part, [4, 1]), scene) == [1, 4]
+
+    def test_without_normals_and_with_negative_zeros(self, tmp_path):
+        scene = make_scene(N, coefficients=0)
+        scene.sh_dc[3, 1] = 0.0
+        names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
+        part = np.column_stack([scene.means, scene.sh_dc, scene.opacity_logits]).astype("<f4")[[8, 3]]
+        part[1, 4] = -0.0
+        header = "ply\nformat binary_little_endian 1.0\nelement vertex 2\n"
+        header += "".join(f"property float {name}\n" for name in names) + "end_header\n"
+        (tmp_path / "part.ply").write_bytes(header.encode() + part.tobytes())
+        assert select(tmp_path / "part.ply", scene) == [3, 8]
+
+    def test_equal_rows_pair_off(self, tmp_path):
+        scene = make_scene(N)
+        twice = concatenate([scene, scene])
+        assert select(save_ply(tmp_path / "one.ply", twice, [5]), twice) == [5]
+        assert select(save_ply(tmp_path / "two.ply", twice, [5, 5]), twice) == [5, 5 + N]
+        with pytest.raises(InputError, match="1 of the 3 rows"):
+            select(save_ply(tmp_path / "three.ply", twice, [5, 5, 5]), twice)
+
+    def test_rows_of_another_scene_are_counted(self, tmp_path):
+        scene = make_scene(N)
+        part = concatenate([scene.select(slice(2, 4)), make_scene(3, seed=1)])
+        with pytest.raises(InputError, match=r"3 of the 5 rows of 'part.ply' match no row .*first is row 2"):
+            select(save_ply(tmp_path / "part.ply", part), scene)
+
+    def test_whole_scene_is_no_part_of_it(self, tmp_path):
+        scene = make_scene(N)
+        with pytest.raises(InputError, match="holds 12 Gaussians and the scene 12, so it is no part"):
+            select(save_ply(tmp_path / "all.ply", scene), scene)
+
+    def test_one_changed_bit_is_no_match(self, tmp_path):
+        scene = make_scene(N)
+        part = scene.select(np.arange(3, 6))
+        part.quaternions[1, 2] = np.nextafter(part.quaternions[1, 2], np.float32(9))
+        with pytest.raises(InputError, match="1 of the 3 rows"):
+            select(save_ply(tmp_path / "part.ply", part), scene)
+
+    def test_large_scene_against_its_own_rows(self, tmp_path):
+        n = 150_000
+        scene = make_scene(n, coefficients=0)
+        rows = np.random.default_rng(2).permutation(n)[: n // 2]
+        selection = load_selection(save_ply(tmp_path / "part.ply", scene, rows.tolist()), scene)
+        assert np.array_equal(np.flatnonzero(selection), np.sort(rows))
+
+
+class TestMovedSubset:
+    """SAGD's `point_cloud_seg_gd.ply`: boundary rows have other centres and scales."""
+
+    def moved(self, scene: Gaussians, rows: list[int], n_moved: int) -> Gaussians:
+        part = scene.select(np.array(rows))
+        part.means[:n_moved] += 0.25
+        part.log_scales[:n_moved] -= 0.5
+        return part
+
+    def test_moved_rows_keep_their_identity(self, tmp_path):
+        scene = make_scene(N)
+        path = save_ply(tmp_path / "point_cloud_seg_gd.ply", self.moved(scene, [9, 3, 6, 1], 2))
+        assert select(path, scene) == [1, 3, 6, 9]
+
+    def test_unmoved_twin_does_not_confuse(self, tmp_path):
+        scene = make_scene(N)
+        for array in (scene.sh_dc, scene.sh_rest, scene.opacity_logits, scene.quaternions):
+            array[4] = array[8]
+        part = self.moved(scene, [8, 4], 1)
+        assert select(save_ply(tmp_path / "gd.ply", part), scene) == [4, 8]
+
+    def test_ambiguous_rows_are_refused(self, tmp_path):
+        scene = make_scene(N)
+        for array in (scene.sh_dc, scene.sh_rest, scene.opacity_logits, scene.quaternions):
+            array[4] = array[8]
+        with pytest.raises(InputError, match=r"1 moved rows .* several scene rows"):
+            select(save_ply(tmp_path / "gd.ply", self.moved(scene, [8, 2], 1)), scene)
+
+
+class TestProperty:
+    def test_sa3d_gs(self, tmp_path):
+        scene = make_scene(N)
+        path = save_ply_like_sa3d_gs(tmp_path / "seg_point_cloud.ply", scene, [8, 2, 5, 3], [0.7, -0.1, 0.0, 2.0])
+        assert select(path, scene) == [3, 8]
+        assert select(path, scene, threshold=1.0) == [3]
+
+    def test_any_property(self, tmp_path):
+        scene = make_scene(N, extras={"score": np.linspace(0, 1, N, dtype=np.float32)})
+        path = save_ply(tmp_path / "scene.ply", scene, list(range(N))[::-1])
+        assert select(path, scene, property="score", threshold=0.75) == [9, 10, 11]
+        assert select(path, scene, property="opacity") == np.flatnonzero(scene.opacity_logits > 0).tolist()
+
+    def test_label_property(self, tmp_path):
+        labels = np.arange(N, dtype=np.int32) % 3
+        scene = make_scene(N, extras={"label": labels})
+        path = save_ply(tmp_path / "scene.ply", scene)
+        assert select(path, formats.read(path), property="label", object_id=(2,)) == [2, 5, 8, 11]
+        with pytest.raises(InputError, match=r"no Gaussians of object 3; .*0 \(4\), 1 \(4\), 2 \(4\)"):
+            select(path, scene, property="label", object_id=(3,))
+        with pytest.raises(InputError, match=r"'opacity' of 'scene.ply' is no id"):
+            select(path, scene, property="opacity", object_id=(3,))
+
+    def test_unknown_property_lists_the_others(self, tmp_path):
+        scene = make_scene(N, extras={"score": np.ones(N, np.float32)})
+        with pytest.raises(InputError, match=r"no property 'scor'; .* among: x, y, z, .*score"):
+            select(save_ply(tmp_path / "scene.ply", scene), scene, property="scor")
+
+    def test_rows_of_another_scene(self, tmp_path):
+        path = save_ply_like_sa3d_gs(tmp_path / "seg.ply", make_scene(N), [1, 2], [1.0, 1.0])
+        with pytest.raises(InputError, match="2 of the 2 rows"):
+            select(path, make_scene(N, seed=5))
+
+
+class TestSimilarity:
+    IDS: tuple[int, ...] = (0, 1, 1, 2, 0, 1, 0, 0, 2, 0, 0, 0)
+
+    def test_omniseg3d(self, tmp_path):
+        scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+        path = save_ply(tmp_path / "point_cloud.ply", scene)
+        assert select(path, formats.read(path), query_row=2) == [1, 2, 5]
+        # Orthogonal features score (0 + 1) / 2.
+        assert select(path, scene, query_row=2, threshold=0.49) == list(range(N))
+
+    def test_query_must_be_a_row(self, tmp_path):
+        scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+        with pytest.raises(InputError, match=r"query row 12 has no features .* 0 to 11"):
+            select(save_ply(tmp_path / "scene.ply", scene), scene, query_row=12)
+
+    def test_without_query_the_options_are_named(self, tmp_path):
+        scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+        with pytest.raises(InputError, match=r"use --selection\.classifier or --selection\.query-row"):
+            select(save_ply(tmp_path / "scene.ply", scene), scene)
+
+    def test_features_that_are_not_finite(self, tmp_path):
+        columns = identity_columns(list(self.IDS))
+        columns["obj_dc_3"] = np.full(N, np.nan, np.float32)
+        scene = make_scene(N, extras=columns)
+        with pytest.raises(InputError, match="NaN or infinite"):
+            select(save_ply(tmp_path / "scene.ply", scene), scene, query_row=1)
+
+    def test_cut_out_of_a_scene_with_features_is_a_subset(self, tmp_path):
+        scene = make_scene(N, extras=identity_columns(list(self.IDS)))
+        assert select(save_ply(tmp_path / "cut.ply", scene, [3, 8]), scene) == [3, 8]
+
+
+def test_ply_without_positions(tmp_path):
+    (tmp_path / "mesh.ply").write_bytes(
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n"
+        + b"\0" * 8
+    )
+    with pytest.raises(InputError, match="no property z"):
+        select(tmp_path / "mesh.ply", make_scene(N))
+
+
+def test_reordered_scene_file_selects_the_same_gaussians(tmp_path):
+    """Permuting a scene permutes its selection."""
+    scene = make_scene(N)
+    order = np.random.default_rng(3).permutation(N)
+    ply.write(scene.select(np.array([2, 6, 7])), tmp_path / "part.ply")
+    selection, permuted = (load_selection(tmp_path / "part.ply", s) for s in (scene, scene.select(order)))
+    assert np.array_equal(permuted, selection[order])

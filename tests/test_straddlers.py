@@ -1,0 +1,169 @@
+"""Contours of small masks by hand, and single Gaussians across a straight edge."""
+
+import numpy as np
+import pytest
+from toy import gaussians
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import quaternions_of
+from gaussian_trimmer.rendering import get_renderer
+
+RENDERER = get_renderer("reference")
+SIZE = 64
+UP = np.array([0.0, -1, 0])
+CAMERA = Camera(look_at(np.array([0.0, 0, -4]), np.zeros(3), UP), intrinsics(0.9, SIZE, SIZE), SIZE, SIZE)
+PIXEL = 4 / CAMERA.K[0, 0]
+"""Size of a pixel at the world's origin, in scene units."""
+LEFT = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2
+"""The half of the picture in which x < 0: the cut plane is x = 0."""
+GREY = (0.5, 0.5, 0.5)
+
+
+def needle(x=0.0, y=0.0, scales=(0.3, 0.08, 0.08)):
+    return gaussians([[x, y, 0]], scales, GREY)
+
+
+def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,), **config):
+    weights = [RENDERER.blend_weights(thing, c, m.astype(np.uint8), 2) for c, m in zip(cameras, masks, strict=True)]
+    limits = BoundaryConfig(**{"least_share": 0.1, "least_area": 4 / SIZE**2, "along_ray_limit": 0.5, **config})
+    return find_straddlers(thing, cameras, masks, weights, RENDERER, limits)
+
+
+def square_mask():
+    mask = np.zeros((7, 7), np.bool_)
+    mask[2:5, 2:5] = True
+    return mask
+
+
+def as_image(pixels, shape=(7, 7)):
+    image = np.zeros(shape, np.bool_)
+    image[pixels[:, 1], pixels[:, 0]] = True
+    return image
+
+
+def test_contour_of_a_square_is_a_ring_two_pixels_wide():
+    expected = np.zeros((7, 7), np.bool_)
+    expected[1:6, 1:6] = True
+    expected[3, 3] = False
+    np.testing.assert_array_equal(as_image(contour_pixels(square_mask(), 1)), expected)
+    np.testing.assert_array_equal(contour_pixels(square_mask(), 2).shape, (49, 2))
+
+
+def test_contours_are_pixels_as_x_and_y():
+    mask = np.zeros((4, 9), np.bool_)
+    mask[:, 5:] = True
+    pixels = contour_pixels(mask, 1)
+    assert sorted(map(tuple, pixels.tolist())) == [(x, y) for x in (4, 5) for y in range(4)]
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_the_edge_of_the_image_is_no_contour(value):
+    assert contour_pixels(np.full((7, 7), value), 2).shape == (0, 2)
+
+
+def test_signed_distance_is_half_a_pixel_on_either_side_of_the_contour():
+    mask = np.zeros((5, 7), np.bool_)
+    mask[:, :3] = True
+    np.testing.assert_allclose(signed_distance(mask), np.tile(2.5 - np.arange(7.0), (5, 1)))
+    inner = signed_distance(square_mask())
+    assert inner[3, 3] == 1.5
+    assert inner[0, 0] == pytest.approx(0.5 - np.hypot(2, 2), abs=1e-6)
+
+
+@pytest.mark.parametrize("x", [-0.12, -0.03, 0.0, 0.08])
+@pytest.mark.parametrize("y", [0.0, 0.5])
+def test_a_needle_across_the_edge_is_cut_at_the_edge(x, y):
+    found = straddlers(needle(x, y))
+    assert found.rows.tolist() == [0]
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1)
+    np.testing.assert_allclose(found.normals[0], [-1, 0, 0], atol=0.02)
+    assert found.offsets[0] == pytest.approx(-x / 0.3, abs=0.05 * PIXEL / 0.3)
+
+
+def test_the_offset_changes_sign_with_the_side_of_the_centre():
+    for x in (-0.1, 0.1):
+        assert np.sign(straddlers(needle(x)).offsets[0]) == -np.sign(x)
+        assert np.sign(straddlers(needle(x), [~LEFT]).offsets[0]) == np.sign(x)
+
+
+def test_the_complement_of_a_mask_turns_the_normal_round():
+    one, other = straddlers(needle(0.05)), straddlers(needle(0.05), [~LEFT])
+    np.testing.assert_allclose(one.normals, -other.normals, atol=1e-6)
+    np.testing.assert_allclose(one.offsets, -other.offsets, atol=1e-6)
+    np.testing.assert_allclose(one.lesser, other.lesser)
+
+
+def test_a_plane_passes_through_the_camera_and_the_slanted_edge():
+    camera = Camera(look_at(np.array([2.0, -1, -3]), np.zeros(3), UP), CAMERA.K, SIZE, SIZE)
+    rows, columns = np.mgrid[:SIZE, :SIZE] + 0.5
+    slanted = columns + 0.5 * rows < 48
+    thing = gaussians([[0.1, 0.02, 0.1]], (0.25, 0.25, 0.25), GREY)
+    found = straddlers(thing, [slanted], [camera])
+    normal, offset = found.normals[0], found.offsets[0] * 0.25
+    assert normal @ (thing.means[0] - camera.centre) == pytest.approx(offset, abs=1e-6)
+    on_edge = camera.ray_directions(np.array([[32.0, 32], [30, 36]]))  # two points of x + y / 2 = 48
+    assert np.abs(on_edge @ normal).max() < 1 / camera.K[0, 0]
+    inside = camera.ray_directions(np.array([[10.0, 20]]))
+    assert inside[0] @ normal > 0
+
+
+def test_gaussians_on_one_side_are_no_straddlers():
+    assert len(straddlers(needle(0.9)).rows) == 0
+    assert len(straddlers(needle(-0.9)).rows) == 0
+
+
+@pytest.mark.parametrize("band", [0, -3])
+def test_a_band_narrower_than_a_pixel_is_refused(band):
+    with pytest.raises(InputError, match=f"band is {band} pixels; at least one is needed"):
+        straddlers(needle(), band=band)
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_a_mask_without_contour_has_no_straddlers(value):
+    assert len(straddlers(needle(), [np.full((SIZE, SIZE), value)]).rows) == 0
+
+
+def test_cuts_that_would_move_children_along_the_ray_are_left_out():
+    diagonal = np.array([[1, 0, -1], [0, np.sqrt(2), 0], [1, 0, 1]]).T / np.sqrt(2)
+    thing = needle(scales=(0.1, 0.1, 0.5)).replace(quaternions=quaternions_of(diagonal[None]))
+    assert len(straddlers(thing, along_ray_limit=0.5).rows) == 0
+    assert len(straddlers(thing, along_ray_limit=0.95).rows) == 1
+
+
+def test_limits_on_share_and_area_leave_out_lesser_straddlers():
+    found = straddlers(needle(0.2), least_share=0.0)
+    weights = RENDERER.blend_weights(needle(0.2), CAMERA, LEFT.astype(np.uint8), 2)[0]
+    assert found.lesser[0] == pytest.approx(weights.min())
+    share, area = weights.min() / weights.sum(), weights.min()
+    assert len(straddlers(needle(0.2), least_share=share * 1.01).rows) == 0
+    assert len(straddlers(needle(0.2), least_share=share * 0.99).rows) == 1
+    assert len(straddlers(needle(0.2), least_share=0.0, least_area=1.01 * area / SIZE**2).rows) == 0
+    assert len(straddlers(needle(0.2), least_share=0.0, least_area=0.99 * area / SIZE**2).rows) == 1
+
+
+def test_the_view_that_sees_most_of_the_lesser_side_cuts():
+    off_centre = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2 - 3
+    alone, far = straddlers(needle()), straddlers(needle(), [off_centre])
+    assert far.lesser[0] < alone.lesser[0]
+    for masks in ([off_centre, LEFT], [LEFT, off_centre]):
+        both = straddlers(needle(), masks, [CAMERA] * 2)
+        assert both.rows.tolist() == [0]
+        np.testing.assert_allclose(both.offsets, alone.offsets)
+        np.testing.assert_allclose(both.lesser, alone.lesser)
+
+
+def test_rows_ascend_and_follow_a_permutation_of_the_gaussians():
+    rng = np.random.default_rng(0)
+    means = np.stack([rng.uniform(-0.3, 0.3, 12), np.linspace(-1.2, 1.2, 12), rng.uniform(-0.2, 0.2, 12)], 1)
+    thing = gaussians(means, (0.3, 0.1, 0.1), GREY)
+    found = straddlers(thing)
+    assert len(found.rows) >= 6
+    assert (np.diff(found.rows) > 0).all()
+    order = rng.permutation(12)
+    permuted = straddlers(thing.select(order))
+    back = np.argsort(order[permuted.rows])
+    np.testing.assert_array_equal(order[permuted.rows][back], found.rows)
+    np.testing.assert_allclose(permuted.offsets[back], found.offsets, atol=1e-6)
+    np.testing.assert_allclose(permuted.normals[back], found.normals, atol=1e-6)

@@ -1,0 +1,233 @@
+"""A block with an arm on a table: where the table lies, and what stands in one piece with the block."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from toy import RED, WHITE, any_rotation, gaussians
+
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.support_plane import SupportConfig, find_support
+from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
+from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig, correct_labels
+
+CONFIG = SupportConfig()
+AXES = np.eye(3)
+TABLE, BLOCK, ARM, POST, GROUND = range(5)
+
+
+@dataclass(frozen=True, eq=False)
+class Desk:
+    """Gaussians in units of the object's radius, and what each is part of."""
+
+    scene: Gaussians
+    part: np.ndarray
+
+    def of(self, *parts) -> BoolArray:
+        return np.isin(self.part, parts)
+
+
+def lattice(low, high, step=0.04):
+    """Points that fill a box, (N, 3)."""
+    axes = [np.arange(a, b + 1e-9, step) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
+
+def desk(height=-0.6, arm_colour=WHITE, step=0.04):
+    """A red block on a white table, an arm at its side in the air, a red post apart from it."""
+    table = lattice((-1.4, -1.4, height), (1.4, 1.4, height))
+    table[:, 2] += np.random.default_rng(0).uniform(-0.01, 0.01, len(table))
+    block = lattice((-0.3, -0.3, height + 0.04), (0.3, 0.3, height + 1.0), step)
+    arm = lattice((0.34, -0.06, height + 0.5), (0.7, 0.06, height + 0.62), step)
+    post = lattice((0.9, 0.6, height + 0.04), (1.0, 0.7, height + 0.8), step)
+    parts = [table, block, arm, post]
+    part = np.repeat(np.arange(4), [len(points) for points in parts])
+    colours = np.array([WHITE, RED, arm_colour, RED])[part]
+    return Desk(gaussians(np.concatenate(parts), (0.02,) * 3, colours), part)
+
+
+def bounds(radius=1.0, centre=(0, 0, 0), axes=AXES):
+    half = radius * np.array([0.6, 0.5, np.sqrt(1 - 0.61)])
+    return Bounds(radius * np.array(centre, np.float64), axes, half)
+
+
+def spacing(places):
+    """Distance of each point from its nearest neighbour."""
+    squared, _ = nearest(places, places, 2)
+    return np.sqrt(squared[:, 1])
+
+
+def weights(thing):
+    return np.full(len(thing.part), 5.0)
+
+
+def support(thing, selection, box=None, seen=None, **config):
+    seen = weights(thing) if seen is None else seen
+    return find_support(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
+
+
+def attached(thing, selection, **config):
+    found = support(thing, selection)
+    places = thing.scene.means
+    return attached_to_object(places, spacing(places), selection, weights(thing), found, replace(CONFIG, **config))
+
+
+@pytest.mark.parametrize("height", [-0.8, -0.6, -0.37, 0.0])
+def test_the_table_is_found_at_its_height(height):
+    thing = desk(height)
+    found = support(thing, thing.of(BLOCK))
+    above, layer = thing.scene.means[:, 2] > height + 0.06, np.abs(thing.scene.means[:, 2] - height) < 0.04
+    assert found.on_surface[thing.of(TABLE)].all()
+    np.testing.assert_array_equal(found.on_surface[layer], True)
+    np.testing.assert_array_equal(found.above[above], True)
+    assert not (found.on_surface & found.above).any()
+    assert not found.above[thing.of(TABLE)].any()
+
+
+@pytest.mark.parametrize("sunk", [-0.3, 0.3])
+def test_the_table_is_found_where_the_selection_takes_some_of_it_or_leaves_out_the_foot(sunk):
+    thing = desk()
+    z = thing.scene.means[:, 2]
+    near = np.abs(thing.scene.means[:, :2]).max(axis=1) < 0.5
+    rough = thing.of(BLOCK) & (z > -0.6 + sunk) if sunk > 0 else thing.of(BLOCK) | (thing.of(TABLE) & near)
+    assert support(thing, rough).on_surface[thing.of(TABLE)].all()
+
+
+def test_height_is_measured_along_the_up_axis_of_the_bounds():
+    thing, rotation = desk(), any_rotation(2)
+    turned = replace(thing, scene=thing.scene.replace(means=(thing.scene.means @ rotation.T).astype(np.float32)))
+    straight, found = support(thing, thing.of(BLOCK)), support(turned, thing.of(BLOCK), bounds(axes=rotation.T))
+    np.testing.assert_array_equal(found.on_surface[thing.of(TABLE)], True)
+    assert np.mean(found.above == straight.above) > 0.99
+
+
+@pytest.mark.parametrize("radius", [0.01, 300.0])
+def test_places_are_in_radii_whatever_the_units(radius):
+    thing = desk()
+    shifted = replace(thing, scene=thing.scene.replace(means=thing.scene.means + np.float32([2, -3, 1])))
+    found = support(shifted, thing.of(BLOCK), bounds(radius, (2, -3, 1)))
+    assert found.on_surface[thing.of(TABLE)].all()
+    assert found.above[thing.of(POST)].mean() > 0.9
+
+
+def test_there_is_none_in_a_cloud():
+    thing = desk()
+    cloud = thing.scene.means.copy()
+    cloud[thing.of(TABLE)] = np.random.default_rng(1).uniform(-1.4, 1.4, (np.count_nonzero(thing.of(TABLE)), 3))
+    assert support(replace(thing, scene=thing.scene.replace(means=cloud)), thing.of(BLOCK)) is None
+
+
+@pytest.mark.parametrize("height", [-1.4, 1.0])
+def test_a_layer_far_from_the_foot_is_none(height):
+    thing = desk()
+    means = thing.scene.means.copy()
+    means[thing.of(TABLE), 2] += height + 0.6
+    assert support(replace(thing, scene=thing.scene.replace(means=means)), thing.of(BLOCK)) is None
+
+
+def test_a_wall_is_none():
+    thing = desk()
+    wall = thing.scene.means.copy()
+    rows = thing.of(TABLE)
+    wall[rows] = np.stack([np.full(rows.sum(), 0.9), wall[rows, 1], wall[rows, 0]], axis=1)
+    assert support(replace(thing, scene=thing.scene.replace(means=wall)), thing.of(BLOCK)) is None
+
+
+def on_a_plinth(level):
+    """The desk's table cut to a plinth, with four times as many Gaussians `level` radii above or below it."""
+    thing = desk()
+    table = thing.of(TABLE) & (np.abs(thing.scene.means[:, :2]).max(axis=1) < 0.8)
+    kept = np.flatnonzero(table | ~thing.of(TABLE))
+    ground = np.repeat(np.flatnonzero(thing.of(TABLE)), 4)
+    means = np.concatenate([thing.scene.means[kept], thing.scene.means[ground] + np.float32([0, 0, level])])
+    part = np.concatenate([thing.part[kept], np.full(len(ground), GROUND)])
+    return Desk(gaussians(means, (0.02,) * 3, WHITE), part)
+
+
+@pytest.mark.parametrize("level", [-0.7, 1.5])
+def test_the_top_of_a_plinth_is_found_though_most_lies_elsewhere(level):
+    thing = on_a_plinth(level)
+    box = (np.abs(thing.scene.means) < [0.5, 0.5, 0.7]).all(axis=1)
+    seen = np.where(thing.of(GROUND), 1.0, 5.0)
+    found = support(thing, box, seen=seen)
+    assert found.height == pytest.approx(-0.6, abs=0.02)
+    assert found.on_surface[thing.of(TABLE)].all()
+    # The wisp that is left of it if hardly anything of it shows is no surface.
+    assert support(thing, box, seen=np.where(thing.of(TABLE), 0.3, seen)) is None
+
+
+def test_a_layer_that_no_view_shows_is_none():
+    thing = desk()
+    assert support(thing, thing.of(BLOCK), seen=np.where(thing.of(TABLE), 0.01, 5.0)) is None
+
+
+def test_there_is_none_without_surroundings_without_a_selection_or_disabled():
+    thing = desk()
+    nothing = np.zeros(len(thing.part), np.bool_)
+    assert support(thing, ~nothing) is None
+    assert support(thing, nothing) is None
+    assert support(thing, thing.of(BLOCK), seen=np.zeros(len(nothing))) is None
+    assert support(thing, thing.of(BLOCK), enabled=False) is None
+    assert support(thing, thing.of(BLOCK)) is not None
+
+
+def test_an_arm_that_the_selection_missed_is_attached_and_a_piece_apart_is_not():
+    thing = desk()
+    found = attached(thing, thing.of(BLOCK))
+    assert found[thing.of(ARM)].all()
+    assert not found[~thing.of(ARM)].any()
+
+
+def test_a_piece_apart_of_which_most_is_selected_is_attached_whole():
+    thing = desk()
+    foot_apart = thing.of(POST) & (thing.scene.means[:, 2] < -0.3)
+    found = attached(thing, thing.of(BLOCK, POST) & ~foot_apart)
+    assert found[foot_apart & support(thing, thing.of(BLOCK)).above].all()
+
+
+def test_a_piece_of_which_little_is_selected_is_not_attached():
+    thing = desk()
+    little = thing.of(BLOCK) & (thing.scene.means[:, 0] > 0.1)
+    assert not attached(thing, little).any()
+    assert attached(thing, little, least_selected=0.1)[thing.of(ARM)].all()
+
+
+def test_a_wider_gap_joins_what_stands_apart():
+    thing = desk()
+    assert attached(thing, thing.of(BLOCK), gap=0.8)[thing.of(POST) & (thing.scene.means[:, 2] > -0.5)].all()
+
+
+def test_nothing_above_the_surface_is_nothing_attached():
+    thing = desk()
+    flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
+    places = thing.scene.means
+    assert not attached_to_object(places, spacing(places), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
+
+
+@pytest.mark.parametrize(("gap_spacing", "joined"), [(2.8, True), (0.0, False)])
+def test_few_large_gaussians_are_one_piece_though_their_centres_lie_apart(gap_spacing, joined):
+    thing = desk(step=0.12)  # wider than the gap
+    found = attached(thing, thing.of(BLOCK), gap_spacing=gap_spacing)
+    assert found[thing.of(ARM)].all() == joined
+    assert not found[thing.of(POST)].any()
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_known(enabled):
+    thing = desk(arm_colour=RED)
+    config = LabelFieldConfig(support=SupportConfig(enabled=enabled))
+    seen = weights(thing).astype(np.float32)
+    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), config) > 0.5
+    assert corrected[thing.of(ARM)].all() == enabled
+    assert corrected[thing.of(BLOCK)].mean() > 0.95
+    assert not corrected[thing.of(TABLE, POST)].any()
+
+
+def test_corrected_labels_take_a_missed_arm_in_the_tables_colour():
+    thing = desk()
+    seen = weights(thing).astype(np.float32)
+    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelFieldConfig()) > 0.5
+    assert corrected[thing.of(ARM)].all()
+    assert not corrected[thing.of(TABLE, POST)].any()

@@ -1,0 +1,254 @@
+"""Up vectors of made scenes and cameras whose vertical is known, and of the benchmark's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import read
+from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.planning import up_vector as orientation
+from gaussian_trimmer.planning.up_vector import find_up, up_from_cameras, up_from_ground_plane
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+Z = np.array([0.0, 0.0, 1.0])
+TILT = cv2.Rodrigues(np.array([0.5, -0.9, 0.3]))[0]
+
+
+def angle(a: Float64Array, b: Float64Array) -> float:
+    return float(np.degrees(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))))
+
+
+def gaussians_at(centres: Float64Array) -> Gaussians:
+    n = len(centres)
+    return Gaussians(
+        centres.astype(np.float32),
+        np.full((n, 3), -4, np.float32),
+        np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
+        np.full(n, 3, np.float32),
+        np.zeros((n, 3), np.float32),
+        np.zeros((n, 3, 0), np.float32),
+    )
+
+
+def box(n: int, low: tuple[float, ...], high: tuple[float, ...], seed: int = 0) -> Float64Array:
+    return np.random.default_rng(seed).uniform(low, high, (n, 3))
+
+
+def room(n_floor: int = 3000, n_wall: int = 3000) -> tuple[Gaussians, np.ndarray]:
+    """A thing on a floor (z = 0) before a wall (x = 2), and which Gaussians are the thing."""
+    parts = [box(n_floor, (-2, -2, -0.005), (2, 2, 0.005)), box(n_wall, (2, -2, 0), (2.01, 2, 2), 1)]
+    parts += [box(800, (0, 0, 0), (0.3, 0.3, 0.6), 2), box(400, (-2, -2, -0.3), (2, 2, 2), 3)]
+    rows = np.repeat([False, False, True, False], [len(part) for part in parts])
+    return gaussians_at(np.concatenate(parts)), rows
+
+
+def orbit(yaws: Float64Array, pitch: float, up: Float64Array = Z, roll: float = 0.0) -> list[Camera]:
+    """Cameras around the origin, `pitch` degrees above the horizon of +z, carried along with the rotation to `up`."""
+    frame = np.eye(3) if up is Z else TILT
+    cameras = []
+    for i, yaw in enumerate(np.radians(yaws)):
+        p = np.radians(pitch + 10 * (i % 2))
+        position = 3 * np.array([np.cos(yaw) * np.cos(p), np.sin(yaw) * np.cos(p), np.sin(p)])
+        transform = look_at(frame @ position, np.zeros(3), frame @ Z)
+        turn = np.eye(4)
+        turn[:3, :3] = cv2.Rodrigues(np.array([0, 0, np.radians(roll * (-1) ** i)]))[0]
+        cameras.append(Camera(turn @ transform, intrinsics(1.0, 64, 64), 64, 64))
+    return cameras
+
+
+def camera_set(cameras: list[Camera], up: Float64Array | None = None) -> CameraSet:
+    return CameraSet(tuple(cameras), up, (True,) * len(cameras), False)
+
+
+def test_order_of_evidence() -> None:
+    scene, rows = room()
+    cameras = orbit(np.arange(0, 360, 20), 30)
+    stated = camera_set(cameras, np.array([0.0, 1.0, 0.0]))
+    upside_down = camera_set(orbit(np.arange(0, 360, 20), 30, TILT @ Z))
+
+    explicit = find_up(scene, stated, (0, 0, -3), rows)
+    assert (explicit.direction.tolist(), explicit.source, explicit.confidence) == ([0, 0, -1], "given", 1)
+    assert (found := find_up(scene, stated, None, rows)).source == "camera file"
+    assert found.direction.tolist() == [0, 1, 0]
+    assert (found := find_up(scene, upside_down)).source == "camera axes"
+    assert angle(found.direction, TILT @ Z) < 0.1
+    assert (found := find_up(scene)).source == "ground plane"
+    assert angle(found.direction, Z) < 0.5
+    cloud = find_up(gaussians_at(box(2000, (-1, -1, -1), (1, 1, 1))))
+    assert (cloud.direction.tolist(), cloud.source, cloud.confidence) == ([0, -1, 0], "default", 0)
+
+
+@pytest.mark.parametrize("given", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 0), (0, 1), ((0, 0, 1),) * 3])
+def test_impossible_given_vector(given: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="three finite numbers"):
+        find_up(room()[0], given=given)
+
+
+@pytest.mark.parametrize("length", [1e-300, 1e300])
+def test_given_vector_of_any_length(length: float) -> None:
+    assert find_up(room()[0], given=(0, length, 0)).direction.tolist() == [0, 1, 0]
+
+
+@pytest.mark.parametrize("yaws", [np.arange(0, 360, 30), np.arange(0, 180, 15), np.arange(0, 60, 6)])
+@pytest.mark.parametrize("up", [Z, TILT @ Z])
+def test_part_of_an_orbit_is_enough(yaws: Float64Array, up: Float64Array) -> None:
+    found = up_from_cameras(orbit(yaws, 35, up))
+    assert found is not None and found.source == "camera axes"
+    assert angle(found.direction, up) < 0.1 and found.confidence > 0.95
+
+
+def test_shaky_orbit() -> None:
+    found = up_from_cameras(orbit(np.arange(0, 180, 15), 35, roll=4))
+    steady = up_from_cameras(orbit(np.arange(0, 180, 15), 35))
+    assert found is not None and steady is not None
+    assert angle(found.direction, Z) < 3 and found.confidence < steady.confidence - 0.05
+
+
+def test_cameras_that_look_straight_down() -> None:
+    cameras = [
+        Camera(look_at(np.array([0, 0, 3.0]), np.zeros(3), np.array([np.cos(a), np.sin(a), 0])), np.eye(3), 8, 8)
+        for a in np.radians(np.arange(0, 360, 30))
+    ]
+    found = up_from_cameras(cameras)
+    assert found is not None and angle(found.direction, Z) < 0.1
+
+
+def test_forward_facing_cameras_give_their_mean_up() -> None:
+    found = up_from_cameras(orbit(np.arange(-3.0, 4.0), 0))
+    assert found is not None and found.source == "mean camera up"
+    assert angle(found.direction, Z) < 6  # the mean pitch of 4.3 degrees cannot be told
+    single = up_from_cameras(orbit(np.zeros(1), 0))
+    assert single is not None and single.confidence == 0
+
+
+def test_cameras_rolled_at_random_tell_nothing() -> None:
+    rng = np.random.default_rng(0)
+    cameras = []
+    for _ in range(200):
+        transform = np.eye(4)
+        transform[:3, :3] = cv2.Rodrigues(rng.normal(size=3) * 3)[0]
+        cameras.append(Camera(transform, np.eye(3), 8, 8))
+    assert up_from_cameras(cameras) is None
+
+
+def test_ground_plane_under_the_object_and_not_the_larger_wall() -> None:
+    scene, rows = room(n_floor=2000, n_wall=6000)
+    alone, on_ground = up_from_ground_plane(scene), up_from_ground_plane(scene, rows)
+    assert alone is not None and angle(alone.direction, -np.array([1.0, 0, 0])) < 1
+    assert on_ground is not None and angle(on_ground.direction, Z) < 0.5
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("with_thing", [False, True])
+def test_the_best_plane_is_the_one_that_scoring_all_of_them_finds(seed: int, with_thing: bool) -> None:
+    scene, rows = room(n_floor=3000, n_wall=4500)  # Most planes lie in the wall, which the thing does not stand on.
+    points = np.random.default_rng(seed).permutation(scene.means[~rows].astype(np.float64))
+    thing = scene.means[rows].astype(np.float64) if with_thing else None
+    found = orientation._best_plane(points, thing, 0.05, np.random.default_rng(seed))
+    normals, offsets = orientation._planes_through_points(points, 0.05, np.random.default_rng(seed))
+    scores = [
+        plain_score(n, o, points[: orientation._SCORED], thing, 0.05) for n, o in zip(normals, offsets, strict=True)
+    ]
+    assert found is not None
+    assert plain_score(found.normal, found.offset, points[: orientation._SCORED], thing, 0.05) == max(scores)
+
+
+def plain_score(
+    normal: Float64Array, offset: float, points: Float64Array, thing: Float64Array | None, tolerance: float
+) -> float:
+    """Share of inliers, raised for normals along y or z, times how well an object stands on the plane."""
+    share = np.count_nonzero(abs(points @ normal - offset) < tolerance) / len(points)
+    score = share * (1.25 if max(abs(normal[1]), abs(normal[2])) > np.cos(np.radians(20)) else 1.0)
+    if thing is not None:
+        heights = thing @ normal - offset
+        heights = -heights if np.median(heights) < 0 else heights
+        radius = np.median(np.linalg.norm(thing - np.median(thing, axis=0), axis=1))
+        gap = max(0.0, np.quantile(heights, 0.05)) / max(radius, tolerance)
+        score *= np.mean(heights > -tolerance) / (1.0 + gap)
+    return round(float(score), 12)
+
+
+def test_up_is_the_side_of_the_object() -> None:
+    scene, rows = room()
+    hanging = scene.replace(means=scene.means * np.float32([1, 1, -1]))
+    found = up_from_ground_plane(hanging, rows)
+    assert found is not None and angle(found.direction, -Z) < 0.5
+
+
+def test_floor_goes_before_a_wall_across_x_with_about_as_many_gaussians() -> None:
+    found = up_from_ground_plane(room(n_floor=3000, n_wall=3300)[0])
+    assert found is not None and angle(found.direction, Z) < 0.5
+
+
+def test_plane_turns_and_grows_with_the_scene() -> None:
+    scene, rows = room()
+    turned = scene.replace(means=(scene.means @ TILT.T * 50 + 7).astype(np.float32))
+    found = up_from_ground_plane(turned, rows)
+    assert found is not None and angle(found.direction, TILT @ Z) < 0.5
+
+
+def test_same_plane_every_time_and_in_any_order() -> None:
+    scene, rows = room()
+    first, again = up_from_ground_plane(scene, rows), up_from_ground_plane(scene, rows)
+    order = np.random.default_rng(3).permutation(len(scene))
+    shuffled = up_from_ground_plane(scene.select(order), rows[order])
+    assert first is not None and again is not None and shuffled is not None
+    assert (first.direction == again.direction).all() and first.confidence == again.confidence
+    assert angle(first.direction, shuffled.direction) < 0.3
+
+
+def test_transparent_gaussians_make_no_floor() -> None:
+    floor, clouds = box(3000, (-1, -1, 0), (1, 1, 0)), box(3000, (-1, -1, -1), (1, 1, 1), 1)
+    scene = gaussians_at(np.concatenate([floor, clouds, box(30_000, (-1, -1, -1), (1, 1, 1), 2)]))
+    opacities = np.where(np.arange(len(scene)) < 6000, 5, -9).astype(np.float32)
+    seen = up_from_ground_plane(scene.replace(opacity_logits=opacities))
+    assert seen is not None and angle(seen.direction, Z) % 180 < 1
+    assert up_from_ground_plane(scene) is None
+
+
+@pytest.mark.parametrize("n", [1, 3, 60, 2000])
+def test_degenerate_scenes_have_no_plane(n: int) -> None:
+    assert up_from_ground_plane(gaussians_at(np.zeros((n, 3)))) is None
+    line = np.outer(np.linspace(-1, 1, n), [1.0, 0.0, 0.0])
+    assert up_from_ground_plane(gaussians_at(line)) is None
+    scene, everything = gaussians_at(box(n, (0, 0, 0), (1, 1, 0))), np.ones(n, bool)
+    assert up_from_ground_plane(scene, everything) is None
+
+
+def test_object_of_no_gaussians_is_no_object() -> None:
+    scene, rows = room()
+    without, with_none = up_from_ground_plane(scene), up_from_ground_plane(scene, np.zeros_like(rows))
+    assert without is not None and with_none is not None
+    assert (without.direction == with_none.direction).all()
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the benchmark data is not beside the project")
+@pytest.mark.parametrize(
+    ("file", "up", "thing", "tolerance"),
+    [
+        ("scene0/scene.ply", (0, 0, 1), None, 0.5),
+        ("scene0/scene.ply", (0, 0, 1), "scene0/coarse/lantern/three_views.npy", 0.5),
+        ("tabletop/scene.ply", (0, 0, 1), "tabletop/coarse/robot/dilated.npy", 0.5),
+        ("real/seal.ply", (0, -1, 0), None, 1.0),  # its vertical is known to about a degree
+    ],
+)
+def test_benchmark_planes(file: str, up: tuple[float, ...], thing: str | None, tolerance: float) -> None:
+    rows = None if thing is None else np.load(DATA / thing, allow_pickle=False)
+    found = up_from_ground_plane(read(DATA / file), rows)
+    assert found is not None and angle(found.direction, np.array(up, float)) < tolerance
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the benchmark data is not beside the project")
+@pytest.mark.parametrize("name", ["scene0", "tabletop"])
+def test_benchmark_cameras(name: str) -> None:
+    cameras = read_camera_set(DATA / name / "cameras.json").cameras
+    for part in (cameras, cameras[: len(cameras) // 4]):
+        found = up_from_cameras(part)
+        assert found is not None and angle(found.direction, Z) < 0.7
