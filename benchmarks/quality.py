@@ -23,7 +23,7 @@ from rich.table import Table
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
@@ -41,7 +41,7 @@ class Variant:
     """One way of running the trimmer."""
 
     config: TrimConfig = field(default_factory=TrimConfig)
-    segmenter: str = "label-field"
+    segmenter: str = "silhouette"
     training_views: int = 0
     """Use this many training cameras instead of virtual ones."""
 
@@ -52,7 +52,7 @@ def variants() -> dict[str, Variant]:
     def with_views(n: int) -> Variant:
         return Variant(replace(base, plan=replace(base.plan, views=n)))
 
-    no_background = replace(base, neighbours=0.0)
+    no_background = replace(base, context_radius=0.0)
     named = {
         "default": Variant(),
         "grabcut": Variant(segmenter="grabcut"),
@@ -61,10 +61,10 @@ def variants() -> dict[str, Variant]:
         "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
         "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
         "no-split": Variant(replace(base, split=SplitConfig("none"))),
-        "contact": Variant(replace(base, split=SplitConfig(contact=ContactConfig(enabled=True)))),
+        "contact": Variant(replace(base, split=SplitConfig(at_support_plane=SupportPlaneSplitConfig(enabled=True)))),
         "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
-        "no-label-field": Variant(replace(base, labels=replace(base.labels, enabled=False))),
+        "no-silhouette": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
         "no-virtual-cameras": Variant(training_views=5),
         "no-background": Variant(no_background),
         "neither": Variant(no_background, training_views=5),
@@ -169,10 +169,10 @@ def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Argu
 def _box(scene: BenchmarkScene, name: str, margin: float = 0.1) -> BoolArray:
     """What an upright box around the object holds: percentiles 1 to 99 of its centres, and a margin in radii."""
     axes = up_frame(scene.up if scene.up is not None else np.array([0.0, -1.0, 0.0]))
-    places = scene.gaussians.means @ axes.T
-    low, high = np.percentile(places[scene.coarse(name, "exact")], [1, 99], axis=0)
+    positions = scene.gaussians.means @ axes.T
+    low, high = np.percentile(positions[scene.coarse(name, "exact")], [1, 99], axis=0)
     reach = margin * np.linalg.norm(high - low) / 2
-    return np.asarray(((places > low - reach) & (places < high + reach)).all(axis=1))
+    return np.asarray(((positions > low - reach) & (positions < high + reach)).all(axis=1))
 
 
 def _training_cameras(folder: Path) -> CameraSet:

@@ -78,7 +78,7 @@ class Arguments:
     """What renders the views."""
     pixels: int = PlanConfig.size
     """Width of the views in pixels, where the section does not vary it."""
-    segmenter: Literal["label-field", "grabcut", "sam2"] = "label-field"
+    segmenter: Literal["silhouette", "grabcut", "sam2"] = "silhouette"
     """What segments the views."""
     sam2_model: str = ""
     """With `sam2`: a model on the hub or a local folder. Not given: SAM2.1 large with random weights, which costs as

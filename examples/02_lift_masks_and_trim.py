@@ -20,9 +20,9 @@ scene = formats.read(sample.SCENE)
 cameras = read_camera_set(sample.CAMERAS)
 renderer = get_renderer("auto")
 
-seen_from = cameras_with_masks(cameras.pinhole_cameras(), sample.MASKS)
-masks = [mask_of(camera, sample.MASKS) for camera in seen_from]
-rough = lift_by_assignment(scene, seen_from, masks, renderer)
+training_cameras = cameras_with_masks(cameras.pinhole_cameras(), sample.MASKS)
+masks = [mask_of(camera, sample.MASKS) for camera in training_cameras]
+rough = lift_by_assignment(scene, training_cameras, masks, renderer)
 print(f"{rough.sum()} of {len(scene)} Gaussians lifted from {len(masks)} masks")
 
 result = trim(scene, rough, renderer=renderer, cameras=cameras)
@@ -30,5 +30,5 @@ print(f"virtual views: {len(result.object)} Gaussians in the object")
 
 # The masks themselves may stand in for the segmented virtual views.
 by_masks = MaskFilesSegmenter(MaskFilesConfig(sample.MASKS))
-result = trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, views=seen_from)
+result = trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, views=training_cameras)
 print(f"the masks' own views: {len(result.object)} Gaussians in the object")

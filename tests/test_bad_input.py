@@ -127,7 +127,7 @@ def test_cut_out_of_another_scene(ball, tmp_path, capsys):
         (["--up", "nan", 0, 1], "up vector"),
         (["--views", 0], "at least one"),
         (["--views", -3], "at least one"),
-        (["--segmenter", "sam9"], "available: label-field"),
+        (["--segmenter", "sam9"], "available: silhouette"),
         (["--renderer", "opengl"], "available: auto"),
         (["--segmenter", "mask-files"], "--mask-files.folder"),
         (["--segmenter", "mask-files", "--mask-files.folder", "masks"], "--cameras"),

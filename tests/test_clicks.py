@@ -19,7 +19,7 @@ from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.view_rendering import bounding_box
 from gaussian_trimmer.selecting.clicks import select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.overview import plan_overview
-from gaussian_trimmer.selecting.segment_on_plane import standing_pieces
+from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RENDERER = get_renderer("numba")
@@ -142,19 +142,19 @@ def test_nearer_surface_comes_first():
     walls = [np.insert(side, axis, end, axis=1) for axis in (0, 1) for end in (-2.0, 2.0)]
     plinth = np.concatenate([top, *walls])
     floor = scene.means[~truth] * [2, 2, 1] - [0, 0, 2]
-    places = np.concatenate([scene.means[truth], plinth, floor])
+    positions = np.concatenate([scene.means[truth], plinth, floor])
     n, parts = truth.sum(), np.repeat([0, 1, 2], [truth.sum(), len(plinth), len(floor)])
-    visible = np.full(len(places), 10, np.float32)
+    visible = np.full(len(positions), 10, np.float32)
 
     def asked(row):
-        seeds = np.zeros(len(places), np.float32)
+        seeds = np.zeros(len(positions), np.float32)
         seeds[row] = 1
-        return standing_pieces(places - places[row], seeds, visible, 5.0)
+        return pieces_on_plane(positions - positions[row], seeds, visible, 5.0)
 
-    on_ball = asked(int(np.argmin(np.linalg.norm(places[:n] - [1, 0, 1], axis=1))))
+    on_ball = asked(int(np.argmin(np.linalg.norm(positions[:n] - [1, 0, 1], axis=1))))
     assert toy.jaccard(on_ball[0], parts == 0) > 0.9
     assert any(toy.jaccard(piece, parts <= 1) > 0.9 for piece in on_ball[1:])
-    on_plinth = asked(int(np.argmin(np.linalg.norm(places - [2, 0, -1], axis=1))))
+    on_plinth = asked(int(np.argmin(np.linalg.norm(positions - [2, 0, -1], axis=1))))
     assert toy.jaccard(on_plinth[0], parts <= 1) > 0.9
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy import BLUE, CENTRE, ball_on_floor, check_parts, dilated, gaussians, small_config
 
-from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import SPLIT_INSIDE, SPLIT_OUTSIDE, SplitConfig, trim
@@ -25,9 +25,9 @@ def with_needle(x=0.0, height=0.0, upwards=0.4):
 @cache
 def trimmed(enabled=True, recover=True, **needle):
     scene, selection = with_needle(**needle)
-    contact = ContactConfig(enabled=enabled)
+    contact = SupportPlaneSplitConfig(enabled=enabled)
     evidence = EvidenceConfig(recover=recover)
-    return trim(scene, selection, small_config(split=SplitConfig(contact=contact), evidence=evidence))
+    return trim(scene, selection, small_config(split=SplitConfig(at_support_plane=contact), evidence=evidence))
 
 
 def needle_labels(result):
@@ -83,12 +83,12 @@ def test_other_needles_stay_whole(case):
 
 def test_no_rule_of_splitting_means_no_cut_at_the_floor():
     scene, selection = with_needle()
-    split = SplitConfig("none", ContactConfig(enabled=True))
+    split = SplitConfig("none", SupportPlaneSplitConfig(enabled=True))
     assert trim(scene, selection, small_config(split=split)).count(SPLIT_INSIDE) == 0
 
 
 def test_every_rule_keeps_the_lower_part():
     scene, selection = with_needle()
-    split = SplitConfig("sagd", ContactConfig(enabled=True))
+    split = SplitConfig("sagd", SupportPlaneSplitConfig(enabled=True))
     result = trim(scene, selection, small_config(split=split))
     assert needle_labels(result) == [SPLIT_INSIDE, SPLIT_OUTSIDE]

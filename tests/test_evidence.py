@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
-from gaussian_trimmer.decomposition.evidence import EvidenceConfig, judge, shows_outside
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians, find_halo
 from gaussian_trimmer.pipeline import RECOVERED, PlanConfig, SplitConfig, trim
 
 COARSE, OTHER = True, False
@@ -37,7 +37,7 @@ FREE, RESTING = True, False
 )
 def test_judgement(inside, outside, probability, coarse, config, kept):
     arrays = [np.array([value], np.float32) for value in (inside, outside, probability)]
-    assert judge(*arrays, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
+    assert classify_gaussians(*arrays, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ def test_judgement(inside, outside, probability, coarse, config, kept):
 )
 def test_what_shows_outside_when_alone(alone, inside, outside, free, shown):
     arrays = [np.array([value], np.float32) for value in (alone, inside, outside)]
-    config = EvidenceConfig(alone_limit=0.5, hidden_limit=0.3)
-    assert shows_outside(*arrays, np.array([free]), config).tolist() == [shown]
+    config = EvidenceConfig(isolated_limit=0.5, hidden_limit=0.3)
+    assert find_halo(*arrays, np.array([free]), config).tolist() == [shown]
 
 
 def some_evidence(n=2000):
@@ -83,8 +83,8 @@ def shown_evidence(n=2000):
 @pytest.mark.parametrize("prior", [0.0, 1.0, 5.0])
 def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
     inside, outside, probability, coarse = some_evidence()
-    free = judge(inside, outside, probability, coarse, EvidenceConfig(prior=prior))
-    bound = judge(inside, outside, probability, coarse, EvidenceConfig(prior=prior, recover=False))
+    free = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(prior=prior))
+    bound = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(prior=prior, recover=False))
     assert (free & ~coarse).any()
     np.testing.assert_array_equal(bound, free & coarse)
 
@@ -92,8 +92,8 @@ def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
 @pytest.mark.parametrize("limit", [0.1, 0.3, 0.6])
 def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit):
     inside, outside, probability, coarse = some_evidence()
-    free = judge(inside, outside, probability, coarse, EvidenceConfig(recover_limit=0.0))
-    kept = judge(inside, outside, probability, coarse, EvidenceConfig(recover_limit=limit))
+    free = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(recover_limit=0.0))
+    kept = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(recover_limit=limit))
     assert (free & ~kept).any()
     np.testing.assert_array_equal(kept, free & (coarse | (probability > limit)))
 
@@ -101,28 +101,30 @@ def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit)
 def test_more_weight_inside_or_a_likelier_label_never_prunes():
     inside, outside, probability, coarse = some_evidence()
     seen = inside + outside > 1e-3
-    kept = judge(inside, outside, probability, coarse, EvidenceConfig())
-    assert judge(inside + 1, outside, probability, coarse, EvidenceConfig())[kept & seen].all()
-    assert judge(inside, outside, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
+    kept = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig())
+    assert classify_gaussians(inside + 1, outside, probability, coarse, EvidenceConfig())[kept & seen].all()
+    assert classify_gaussians(inside, outside, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
 
 
 def test_judgements_do_not_depend_on_the_size_of_the_pictures():
     inside, outside, probability, coarse = some_evidence()
-    keep = judge(inside, outside, probability, coarse, EvidenceConfig())
-    np.testing.assert_array_equal(keep, judge(4 * inside, 4 * outside, probability, coarse, EvidenceConfig()))
+    keep = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig())
+    np.testing.assert_array_equal(
+        keep, classify_gaussians(4 * inside, 4 * outside, probability, coarse, EvidenceConfig())
+    )
 
 
 def test_looser_limits_show_less():
     evidence = shown_evidence()
-    strict = shows_outside(*evidence, EvidenceConfig(alone_limit=0.3, hidden_limit=0.1))
-    loose = shows_outside(*evidence, EvidenceConfig(alone_limit=0.6, hidden_limit=0.4))
+    strict = find_halo(*evidence, EvidenceConfig(isolated_limit=0.3, hidden_limit=0.1))
+    loose = find_halo(*evidence, EvidenceConfig(isolated_limit=0.6, hidden_limit=0.4))
     assert np.count_nonzero(loose) < np.count_nonzero(strict)
     assert not (loose & ~strict).any()
 
 
 def test_the_more_the_scene_shows_inside_the_less_shows_outside():
     alone, inside, outside, free = shown_evidence()
-    answers = [shows_outside(alone, inside + more, outside + 1, free, EvidenceConfig()) for more in (0, 1, 5)]
+    answers = [find_halo(alone, inside + more, outside + 1, free, EvidenceConfig()) for more in (0, 1, 5)]
     assert np.count_nonzero(answers[0]) > np.count_nonzero(answers[1]) > np.count_nonzero(answers[2])
     assert not (answers[1] & ~answers[0]).any()
     assert not (answers[2] & ~answers[1]).any()
@@ -131,7 +133,7 @@ def test_the_more_the_scene_shows_inside_the_less_shows_outside():
 def test_what_stands_free_shows_outside_no_more_than_what_rests():
     alone, inside, outside, free = shown_evidence()
     standing, resting = (
-        shows_outside(alone, inside, outside, np.full_like(free, one), EvidenceConfig()) for one in (FREE, RESTING)
+        find_halo(alone, inside, outside, np.full_like(free, one), EvidenceConfig()) for one in (FREE, RESTING)
     )
     assert not (standing & ~resting).any()
     assert (resting & ~standing).any()
@@ -140,8 +142,8 @@ def test_what_stands_free_shows_outside_no_more_than_what_rests():
 
 def test_nothing_in_nothing_out():
     none, mask = np.zeros(0, np.float32), np.zeros(0, np.bool_)
-    assert judge(none, none, none, mask, EvidenceConfig()).shape == (0,)
-    assert shows_outside(none.reshape(0, 3), none, none, mask, EvidenceConfig()).shape == (0,)
+    assert classify_gaussians(none, none, none, mask, EvidenceConfig()).shape == (0,)
+    assert find_halo(none.reshape(0, 3), none, none, mask, EvidenceConfig()).shape == (0,)
 
 
 @cache

@@ -42,7 +42,7 @@ def test_lift_masks_and_trim(printed):
 @pytest.mark.parametrize("printed", ["03_bring_your_own_segmenter.py"], indirect=True)
 def test_bring_your_own_segmenter(printed):
     builtin, own = printed
-    assert builtin.startswith("label-field: 5 masks") and own.startswith("watershed: 5 masks")
+    assert builtin.startswith("silhouette: 5 masks") and own.startswith("watershed: 5 masks")
     kept = [numbers(line)[1] for line in printed]
     assert all(2000 < n < SELECTED for n in kept) and kept[0] != kept[1]
 

@@ -33,7 +33,7 @@ from gaussian_trimmer.pipeline import (
     SPLIT_INSIDE,
     SPLIT_OUTSIDE,
     BoundaryConfig,
-    LabelFieldConfig,
+    LabelCrfConfig,
     PlanConfig,
     SplitConfig,
     TrimConfig,
@@ -66,7 +66,7 @@ def trimmed(kind):
 
 def splitting_config(rule):
     """Limits low enough for the small views of the ball."""
-    return small_config(boundary=BoundaryConfig(least_share=0.1, least_area=1e-5), split=SplitConfig(rule))
+    return small_config(boundary=BoundaryConfig(min_share=0.1, min_area=1e-5), split=SplitConfig(rule))
 
 
 @pytest.mark.parametrize("kind", SELECTIONS)
@@ -112,7 +112,7 @@ def test_the_report_of_a_run():
     stages = []
     result = trim(SCENE, TRUTH, small_config(split=WHOLE), progress=stages.append)
     assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
-    assert (result.renderer, result.segmenter) == ("numba", "label-field")
+    assert (result.renderer, result.segmenter) == ("numba", "silhouette")
     assert len(result.views) == 5
     np.testing.assert_array_equal(result.up.direction, UP)
     assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
@@ -180,8 +180,8 @@ def test_cameras_that_do_not_see_the_object_leave_it_as_it_is():
 def test_given_views_replace_planned_ones():
     K = intrinsics(0.8, 120, 90)
     yaws = np.radians([10, 80, 150, 220, 290])
-    places = np.stack([5 * np.cos(yaws), 5 * np.sin(yaws), np.full(5, 3.5)], axis=1)
-    views = [Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 120, 90) for place in places]
+    positions = np.stack([5 * np.cos(yaws), 5 * np.sin(yaws), np.full(5, 3.5)], axis=1)
+    views = [Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 120, 90) for place in positions]
     result = trim(SCENE, SPECKLED, small_config(split=WHOLE), views=views)
     assert [view.view.camera for view in result.views] == views
     assert result.views[0].mask.shape == (90, 120)
@@ -190,8 +190,8 @@ def test_given_views_replace_planned_ones():
 
 def test_training_cameras_limit_where_the_trimmer_looks_from():
     K = intrinsics(0.8, 64, 64)
-    places = [np.array([x, -5.0, 2.0]) for x in (-0.6, 0, 0.6)] + [np.array([0, 5.0, 2.0])]
-    cameras = tuple(Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 64, 64) for place in places)
+    positions = [np.array([x, -5.0, 2.0]) for x in (-0.6, 0, 0.6)] + [np.array([0, 5.0, 2.0])]
+    cameras = tuple(Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 64, 64) for place in positions)
     known = CameraSet(cameras, None, (True, True, True, False), False)  # the one behind took no training image
     result = trim(SCENE, TRUTH, small_config(split=WHOLE), cameras=known)
     assert all(view.view.camera.centre[1] < -1 for view in result.views)
@@ -227,10 +227,10 @@ def test_empty_selections_are_refused():
     ("wrong", "sentence"),
     [
         ({"renderer": "numbar"}, "Unknown renderer 'numbar'; available: .*numba"),
-        ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*label-field"),
+        ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*silhouette"),
         ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
         ({"config": small_config(plan=PlanConfig(views=0))}, "number of views is 0; at least one is needed"),
-        ({"config": small_config(labels=LabelFieldConfig(passes=0))}, "labels.passes is 0"),
+        ({"config": small_config(label_crf=LabelCrfConfig(passes=0))}, "label-crf.passes is 0"),
         ({"config": small_config(boundary=BoundaryConfig(band=0))}, "band is 0 pixels; at least one is needed"),
         ({"config": small_config(split=SplitConfig("plain"))}, "rule of splitting 'plain'; available: .*sagd, none"),
     ],

@@ -39,13 +39,13 @@ def overlap(a, b):
 
 
 def test_every_segmenter_of_the_table_that_needs_no_download_can_be_made():
-    for name in ("label-field", "grabcut"):
+    for name in ("silhouette", "grabcut"):
         assert name in SEGMENTERS
         assert get_segmenter(name).name == name
 
 
 def test_unknown_segmenters_are_refused_with_the_choices():
-    with pytest.raises(InputError, match=r"'grapcut'.*label-field.*grabcut.*sam2"):
+    with pytest.raises(InputError, match=r"'grapcut'.*silhouette.*grabcut.*sam2"):
         get_segmenter("grapcut")
 
 
@@ -55,7 +55,7 @@ def test_a_segmenter_takes_its_configuration():
 
 def test_label_field_masks_are_where_more_than_half_is_expected():
     expected = np.array([[0.0, 0.49, 0.51], [1.0, 0.2, 0.8]])
-    masks = get_segmenter("label-field").segment([view(expected), view(1 - expected)])
+    masks = get_segmenter("silhouette").segment([view(expected), view(1 - expected)])
     assert masks[0].tolist() == [[False, False, True], [True, False, True]]
     assert masks[1].tolist() == [[True, True, False], [False, True, False]]
     assert masks[0].dtype == np.bool_

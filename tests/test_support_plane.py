@@ -9,11 +9,11 @@ from toy import RED, WHITE, any_rotation, gaussians
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.geometry.support_plane import SupportConfig, find_support
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
-from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig, correct_labels
+from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
 
-CONFIG = SupportConfig()
+CONFIG = SupportPlaneConfig()
 AXES = np.eye(3)
 TABLE, BLOCK, ARM, POST, GROUND = range(5)
 
@@ -53,9 +53,9 @@ def bounds(radius=1.0, centre=(0, 0, 0), axes=AXES):
     return Bounds(radius * np.array(centre, np.float64), axes, half)
 
 
-def spacing(places):
+def spacing(positions):
     """Distance of each point from its nearest neighbour."""
-    squared, _ = nearest(places, places, 2)
+    squared, _ = nearest(positions, positions, 2)
     return np.sqrt(squared[:, 1])
 
 
@@ -65,13 +65,15 @@ def weights(thing):
 
 def support(thing, selection, box=None, seen=None, **config):
     seen = weights(thing) if seen is None else seen
-    return find_support(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
+    return find_support_plane(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
 
 
 def attached(thing, selection, **config):
     found = support(thing, selection)
-    places = thing.scene.means
-    return attached_to_object(places, spacing(places), selection, weights(thing), found, replace(CONFIG, **config))
+    positions = thing.scene.means
+    return attached_to_object(
+        positions, spacing(positions), selection, weights(thing), found, replace(CONFIG, **config)
+    )
 
 
 @pytest.mark.parametrize("height", [-0.8, -0.6, -0.37, 0.0])
@@ -191,7 +193,7 @@ def test_a_piece_of_which_little_is_selected_is_not_attached():
     thing = desk()
     little = thing.of(BLOCK) & (thing.scene.means[:, 0] > 0.1)
     assert not attached(thing, little).any()
-    assert attached(thing, little, least_selected=0.1)[thing.of(ARM)].all()
+    assert attached(thing, little, min_selected=0.1)[thing.of(ARM)].all()
 
 
 def test_a_wider_gap_joins_what_stands_apart():
@@ -202,8 +204,8 @@ def test_a_wider_gap_joins_what_stands_apart():
 def test_nothing_above_the_surface_is_nothing_attached():
     thing = desk()
     flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
-    places = thing.scene.means
-    assert not attached_to_object(places, spacing(places), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
+    positions = thing.scene.means
+    assert not attached_to_object(positions, spacing(positions), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
 
 
 @pytest.mark.parametrize(("gap_spacing", "joined"), [(2.8, True), (0.0, False)])
@@ -217,7 +219,7 @@ def test_few_large_gaussians_are_one_piece_though_their_centres_lie_apart(gap_sp
 @pytest.mark.parametrize("enabled", [True, False])
 def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_known(enabled):
     thing = desk(arm_colour=RED)
-    config = LabelFieldConfig(support=SupportConfig(enabled=enabled))
+    config = LabelCrfConfig(support_plane=SupportPlaneConfig(enabled=enabled))
     seen = weights(thing).astype(np.float32)
     corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), config) > 0.5
     assert corrected[thing.of(ARM)].all() == enabled
@@ -228,6 +230,6 @@ def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_know
 def test_corrected_labels_take_a_missed_arm_in_the_tables_colour():
     thing = desk()
     seen = weights(thing).astype(np.float32)
-    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelFieldConfig()) > 0.5
+    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelCrfConfig()) > 0.5
     assert corrected[thing.of(ARM)].all()
     assert not corrected[thing.of(TABLE, POST)].any()

@@ -61,7 +61,7 @@ def neighbours():
 def trimmed():
     """A whole trim, splits included."""
     scene, truth, _ = ball_and_view()
-    config = small_config(split=SplitConfig("plane"), boundary=BoundaryConfig(least_area=1e-5))
+    config = small_config(split=SplitConfig("plane"), boundary=BoundaryConfig(min_area=1e-5))
     result = trim(scene, dilated(scene, truth), config, segmenter=TightMasks())
     assert result.refused == ""
     assert result.count(SPLIT_INSIDE) > 5

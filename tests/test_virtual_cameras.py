@@ -34,9 +34,9 @@ def ring(yaws_degrees, pitch_degrees=10.0, radius=6.0, target=(3.0, -1.0, 0.5)):
     yaws, pitch = np.radians(yaws_degrees), np.radians(pitch_degrees)
     flat = np.cos(pitch)
     directions = np.stack([np.cos(yaws) * flat, np.sin(yaws) * flat, np.full_like(yaws, np.sin(pitch))], 1)
-    places = directions @ up_frame(UP) * radius + target
+    positions = directions @ up_frame(UP) * radius + target
     K = intrinsics(0.9, 64, 64)
-    return [Camera(look_at(place, np.array(target), UP), K, 64, 64) for place in places]
+    return [Camera(look_at(place, np.array(target), UP), K, 64, 64) for place in positions]
 
 
 def test_all_cameras_look_at_the_bounds_centre_and_stand_upright():
@@ -90,7 +90,7 @@ def test_given_yaw_range_and_pitch_are_kept():
 
 @pytest.mark.parametrize("middle", [40.0, 180.0, 355.0])  # one span holds the seam of arctan2, one that of 0 degrees
 def test_forward_facing_training_cameras_limit_yaw_and_pitch(middle):
-    cameras, bounds = plan_cameras(box(), UP, seen_from=ring(middle + np.linspace(-12, 12, 7)))
+    cameras, bounds = plan_cameras(box(), UP, training_cameras=ring(middle + np.linspace(-12, 12, 7)))
     yaws, pitches = yaws_and_pitches(cameras, bounds)
     assert np.abs((yaws - middle + 180) % 360 - 180).max() < 12.5
     assert len(np.unique(yaws.round(6))) == 5
@@ -98,13 +98,15 @@ def test_forward_facing_training_cameras_limit_yaw_and_pitch(middle):
 
 
 def test_one_training_camera_from_above_does_not_raise_the_pitch():
-    seen_from = ring(np.linspace(-12, 12, 7), target=robust_bounds(box(), up_frame(UP)).centre)
-    cameras, bounds = plan_cameras(box(), UP, seen_from=[*seen_from, *ring(np.zeros(1), pitch_degrees=70)])
+    training_cameras = ring(np.linspace(-12, 12, 7), target=robust_bounds(box(), up_frame(UP)).centre)
+    cameras, bounds = plan_cameras(
+        box(), UP, training_cameras=[*training_cameras, *ring(np.zeros(1), pitch_degrees=70)]
+    )
     np.testing.assert_allclose(yaws_and_pitches(cameras, bounds)[1], 10, atol=0.5)
 
 
 def test_training_cameras_all_around_leave_the_full_circle():
-    yaws, _ = yaws_and_pitches(*plan_cameras(box(), UP, seen_from=ring(np.arange(0, 360, 30))))
+    yaws, _ = yaws_and_pitches(*plan_cameras(box(), UP, training_cameras=ring(np.arange(0, 360, 30))))
     np.testing.assert_allclose(np.diff(np.sort(yaws)), 72, atol=1e-6)
 
 

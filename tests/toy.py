@@ -116,7 +116,7 @@ class OppositeMasks:
     name = "opposite"
 
     def segment(self, views):
-        return [view.expected <= 0.5 for view in views]
+        return [view.object_prior <= 0.5 for view in views]
 
 
 class TightMasks:
@@ -125,7 +125,7 @@ class TightMasks:
     name = "tight"
 
     def segment(self, views):
-        return [cv2.erode((view.expected > 0.5).astype(np.uint8), np.ones((5, 5))) > 0 for view in views]
+        return [cv2.erode((view.object_prior > 0.5).astype(np.uint8), np.ones((5, 5))) > 0 for view in views]
 
 
 def object_rows(result):

@@ -13,7 +13,7 @@ from gaussian_trimmer.errors import InputError
 
 
 @contextmanager
-def whole_folder(folder: Path, stale: Sequence[str] = (), *, overwrite: bool = False) -> Iterator[Path]:
+def atomic_folder(folder: Path, stale: Sequence[str] = (), *, overwrite: bool = False) -> Iterator[Path]:
     """Give a temporary folder to write to; on success its entries become those of `folder`, on failure it vanishes.
 
     A new folder appears by one renaming, parents included. In an existing one the entries are renamed one by one: it
@@ -71,7 +71,7 @@ def _replace_entries(folder: Path, results: Path, part: Path, stale: Sequence[st
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` to write to; rename it to `path` on success and remove it on failure.
 
     Raises:

@@ -6,18 +6,26 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
-from gaussian_trimmer.segmentation.acceptance import AcceptConfig
-from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig
+from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
+from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
 
 __all__ = [
-    "AcceptConfig", "BoundaryConfig", "ContactConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig",
-    "SplitConfig", "TrimConfig", "check_config", "paper_config",
+    "AcceptanceConfig",
+    "BoundaryConfig",
+    "EvidenceConfig",
+    "LabelCrfConfig",
+    "PlanConfig",
+    "SplitConfig",
+    "SupportPlaneSplitConfig",
+    "TrimConfig",
+    "check_config",
+    "paper_config",
 ]  # fmt: skip
 
 
@@ -27,7 +35,7 @@ class SplitConfig:
 
     rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
     """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
-    contact: ContactConfig = field(default_factory=ContactConfig)
+    at_support_plane: SupportPlaneSplitConfig = field(default_factory=SupportPlaneSplitConfig)
     """Hidden Gaussians that cross the surface below the object."""
 
 
@@ -38,10 +46,10 @@ class TrimConfig:
     up: tuple[float, float, float] | None = None
     """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
     plan: PlanConfig = field(default_factory=PlanConfig)
-    neighbours: float = 1.8
+    context_radius: float = 1.8
     """Non-object Gaussians within this many object radii surround the object in the views (eq. 7); 0: none."""
-    labels: LabelFieldConfig = field(default_factory=LabelFieldConfig)
-    accept: AcceptConfig = field(default_factory=AcceptConfig)
+    label_crf: LabelCrfConfig = field(default_factory=LabelCrfConfig)
+    acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     boundary: BoundaryConfig = field(default_factory=BoundaryConfig)
     split: SplitConfig = field(default_factory=SplitConfig)
@@ -53,10 +61,10 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
     return replace(
         config,
         plan=replace(config.plan, framing="paper"),
-        labels=replace(config.labels, enabled=False),
-        accept=AcceptConfig(least_overlap=0.0, least_silhouette=1, least_views=0.0, least_remaining=0.0),
+        label_crf=replace(config.label_crf, enabled=False),
+        acceptance=AcceptanceConfig(min_overlap=0.0, min_silhouette=1, min_views=0.0, min_remaining=0.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
-        boundary=replace(config.boundary, least_share=0.05, least_area=1e-6, along_ray_limit=1.0),
+        boundary=replace(config.boundary, min_share=0.05, min_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
     )
 
@@ -69,28 +77,30 @@ def check_config(config: TrimConfig) -> None:
     """
     if config.split.rule not in (*SPLIT_RULES, "none"):
         raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
-    labels, support, accept = config.labels, config.labels.support, config.accept
-    _at_least(1, {
-        "labels.passes": labels.passes, "labels.iterations": labels.iterations, "labels.neighbours": labels.neighbours,
-        "labels.hidden-neighbours": labels.hidden_neighbours, "boundary.contributors": config.boundary.contributors,
+    crf, support, acceptance = config.label_crf, config.label_crf.support_plane, config.acceptance
+    _check_at_least(1, {
+        "label-crf.passes": crf.passes, "label-crf.iterations": crf.iterations,
+        "label-crf.k-neighbours": crf.k_neighbours, "label-crf.k-hidden-neighbours": crf.k_hidden_neighbours,
+        "boundary.contributors": config.boundary.contributors,
     })  # fmt: skip
-    _at_least(1e-6, {
-        "labels.place-sigma": labels.place_sigma, "labels.colour-sigma": labels.colour_sigma,
-        "labels.depth": labels.depth, "labels.support.gap": support.gap, "labels.support.thickness": support.thickness,
+    _check_at_least(1e-6, {
+        "label-crf.position-sigma": crf.position_sigma, "label-crf.colour-sigma": crf.colour_sigma,
+        "label-crf.boundary-distance": crf.boundary_distance, "label-crf.support-plane.gap": support.gap,
+        "label-crf.support-plane.thickness": support.thickness,
         "plan.lambda-1": config.plan.lambda_1, "plan.lambda-2": config.plan.lambda_2,
     })  # fmt: skip
-    _at_least(0, {
-        "neighbours": config.neighbours, "labels.smoothness": labels.smoothness,
-        "labels.support.gap-spacing": support.gap_spacing,
-        "evidence.prior": config.evidence.prior, "accept.least-overlap": accept.least_overlap,
-        "accept.least-views": accept.least_views, "accept.least-remaining": accept.least_remaining,
+    _check_at_least(0, {
+        "context-radius": config.context_radius, "label-crf.smoothness": crf.smoothness,
+        "label-crf.support-plane.gap-spacing": support.gap_spacing,
+        "evidence.prior": config.evidence.prior, "acceptance.min-overlap": acceptance.min_overlap,
+        "acceptance.min-views": acceptance.min_views, "acceptance.min-remaining": acceptance.min_remaining,
     })  # fmt: skip
-    for name, share in (("overlap", accept.least_overlap), ("views", accept.least_views)):
+    for name, share in (("overlap", acceptance.min_overlap), ("views", acceptance.min_views)):
         if share > 1:
-            raise InputError(f"accept.least-{name} is {share}; a share is at most 1.")
+            raise InputError(f"acceptance.min-{name} is {share}; a share is at most 1.")
 
 
-def _at_least(least: float, settings: dict[str, float]) -> None:
+def _check_at_least(minimum: float, settings: dict[str, float]) -> None:
     for name, value in settings.items():
-        if not (math.isfinite(value) and value >= least):
-            raise InputError(f"{name} is {value}; it must be a number of at least {least}.")
+        if not (math.isfinite(value) and value >= minimum):
+            raise InputError(f"{name} is {value}; it must be a number of at least {minimum}.")

@@ -12,41 +12,42 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import (
-    AcceptConfig,
+    AcceptanceConfig,
     BoundaryConfig,
     EvidenceConfig,
-    LabelFieldConfig,
+    LabelCrfConfig,
     PlanConfig,
     SplitConfig,
     TrimConfig,
     check_config,
     paper_config,
 )
-from gaussian_trimmer.decomposition.contact import cut_sunken
-from gaussian_trimmer.decomposition.evidence import judge, shows_outside
+from gaussian_trimmer.decomposition.contact import split_at_support_plane
+from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import Support, find_support
-from gaussian_trimmer.planning.coverage import restrict_to_seen
+from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
+from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimResult
-from gaussian_trimmer.segmentation.acceptance import accept, harm, refusal
+from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
 from gaussian_trimmer.views import TrimmedView
 
 __all__ = [
-    "KEPT", "PRUNED", "RECOVERED", "SPLIT_INSIDE", "SPLIT_OUTSIDE", "AcceptConfig", "BoundaryConfig", "EvidenceConfig",
-    "LabelFieldConfig", "PlanConfig", "SplitConfig", "TrimConfig", "TrimResult", "TrimmedView", "paper_config", "trim",
+    "KEPT", "PRUNED", "RECOVERED", "SPLIT_INSIDE", "SPLIT_OUTSIDE", "AcceptanceConfig", "BoundaryConfig",
+    "EvidenceConfig", "LabelCrfConfig", "PlanConfig", "SplitConfig", "TrimConfig", "TrimResult", "TrimmedView",
+    "paper_config", "trim",
 ]  # fmt: skip
 
-_LEAST_REACH = 1.8
+_MIN_REACH = 1.8
 _IN_FRONT = 0.1
 """Depth difference, in object radii, from which something in the scene hides the object rather than touches it."""
 Progress = Callable[[str], None]
@@ -57,7 +58,7 @@ def trim(
     selection: BoolArray,
     config: TrimConfig | None = None,
     renderer: Renderer | str = "numba",
-    segmenter: Segmenter | str = "label-field",
+    segmenter: Segmenter | str = "silhouette",
     cameras: CameraSet | None = None,
     views: Sequence[Camera] | None = None,
     progress: Progress = lambda stage: None,
@@ -90,20 +91,22 @@ def trim(
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
         visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
     with clock("correct"):
-        probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.labels)
+        probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
     with clock("render"):
-        looks = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
+        segmented = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
     with clock("segment"):
-        judged = accept(looks, segmenter.segment(looks), config.accept)
-    refused, verdict = refusal(judged, config.accept), None
+        checked = check_masks(segmented, segmenter.segment(segmented), config.acceptance)
+    refused, decomposition = rejection(checked, config.acceptance), None
     if not refused:
-        verdict = _judge(scope, probability, [view for view in judged if not view.rejected], renderer, config, clock)
-        refused = harm(scope.coarse, verdict.keep, visible, config.accept)
+        decomposition = _classify(
+            scope, probability, [view for view in checked if not view.rejected], renderer, config, clock
+        )
+        refused = excessive_loss(scope.coarse, decomposition.keep, visible, config.acceptance)
     with clock("assemble"):
-        rows = _assemble(scene, selection, scope.rows, None if refused else verdict)
+        rows = _assemble(scene, selection, scope.rows, None if refused else decomposition)
     floaters = int(selection.sum() - scope.coarse.sum())
     return TrimResult(
-        scene, *rows, scope.up, scope.bounds, tuple(judged), floaters, refused, clock.seconds, renderer.name,
+        scene, *rows, scope.up, scope.bounds, tuple(checked), floaters, refused, clock.seconds, renderer.name,
         segmenter.name,
     )  # fmt: skip
 
@@ -124,7 +127,7 @@ class _Scope:
 
 
 @dataclass(frozen=True, eq=False)
-class _Verdict:
+class _Decomposition:
     """What the views say of the Gaussians of a scope."""
 
     keep: BoolArray
@@ -153,14 +156,14 @@ def _plan(
     """Up vector, cameras, and the object with its neighbours."""
     up = find_up(scene, cameras, config.up, selection)
     listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    seen_from = [camera for camera, train in listed if train]
-    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, seen_from)
-    rows, coarse = _surroundings(scene, selection, bounds, config.neighbours)
+    training_cameras = [camera for camera, train in listed if train]
+    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, training_cameras)
+    rows, coarse = _surroundings(scene, selection, bounds, config.context_radius)
     local = scene.select(rows)
     if views:
         planned = list(views)
-    elif not seen_from:
-        plan = restrict_to_seen(local, coarse, up.direction, config.plan, renderer)
+    elif not training_cameras:
+        plan = limit_yaw_to_observed(local, coarse, up.direction, config.plan, renderer)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
     return _Scope(up, bounds, planned, rows, local, coarse)
@@ -170,38 +173,38 @@ def _surroundings(scene: Gaussians, selection: BoolArray, bounds: Bounds, reach:
     """Rows of the object and its neighbours, eq. 7, and which of them are the object: far floaters are neither."""
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
-    core = selection & (squared < (max(reach, _LEAST_REACH) * bounds.radius) ** 2)
+    core = selection & (squared < (max(reach, _MIN_REACH) * bounds.radius) ** 2)
     if not core.any():
         core = selection
     rows = np.flatnonzero(core | (~selection & (squared < (reach * bounds.radius) ** 2)))
     return rows, core[rows]
 
 
-def _judge(
+def _classify(
     scope: _Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: TrimConfig,
     clock: _Clock,
-) -> _Verdict:  # fmt: skip
+) -> _Decomposition:  # fmt: skip
     """Evidence in the whole picture, evidence of the object alone, and cuts."""
     with clock("weigh"):
         outside, inside = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
-        keep = judge(inside, outside, probability, scope.coarse, config.evidence)
+        keep = classify_gaussians(inside, outside, probability, scope.coarse, config.evidence)
     rows = np.flatnonzero(keep)
     with clock("prune"):
-        alone = scope.local.select(rows)
-        weights = _weigh_alone(alone, accepted, scope.bounds.radius, renderer) if len(rows) else []
+        isolated = scope.local.select(rows)
+        weights = _weigh_isolated(isolated, accepted, scope.bounds.radius, renderer) if len(rows) else []
         if config.evidence.second_evidence and len(rows):
-            support = _support(scope, keep, inside + outside, config)
+            support = _find_support_plane(scope, keep, inside + outside, config)
             free = support.above[rows] if support else np.zeros(len(rows), np.bool_)
-            halo = shows_outside(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
+            halo = find_halo(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
             keep[rows[halo]] = False
     if not keep.any():
-        return _Verdict(keep, np.zeros(0, np.int64), None, None)
+        return _Decomposition(keep, np.zeros(0, np.int64), None, None)
     with clock("split"):
-        cut, inner, outer = _split(alone, keep[rows], accepted, weights, renderer, config)
-        verdict = _Verdict(keep, rows[cut], inner, outer)
-        if config.split.rule != "none" and config.split.contact.enabled and config.evidence.recover:
-            verdict = _cut_sunken(scope, verdict, inside + outside, accepted, renderer, config)
-    return verdict
+        cut, inner, outer = _split(isolated, keep[rows], accepted, weights, renderer, config)
+        decomposition = _Decomposition(keep, rows[cut], inner, outer)
+        if config.split.rule != "none" and config.split.at_support_plane.enabled and config.evidence.recover:
+            decomposition = _split_at_support_plane(scope, decomposition, inside + outside, accepted, renderer, config)
+    return decomposition
 
 
 def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:
@@ -209,29 +212,40 @@ def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer)
     return [renderer.blend_weights(part, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
 
 
-def _support(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> Support | None:
+def _find_support_plane(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> SupportPlane | None:
     """The surface that the object stands on, if there is one."""
-    places = scope.local.means / np.float32(scope.bounds.radius)
-    return find_support(places, keep, seen.astype(np.float64), scope.bounds, config.labels.support)
+    positions = scope.local.means / np.float32(scope.bounds.radius)
+    return find_support_plane(positions, keep, seen.astype(np.float64), scope.bounds, config.label_crf.support_plane)
 
 
-def _cut_sunken(
-    scope: _Scope, verdict: _Verdict, seen: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer,
+def _split_at_support_plane(
+    scope: _Scope, decomposition: _Decomposition, seen: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer,
     config: TrimConfig,
-) -> _Verdict:  # fmt: skip
+) -> _Decomposition:  # fmt: skip
     """The verdict, with hidden Gaussians that cross the surface below the object cut there."""
-    support = _support(scope, verdict.keep, seen, config)
+    support = _find_support_plane(scope, decomposition.keep, seen, config)
     if support is None:
-        return verdict
+        return decomposition
     cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
-    rows, inner, outer = cut_sunken(
-        scope.local, verdict.keep, seen, support, scope.bounds, cameras, masks, renderer, config.split.contact
+    rows, inner, outer = split_at_support_plane(
+        scope.local,
+        decomposition.keep,
+        seen,
+        support,
+        scope.bounds,
+        cameras,
+        masks,
+        renderer,
+        config.split.at_support_plane,
     )
-    keep = verdict.keep.copy()
+    keep = decomposition.keep.copy()
     keep[rows] = True
     # These come first, since they have outer parts under every rule.
-    return _Verdict(
-        keep, np.concatenate([rows, verdict.split]), _joined(inner, verdict.inner), _joined(outer, verdict.outer)
+    return _Decomposition(
+        keep,
+        np.concatenate([rows, decomposition.split]),
+        _joined(inner, decomposition.inner),
+        _joined(outer, decomposition.outer),
     )
 
 
@@ -239,22 +253,22 @@ def _joined(first: Gaussians, second: Gaussians | None) -> Gaussians:
     return first if second is None else concatenate([first, second])
 
 
-def _weigh_alone(
-    alone: Gaussians, accepted: Sequence[TrimmedView], radius: float, renderer: Renderer
+def _weigh_isolated(
+    isolated: Gaussians, accepted: Sequence[TrimmedView], radius: float, renderer: Renderer
 ) -> list[FloatArray]:
     """Blend weights of the object alone: outside the mask, inside, outside but hidden in the scene, (N, 3) a view."""
     weights = []
     for shown in accepted:
         camera, nearest_depth = shown.view.camera, shown.view.depth
-        depth = renderer.render(alone, camera).depth
+        depth = renderer.render(isolated, camera).depth
         occluded = (nearest_depth > 0) & (nearest_depth < depth - _IN_FRONT * radius)
         labels = np.where(shown.mask, np.uint8(1), np.where(occluded, np.uint8(2), np.uint8(0)))
-        weights.append(renderer.blend_weights(alone, camera, labels, 3))
+        weights.append(renderer.blend_weights(isolated, camera, labels, 3))
     return weights
 
 
 def _split(
-    alone: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
+    isolated: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
     renderer: Renderer, config: TrimConfig,
 ) -> tuple[IntArray, Gaussians | None, Gaussians | None]:  # fmt: skip
     """Rows of Gaussians that straddle the boundary when the object is alone, and their inner and outer parts."""
@@ -262,29 +276,29 @@ def _split(
         return np.zeros(0, np.int64), None, None
     cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
     sides = [weight[:, :2] for weight in weights]
-    found = find_straddlers(alone, cameras, masks, sides, renderer, config.boundary)
+    found = find_straddlers(isolated, cameras, masks, sides, renderer, config.boundary)
     ours = keep[found.rows]
     rows = found.rows[ours]
-    return rows, *SPLIT_RULES[config.split.rule](alone.select(rows), found.normals[ours], found.offsets[ours])
+    return rows, *SPLIT_RULES[config.split.rule](isolated.select(rows), found.normals[ours], found.offsets[ours])
 
 
 def _assemble(
-    scene: Gaussians, selection: BoolArray, rows: IntArray, verdict: _Verdict | None
+    scene: Gaussians, selection: BoolArray, rows: IntArray, decomposition: _Decomposition | None
 ) -> tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]:
     """Object, outer parts, and source row and label of every output row; the selection unchanged without a verdict."""
-    final = selection.copy() if verdict is None else np.zeros(len(scene), np.bool_)
+    final = selection.copy() if decomposition is None else np.zeros(len(scene), np.bool_)
     nothing = scene.select(np.zeros(0, np.int64))
     split, inner, outer = np.zeros(0, np.int64), nothing, nothing
-    if verdict is not None:
-        final[rows] = verdict.keep
-        split, inner, outer = rows[verdict.split], verdict.inner or nothing, verdict.outer or nothing
+    if decomposition is not None:
+        final[rows] = decomposition.keep
+        split, inner, outer = rows[decomposition.split], decomposition.inner or nothing, decomposition.outer or nothing
     whole = final.copy()
     whole[split] = False
-    inside, beside = np.flatnonzero(whole), np.flatnonzero(~final)
-    source = np.concatenate([inside, split, beside, split[: len(outer)]])
+    inside, outside = np.flatnonzero(whole), np.flatnonzero(~final)
+    source = np.concatenate([inside, split, outside, split[: len(outer)]])
     label = np.concatenate([
         np.where(selection[inside], KEPT, RECOVERED), np.full(len(split), SPLIT_INSIDE),
-        np.where(selection[beside], PRUNED, KEPT), np.full(len(outer), SPLIT_OUTSIDE),
+        np.where(selection[outside], PRUNED, KEPT), np.full(len(outer), SPLIT_OUTSIDE),
     ]).astype(np.uint8)  # fmt: skip
     return concatenate([scene.select(inside), inner]), outer, source, label
 

@@ -23,7 +23,7 @@ class View:
     """Alpha of the coarse object rendered alone, (H, W)."""
     object_visible: FloatArray
     """Share of the picture that coarse object Gaussians contribute, sum of their blend weights, (H, W)."""
-    expected: FloatArray
+    object_prior: FloatArray
     """Share of the picture that the object is expected to contribute, from the corrected labels, (H, W)."""
     box: Box
     """Bounding box of the coarse object rendered alone: the prompt of eq. 6."""

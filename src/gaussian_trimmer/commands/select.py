@@ -12,7 +12,7 @@ from rich.console import Console
 from tyro.conf import Positional, UseAppendAction, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import whole_file, whole_folder
+from gaussian_trimmer.atomic import atomic_file, atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, refuse_existing
@@ -93,7 +93,7 @@ class Select:
         selection, how = self._lift(scene, cameras) if self.masks else self._pick(scene, cameras)
         if not selection.any():
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
-        with whole_file(self.output) as part, part.open("wb") as file:
+        with atomic_file(self.output) as part, part.open("wb") as file:
             np.save(file, selection, allow_pickle=False)
         console.print(f"{self.output}: {np.count_nonzero(selection):,} of {len(scene):,} Gaussians, {how}")
         if self.trim is None:
@@ -168,7 +168,7 @@ class Select:
         renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
         views, rows = _views(scene, cameras, up)
         drawn = scene.select(rows)
-        with whole_folder(folder, overwrite=self.overwrite) as part:
+        with atomic_folder(folder, overwrite=self.overwrite) as part:
             for number, camera in enumerate(views):
                 bgr = np.clip(renderer.render(drawn, camera).rgb[..., ::-1], 0, 1)
                 write_picture((255 * bgr).astype(np.uint8), part / f"{number:03d}.png")

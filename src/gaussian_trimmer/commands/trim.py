@@ -11,7 +11,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import whole_folder
+from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
@@ -58,11 +58,11 @@ class Trim:
     format: Annotated[str | None, arg(metavar="ENDING")] = None
     """Format of the object and the background, by its ending: ply, compressed.ply, splat, spz, sog or ksplat.
     (default: that of the scene)"""
-    preset: Literal["fit", "paper"] = "fit"
+    preset: Literal["default", "paper"] = "default"
     """Defaults of all settings below: this program's, or the GaussianTrimmer paper's."""
     views: Annotated[int | None, arg(metavar="INT")] = None
     """Number of virtual views, short for --plan.views."""
-    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = "label-field"
+    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = "silhouette"
     """What finds the object in the views."""
     renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
     """What renders the views; auto is gsplat where it is installed and finds a GPU, else numba."""
@@ -84,7 +84,7 @@ class Trim:
         console = open_console(quiet=self.quiet)
         suffix, start = self._suffix(), time.perf_counter()
         with (
-            whole_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
+            atomic_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
             progress_over_stages(console) as stage,
         ):
             stage("read")

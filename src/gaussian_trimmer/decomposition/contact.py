@@ -18,7 +18,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import Support
+from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
 
 _SCALE = 0.5
@@ -29,31 +29,31 @@ _RISING = 2.0
 
 
 @dataclass(frozen=True)
-class ContactConfig:
+class SupportPlaneSplitConfig:
     """Which hidden Gaussians are cut where they cross the supporting surface."""
 
     enabled: bool = False
     """Cut them, if Gaussians may join the object at all; off, they stay whole in the background."""
-    least_area: float = 4e-4
+    min_area: float = 4e-4
     """Smallest blend weight in place of the object when the background is alone, as a share of the views' pixels."""
-    largest_seen: float = 0.1
+    max_seen: float = 0.1
     """Largest blend weight in the whole scene, as a share of that in the background alone."""
-    least_inside: float = 0.9
+    min_inside: float = 0.9
     """Smallest share of the blend weight in the background alone that lies within the masks."""
-    largest_halo: float = 0.1
+    max_halo: float = 0.1
     """Largest blend weight of the upper part beside the masks, when the object is alone, as a share of the same."""
 
 
-def cut_sunken(
+def split_at_support_plane(
     gaussians: Gaussians,
     keep: BoolArray,
     seen: FloatArray,
-    support: Support,
+    support: SupportPlane,
     bounds: Bounds,
     cameras: Sequence[Camera],
     masks: Sequence[BoolArray],
     renderer: Renderer,
-    config: ContactConfig,
+    config: SupportPlaneSplitConfig,
 ) -> tuple[IntArray, Gaussians, Gaussians]:
     """Gaussians of the background that only show when the object is gone and rise from the surface in its place.
 
@@ -72,27 +72,27 @@ def cut_sunken(
         Their rows (S,), and their parts above and below the surface. Those whose upper parts would show beside the
         object, when that is alone, are not among them.
     """
-    beside = np.flatnonzero(~keep)
-    background = gaussians.select(beside)
+    outside = np.flatnonzero(~keep)
+    background = gaussians.select(outside)
     heights, spreads = _heights(background, support, bounds)
     sunken = (np.abs(heights) < _CROSSING * spreads) & (heights + _RISING * spreads > support.thickness)
     views = [_smaller(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
     if sunken.any():
         ghost = _weights(background, views, renderer)
-        sunken &= ghost[:, 1] >= config.least_area * sum(mask.size for mask in masks)
-        sunken &= seen[beside] <= config.largest_seen * ghost[:, 1]
-        sunken &= ghost[:, 1] >= config.least_inside * ghost.sum(axis=1)
-    rows = beside[sunken]
+        sunken &= ghost[:, 1] >= config.min_area * sum(mask.size for mask in masks)
+        sunken &= seen[outside] <= config.max_seen * ghost[:, 1]
+        sunken &= ghost[:, 1] >= config.min_inside * ghost.sum(axis=1)
+    rows = outside[sunken]
     normals = np.tile(bounds.axes[2], (len(rows), 1))
     upper, lower = split_plane(gaussians.select(rows), normals, heights[sunken] / spreads[sunken])
     if len(rows) == 0:
         return rows, upper, lower
     halo = _weights(concatenate([gaussians.select(keep), upper]), views, renderer)[-len(rows) :, 0]
-    clean = halo <= config.largest_halo * ghost[sunken, 1]
+    clean = halo <= config.max_halo * ghost[sunken, 1]
     return rows[clean], upper.select(clean), lower.select(clean)
 
 
-def _heights(gaussians: Gaussians, support: Support, bounds: Bounds) -> tuple[Float64Array, Float64Array]:
+def _heights(gaussians: Gaussians, support: SupportPlane, bounds: Bounds) -> tuple[Float64Array, Float64Array]:
     """Height of the centres above the surface and standard deviation upwards, in object radii, (N,) each.
 
     The standard deviation is zero where the Gaussian is too far from the surface to reach it.

@@ -28,13 +28,13 @@ class EvidenceConfig:
     """Least corrected label of a Gaussian that joins: what is only seen through the object must not."""
     second_evidence: bool = True
     """Whether a Gaussian is pruned for what it shows outside the masks when the object is rendered alone."""
-    alone_limit: float = 0.5
+    isolated_limit: float = 0.5
     """Largest share outside the masks, in the object rendered alone, of a Gaussian that the scene shows as well."""
     hidden_limit: float = 0.3
     """The same for a Gaussian that no view of the scene shows."""
 
 
-def judge(
+def classify_gaussians(
     inside: FloatArray, outside: FloatArray, probability: FloatArray, coarse: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
     """Which Gaussians the views of the whole scene support as object, (N,).
@@ -52,7 +52,7 @@ def judge(
     return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
 
 
-def shows_outside(
+def find_halo(
     alone: FloatArray, inside: FloatArray, outside: FloatArray, free_standing: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
     """Which Gaussians paint beside the object when it is rendered alone, (N,).
@@ -74,5 +74,5 @@ def shows_outside(
     supported = free_standing & (inside > outside)
     beside = alone[:, 0] + np.where(supported, 0, alone[:, 2])
     total = beside + alone[:, 1]
-    limit = np.where(inside + outside > _SEEN, config.alone_limit, config.hidden_limit)
+    limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
     return np.asarray((total > _SEEN) & (beside > limit * total) & (beside > inside))

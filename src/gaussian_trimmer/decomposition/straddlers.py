@@ -22,11 +22,11 @@ class BoundaryConfig:
     """Distance from the contour, in pixels, within which the painting Gaussians are looked up."""
     contributors: int = 10
     """Gaussians looked up at each of these pixels, k of the top-k selection."""
-    least_weight: float = 0.01
+    min_weight: float = 0.01
     """Smallest blend weight that counts at a pixel."""
-    least_share: float = 0.3
+    min_share: float = 0.3
     """Smallest share of a straddler's blend weight on the lesser side of the mask."""
-    least_area: float = 4e-4
+    min_area: float = 4e-4
     """Smallest blend weight on the lesser side, as a share of the view's pixels; what nobody sees is left whole."""
     along_ray_limit: float = 0.5
     """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the order."""
@@ -42,7 +42,7 @@ class Straddlers:
     """Unit normals of the cut planes, towards the object, (S, 3)."""
     offsets: Float64Array
     """Signed distance of the centre from the plane, positive inside, in standard deviations along the normal, (S,)."""
-    lesser: Float64Array
+    minor_weight: Float64Array
     """Blend weight on the lesser side in the view that gave the plane, (S,)."""
 
 
@@ -76,10 +76,10 @@ def find_straddlers(
     rows = np.concatenate([view.rows for view in found])
     normals = np.concatenate([view.normals for view in found])
     offsets = np.concatenate([view.offsets for view in found])
-    lesser = np.concatenate([view.lesser for view in found])
-    order = np.lexsort((-lesser, rows))
+    minor_weight = np.concatenate([view.minor_weight for view in found])
+    order = np.lexsort((-minor_weight, rows))
     first = order[np.unique(rows[order], return_index=True)[1]]
-    return Straddlers(rows[first], normals[first], offsets[first], lesser[first])
+    return Straddlers(rows[first], normals[first], offsets[first], minor_weight[first])
 
 
 def contour_pixels(mask: BoolArray, band: int) -> IntArray:
@@ -107,15 +107,15 @@ def _in_view(
     config: BoundaryConfig,
 ) -> Straddlers:
     none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-    lesser = weights.min(axis=1)
-    wide = (lesser >= config.least_area * mask.size) & (lesser >= config.least_share * weights.sum(axis=1))
+    minor_weight = weights.min(axis=1)
+    wide = (minor_weight >= config.min_area * mask.size) & (minor_weight >= config.min_share * weights.sum(axis=1))
     if not wide.any() or mask.all():
         return none
     pixels = contour_pixels(mask, config.band)
     if len(pixels) == 0:
         return none
     ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
-    rows = np.unique(ids[(ids >= 0) & (contributions >= config.least_weight)])
+    rows = np.unique(ids[(ids >= 0) & (contributions >= config.min_weight)])
     rows = rows[wide[rows]]
     if len(rows) == 0:
         return none
@@ -129,7 +129,7 @@ def _in_view(
     usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
     offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
     usable &= np.abs(offsets) < 3
-    return Straddlers(rows[usable], normals[usable], offsets[usable], lesser[rows][usable].astype(np.float64))
+    return Straddlers(rows[usable], normals[usable], offsets[usable], minor_weight[rows][usable].astype(np.float64))
 
 
 def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tuple[Float64Array, Float64Array]:

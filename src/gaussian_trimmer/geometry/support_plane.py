@@ -22,15 +22,15 @@ _OBJECT_FOOT = 0.02
 
 
 @dataclass(frozen=True)
-class SupportConfig:
+class SupportPlaneConfig:
     """How the supporting surface helps to correct labels."""
 
     enabled: bool = True
     """Look for the surface; where there is none, nothing changes."""
-    least_share: float = 0.3
+    min_share: float = 0.3
     """Smallest share that the layer must hold of the visible surroundings about the height of the object's foot. What
     lies far below, like the ground around a plinth, and far above, like walls, does not count."""
-    least_share_of_all: float = 0.1
+    min_share_of_all: float = 0.1
     """Smallest share that it must hold of all visible surroundings: a wisp is no surface."""
     thickness: float = 0.05
     """Half of the layer's thickness, relative to the object's radius."""
@@ -39,12 +39,12 @@ class SupportConfig:
     gap_spacing: float = 2.8
     """The same in median distances between nearest neighbours of the selection, if that is more: few large Gaussians
     touch each other though their centres lie far apart."""
-    least_selected: float = 0.5
+    min_selected: float = 0.5
     """Smallest selected share of a piece that is taken to be the object."""
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
+class SupportPlane:
     """Where each Gaussian lies relative to the surface."""
 
     height: float
@@ -57,9 +57,9 @@ class Support:
     """Gaussians above it, (N,)."""
 
 
-def find_support(
-    places: FloatArray, selection: BoolArray, weights: Float64Array, bounds: Bounds, config: SupportConfig
-) -> Support | None:
+def find_support_plane(
+    positions: FloatArray, selection: BoolArray, weights: Float64Array, bounds: Bounds, config: SupportPlaneConfig
+) -> SupportPlane | None:
     """The horizontal layer near the object's foot that holds most of its visible surroundings; None if there is none.
 
     Args:
@@ -69,7 +69,7 @@ def find_support(
         bounds: the object's bounds: their third axis is up.
         config: what counts as a surface.
     """
-    local = (places - bounds.centre / bounds.radius) @ bounds.axes.T
+    local = (positions - bounds.centre / bounds.radius) @ bounds.axes.T
     height = local[:, 2]
     around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _REACH)
     total = weights[around].sum()
@@ -80,10 +80,10 @@ def find_support(
     counts = np.convolve(np.histogram(height[around], edges, weights=weights[around])[0], [1, 1, 1], "same")
     best = int(np.argmax(counts))
     level = weights[around & (np.abs(height - foot) < _SEARCHED)].sum()
-    if counts[best] < max(config.least_share * level, config.least_share_of_all * total, 1e-12):
+    if counts[best] < max(config.min_share * level, config.min_share_of_all * total, 1e-12):
         return None
     middle = edges[best] + _BIN / 2
     layer = around & (np.abs(height - middle) < 1.5 * _BIN)
     middle = np.average(height[layer], weights=weights[layer])
     on_surface, above = np.abs(height - middle) <= config.thickness, height > middle + config.thickness
-    return Support(float(middle), config.thickness, on_surface, above)
+    return SupportPlane(float(middle), config.thickness, on_surface, above)

@@ -23,7 +23,7 @@ _BLOCKED_SHARE = 0.25
 _FACING_PITCH_DEGREES = 10.0
 
 
-def restrict_to_seen(
+def limit_yaw_to_observed(
     local: Gaussians, selection: BoolArray, up: Float64Array, config: PlanConfig, renderer: Renderer
 ) -> PlanConfig:
     """The plan limited to the middle half of the directions that see the object freely, at a low pitch.
@@ -39,12 +39,12 @@ def restrict_to_seen(
     """
     if config.yaw_range_degrees is not None or config.pitch_degrees is not None or config.framing == "paper":
         return config
-    alone = local.select(selection)
-    probes, _ = plan_cameras(alone, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
+    isolated = local.select(selection)
+    probes, _ = plan_cameras(isolated, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
     labels = selection.astype(np.float32)[:, None]
     shown = np.array([renderer.blend_values(local, camera, labels).sum() for camera in probes])
-    ones = np.ones((len(alone), 1), np.float32)
-    whole = np.array([renderer.blend_values(alone, camera, ones).sum() for camera in probes])
+    ones = np.ones((len(isolated), 1), np.float32)
+    whole = np.array([renderer.blend_values(isolated, camera, ones).sum() for camera in probes])
     free = shown / np.maximum(whole, 1e-9)
     if np.mean(free < _BLOCKED * free.max()) < _BLOCKED_SHARE:
         return config

@@ -123,16 +123,16 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     preferred; without, the side with more Gaussians is up.
     """
     rng = np.random.default_rng(0)
-    thing = None
+    object_points = None
     if object_rows is None or not object_rows.any():
         points = _draw(gaussians, np.ones(len(gaussians), np.bool_), _SAMPLE, rng)
     else:
-        thing = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
-        points = _draw(gaussians, _surroundings(gaussians, object_rows, thing), _SAMPLE, rng)
+        object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
+        points = _draw(gaussians, _surroundings(gaussians, object_rows, object_points), _SAMPLE, rng)
     if len(points) < _MIN_POINTS:
         return None
     tolerance = _THICKNESS * _robust_radius(points)
-    plane = _best_plane(points, thing, tolerance, rng) if tolerance > 0 else None
+    plane = _best_plane(points, object_points, tolerance, rng) if tolerance > 0 else None
     if plane is None:
         return None
     plane = _refined(plane, points, tolerance)
@@ -140,7 +140,7 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     share = float((abs(heights) < tolerance).mean())
     if share < _MIN_SHARE:
         return None
-    standing = heights[abs(heights) >= tolerance] if thing is None else plane.heights(thing)
+    standing = heights[abs(heights) >= tolerance] if object_points is None else plane.heights(object_points)
     up = plane.normal if (standing > 0).sum() >= (standing < 0).sum() else -plane.normal
     return UpVector(up, "ground plane", share)
 
@@ -162,9 +162,9 @@ def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Gener
     return np.asarray(gaussians.means[chosen], np.float64)
 
 
-def _surroundings(gaussians: Gaussians, object_rows: BoolArray, thing: Float64Array) -> BoolArray:
+def _surroundings(gaussians: Gaussians, object_rows: BoolArray, object_points: Float64Array) -> BoolArray:
     """What an object stands amid, (N,): Gaussians near it, or all but the object where too few are near."""
-    distances = _distances(gaussians.means, np.median(thing, axis=0))
+    distances = _distances(gaussians.means, np.median(object_points, axis=0))
     near = ~object_rows & (distances < _REACH * np.quantile(distances[object_rows], 0.9))
     return np.asarray(near if near.sum() >= _MIN_POINTS else ~object_rows)
 
@@ -184,7 +184,7 @@ def _robust_radius(points: Float64Array) -> float:
 
 
 def _best_plane(
-    points: Float64Array, thing: Float64Array | None, tolerance: float, rng: np.random.Generator
+    points: Float64Array, object_points: Float64Array | None, tolerance: float, rng: np.random.Generator
 ) -> _Plane | None:
     """The plane of highest score among random ones, or None where all points lie in a line.
 
@@ -202,8 +202,8 @@ def _best_plane(
         if shares[rows[0]] <= highest:
             break
         scores = shares[rows]
-        if thing is not None:
-            scores = scores * _standing(normals[rows], offsets[rows], thing, tolerance)
+        if object_points is not None:
+            scores = scores * _standing(normals[rows], offsets[rows], object_points, tolerance)
         if scores.max() > highest:
             best, highest = int(rows[np.argmax(scores)]), float(scores.max())
     return _Plane(normals[best], float(offsets[best]))
@@ -239,12 +239,14 @@ def _inlier_shares(
     return np.asarray(bonus * counts / len(points))
 
 
-def _standing(normals: Float64Array, offsets: Float64Array, thing: Float64Array, tolerance: float) -> Float64Array:
+def _standing(
+    normals: Float64Array, offsets: Float64Array, object_points: Float64Array, tolerance: float
+) -> Float64Array:
     """How far an object stands on each plane, (P,): 1 if wholly on one side and touching, towards 0 otherwise."""
-    heights = normals @ thing.T - offsets[:, None]  # (P, M)
+    heights = normals @ object_points.T - offsets[:, None]  # (P, M)
     heights *= np.where(np.median(heights, axis=1) < 0, -1, 1)[:, None]
     on_one_side = (heights > -tolerance).mean(axis=1)
-    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(thing), tolerance)
+    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(object_points), tolerance)
     return np.asarray(on_one_side / (1.0 + gap))
 
 

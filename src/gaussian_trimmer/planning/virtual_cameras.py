@@ -25,7 +25,7 @@ class PlanConfig:
     views: int = 5
     """Number of virtual views, n in the paper."""
     framing: Literal["fit", "paper"] = "fit"
-    """`fit`: the object fills the frame; `paper`: distance by eq. 2 from the plain centroid, eq. 1."""
+    """`fit`: the object fills the frame; `paper`: distance by eq. 3 from the plain centroid, eq. 2."""
     size: int = 512
     """Width and height of the virtual views in pixels."""
     fov_degrees: float = 60.0
@@ -37,13 +37,13 @@ class PlanConfig:
     fill: float = 0.75
     """Share of the frame that the object's robust bounds fill (`fit`)."""
     lambda_1: float = 20.0
-    """Distance per horizontal extent (`paper`, eq. 2)."""
+    """Distance per horizontal extent (`paper`, eq. 3)."""
     lambda_2: float = 6.0
-    """Distance per vertical extent (`paper`, eq. 2)."""
+    """Distance per vertical extent (`paper`, eq. 3)."""
 
 
 def plan_cameras(
-    target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), seen_from: Sequence[Camera] = ()
+    target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), training_cameras: Sequence[Camera] = ()
 ) -> tuple[list[Camera], Bounds]:
     """Cameras around the coarse object, ordered by yaw, and the bounds that they frame.
 
@@ -51,7 +51,7 @@ def plan_cameras(
         target: the coarse object.
         up: the scene's up vector, (3,), of any length.
         config: framing, number of views and angles.
-        seen_from: training cameras, if known; they limit yaw and pitch to what was really observed.
+        training_cameras: training cameras, if known; they limit yaw and pitch to what was really observed.
 
     Raises:
         InputError: a setting is out of its range, or the up vector is zero.
@@ -59,7 +59,7 @@ def plan_cameras(
     _check(config)
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
-    yaws, pitch = _angles(bounds, config, seen_from)
+    yaws, pitch = _angles(bounds, config, training_cameras)
     directions = np.stack(
         [np.cos(yaws) * np.cos(pitch), np.sin(yaws) * np.cos(pitch), np.full_like(yaws, np.sin(pitch))], -1
     )
@@ -90,11 +90,11 @@ def _check(config: PlanConfig) -> None:
         raise InputError(f"The pitch is {config.pitch_degrees} degrees; -89 to 89 are possible.")
 
 
-def _angles(bounds: Bounds, config: PlanConfig, seen_from: Sequence[Camera]) -> tuple[Float64Array, float]:
+def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi
-    if seen_from:
-        local = (np.array([camera.centre for camera in seen_from]) - bounds.centre) @ bounds.axes.T
+    if training_cameras:
+        local = (np.array([camera.centre for camera in training_cameras]) - bounds.centre) @ bounds.axes.T
         camera_yaws = np.sort(np.arctan2(local[:, 1], local[:, 0]))
         camera_pitches = np.arctan2(local[:, 2], np.linalg.norm(local[:, :2], axis=1))
         pitch = float(np.clip(pitch, *np.percentile(camera_pitches, [25, 75])))

@@ -12,45 +12,45 @@ from gaussian_trimmer.views import TrimmedView, View
 
 
 @dataclass(frozen=True)
-class AcceptConfig:
+class AcceptanceConfig:
     """When a view's mask is believed, and when the whole trim is."""
 
-    least_overlap: float = 0.6
+    min_overlap: float = 0.6
     """Smallest intersection over union of a mask with the silhouette that the corrected labels expect."""
-    least_silhouette: int = 64
+    min_silhouette: int = 64
     """Smallest expected silhouette in pixels; less of the object cannot be judged."""
-    least_views: float = 0.4
+    min_views: float = 0.4
     """Smallest share of views that must be accepted for the trim to stand."""
-    least_remaining: float = 0.4
+    min_remaining: float = 0.4
     """Smallest share of what the selection shows that must remain of it."""
 
 
-def accept(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptConfig) -> list[TrimmedView]:
+def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptanceConfig) -> list[TrimmedView]:
     """Pair views and masks, with the reason where a mask is not believed."""
-    judged = []
+    checked = []
     for view, mask in zip(views, masks, strict=True):
-        expected = view.expected > 0.5
+        expected = view.object_prior > 0.5
         size = int(np.count_nonzero(expected))
         overlap = int(np.count_nonzero(mask & expected)) / max(int(np.count_nonzero(mask | expected)), 1)
         reason = ""
-        if size < config.least_silhouette:
+        if size < config.min_silhouette:
             reason = f"the object is expected in only {size} pixels"
-        elif overlap < config.least_overlap:
-            reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {config.least_overlap} is needed"
-        judged.append(TrimmedView(view, mask, reason))
-    return judged
+        elif overlap < config.min_overlap:
+            reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {config.min_overlap} is needed"
+        checked.append(TrimmedView(view, mask, reason))
+    return checked
 
 
-def refusal(judged: Sequence[TrimmedView], config: AcceptConfig) -> str:
+def rejection(checked: Sequence[TrimmedView], config: AcceptanceConfig) -> str:
     """Why the coarse selection must stay as it is; empty if the views suffice."""
-    accepted = sum(not view.rejected for view in judged)
-    if accepted >= max(1.0, config.least_views * len(judged)):
+    accepted = sum(not view.rejected for view in checked)
+    if accepted >= max(1.0, config.min_views * len(checked)):
         return ""
-    reasons = "; ".join(sorted({view.rejected for view in judged if view.rejected}))
-    return f"only {accepted} of {len(judged)} views were accepted ({reasons})"
+    reasons = "; ".join(sorted({view.rejected for view in checked if view.rejected}))
+    return f"only {accepted} of {len(checked)} views were accepted ({reasons})"
 
 
-def harm(coarse: BoolArray, keep: BoolArray, visible: FloatArray, config: AcceptConfig) -> str:
+def excessive_loss(coarse: BoolArray, keep: BoolArray, visible: FloatArray, config: AcceptanceConfig) -> str:
     """Why labels that leave too little of the selection must not stand; empty if they may.
 
     Args:
@@ -63,6 +63,6 @@ def harm(coarse: BoolArray, keep: BoolArray, visible: FloatArray, config: Accept
         return "no Gaussian was left in the object"
     shown = visible[coarse].sum()
     remaining = float(visible[coarse & keep].sum() / shown) if shown > 0 else 1.0
-    if remaining >= config.least_remaining:
+    if remaining >= config.min_remaining:
         return ""
-    return f"only {remaining:.2f} of what the selection shows would remain; {config.least_remaining} is needed"
+    return f"only {remaining:.2f} of what the selection shows would remain; {config.min_remaining} is needed"

@@ -6,16 +6,16 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.geometry.support_plane import Support, SupportConfig
+from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneConfig
 
 
 def attached_to_object(
-    places: FloatArray,
+    positions: FloatArray,
     spacing: FloatArray,
     labels: BoolArray,
     weights: Float64Array,
-    support: Support,
-    config: SupportConfig,
+    support: SupportPlane,
+    config: SupportPlaneConfig,
 ) -> BoolArray:
     """Gaussians that are not labelled object but stand in one piece with it, (N,).
 
@@ -34,7 +34,7 @@ def attached_to_object(
     if len(rows) == 0:
         return attached
     gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
-    piece = connected_points(places[rows].astype(np.float64), gap)
+    piece = connected_points(positions[rows].astype(np.float64), gap)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
-    attached[rows] = (selected > config.least_selected * total)[piece] & ~labels[rows]
+    attached[rows] = (selected > config.min_selected * total)[piece] & ~labels[rows]
     return attached

@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.geometry.support_plane import SupportConfig, find_support
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 
 _BINS = 32
 # Blurring by one bin's standard deviation, cut at three, as a matrix.
 _STEPS = np.arange(_BINS) - np.arange(_BINS)[:, None]
 _BLUR = np.where(np.abs(_STEPS) <= 3, np.exp(-0.5 * _STEPS.astype(np.float64) ** 2), 0.0)
-_LEAST_WEIGHT = 0.05
-_LARGEST_WEIGHT = 20.0
+_MIN_WEIGHT = 0.05
+_MAX_WEIGHT = 20.0
 _MAJORITY_OF = 17
 _COLOUR_LIMIT = 2.0
 _DEEPEST = 1.5
@@ -37,7 +37,7 @@ _DEEPEST = 1.5
 
 
 @dataclass(frozen=True)
-class LabelFieldConfig:
+class LabelCrfConfig:
     """How coarse labels are corrected over Gaussians that are alike in place and colour."""
 
     enabled: bool = True
@@ -46,11 +46,11 @@ class LabelFieldConfig:
     """How often the corrected labels are taken as the coarse ones of another round."""
     iterations: int = 5
     """Mean-field updates a round."""
-    neighbours: int = 32
+    k_neighbours: int = 32
     """Nearest neighbours in place and colour that a Gaussian follows."""
-    hidden_neighbours: int = 8
+    k_hidden_neighbours: int = 8
     """Nearest visible Gaussians in place that one which no view shows follows."""
-    place_sigma: float = 0.12
+    position_sigma: float = 0.12
     """Standard deviation of the kernel over place, relative to the object's radius."""
     colour_sigma: float = 0.08
     """Standard deviation of the kernel over colour, for channels in [0, 1]."""
@@ -60,19 +60,19 @@ class LabelFieldConfig:
     """Weight of the colour models' log-likelihood ratio where they tell object and surroundings apart perfectly."""
     trust: float = 1.0
     """Weight of the coarse label at the selection's boundary."""
-    depth_trust: float = 2.0
+    interior_trust: float = 2.0
     """Weight of the coarse label gained per squared `depth` of distance from the boundary, up to 1.5 depths."""
-    depth: float = 0.12
+    boundary_distance: float = 0.12
     """Distance over which trust grows, relative to the object's radius."""
     attached: float = 3.0
     """Weight for the object of what stands in one piece with it on the supporting surface."""
     resting: float = 1.0
     """Weight against the object of selected Gaussians in the supporting surface."""
-    support: SupportConfig = field(default_factory=SupportConfig)
+    support_plane: SupportPlaneConfig = field(default_factory=SupportPlaneConfig)
 
 
 def correct_labels(
-    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, bounds: Bounds, config: LabelFieldConfig
+    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, bounds: Bounds, config: LabelCrfConfig
 ) -> FloatArray:
     """Probability of every Gaussian to belong to the object, (N,).
 
@@ -88,41 +88,41 @@ def correct_labels(
     the table below it would come along.
     """
     probability = selection.astype(np.float32)
-    seen = np.flatnonzero(visible > _LEAST_WEIGHT)
+    seen = np.flatnonzero(visible > _MIN_WEIGHT)
     labels = selection[seen]
     if not config.enabled or labels.all() or not labels.any():
         return probability
-    places = gaussians.means[seen] / np.float32(bounds.radius)
+    positions = gaussians.means[seen] / np.float32(bounds.radius)
     colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc[seen], 0, 1).astype(np.float32)
-    graph = _Field(places, colours, visible[seen].astype(np.float64), bounds, config)
+    crf = _Crf(positions, colours, visible[seen].astype(np.float64), bounds, config)
     for _ in range(config.passes):
-        likely = graph.infer(labels)
+        likely = crf.infer(labels)
         labels = likely > 0.5
         if labels.all() or not labels.any():
             break
     probability[seen] = likely
-    unseen = np.flatnonzero(visible <= _LEAST_WEIGHT)
+    unseen = np.flatnonzero(visible <= _MIN_WEIGHT)
     _, near = nearest(
-        places, gaussians.means[unseen] / np.float32(bounds.radius), min(config.hidden_neighbours, len(seen))
+        positions, gaussians.means[unseen] / np.float32(bounds.radius), min(config.k_hidden_neighbours, len(seen))
     )
     around = likely[near].mean(axis=1)
     probability[unseen] = (probability[unseen] + 2 * around) / 3
     return probability
 
 
-class _Field:
+class _Crf:
     """The graph over the visible Gaussians, built once for all rounds."""
 
     def __init__(
-        self, places: FloatArray, colours: FloatArray, weights: Float64Array, bounds: Bounds, config: LabelFieldConfig
+        self, positions: FloatArray, colours: FloatArray, weights: Float64Array, bounds: Bounds, config: LabelCrfConfig
     ) -> None:
-        self.places, self.weights, self.bounds, self.config = places, weights, bounds, config
-        capped = np.minimum(weights, _LARGEST_WEIGHT)
-        features = np.concatenate([places / config.place_sigma, colours / config.colour_sigma], axis=1)
-        squared, self.alike = _others(features, config.neighbours)
+        self.positions, self.weights, self.bounds, self.config = positions, weights, bounds, config
+        capped = np.minimum(weights, _MAX_WEIGHT)
+        features = np.concatenate([positions / config.position_sigma, colours / config.colour_sigma], axis=1)
+        squared, self.alike = _others(features, config.k_neighbours)
         kernel = np.exp(-0.5 * squared) * capped[self.alike]
         self.kernel = (kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9)).astype(np.float32)
-        squared, self.near = nearest(places, places, min(_MAJORITY_OF, len(places)))
+        squared, self.near = nearest(positions, positions, min(_MAJORITY_OF, len(positions)))
         self.spacing = np.sqrt(squared[:, min(1, squared.shape[1] - 1)])
         self.near_weights = capped[self.near]
         bins = np.minimum((colours * _BINS).astype(np.int64), _BINS - 1)
@@ -145,12 +145,14 @@ class _Field:
     def _trust(self, labels: BoolArray, signs: FloatArray) -> FloatArray:
         """Log-odds of each Gaussian by its own label, its depth behind the boundary and the surface below, (S,)."""
         config = self.config
-        deep = np.minimum(self._distance_to_boundary(signs, _DEEPEST * config.depth) / config.depth, _DEEPEST)
-        unary = np.asarray((config.trust + config.depth_trust * deep**2) * signs, np.float32)
-        support = find_support(self.places, labels, self.weights, self.bounds, config.support)
+        deep = np.minimum(
+            self._distance_to_boundary(signs, _DEEPEST * config.boundary_distance) / config.boundary_distance, _DEEPEST
+        )
+        unary = np.asarray((config.trust + config.interior_trust * deep**2) * signs, np.float32)
+        support = find_support_plane(self.positions, labels, self.weights, self.bounds, config.support_plane)
         if support is None:
             return unary
-        attached = attached_to_object(self.places, self.spacing, labels, self.weights, support, config.support)
+        attached = attached_to_object(self.positions, self.spacing, labels, self.weights, support, config.support_plane)
         unary = np.where(attached, config.attached - config.trust, unary)
         resting = support.on_surface & labels
         return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
@@ -164,7 +166,7 @@ class _Field:
         distance = np.zeros(len(signs), np.float32)
         if majority.any() and not majority.all():
             for side in (True, False):
-                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1, reach)
+                squared, _ = nearest(self.positions[majority != side], self.positions[majority == side], 1, reach)
                 distance[majority == side] = np.sqrt(squared[:, 0])
         return distance
 

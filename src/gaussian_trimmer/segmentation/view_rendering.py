@@ -39,14 +39,14 @@ def complete_views(
         cameras: the views.
         renderer: draws them.
     """
-    alone = local.select(coarse)
+    isolated = local.select(coarse)
     shares = np.stack([coarse.astype(np.float32), probability], axis=1)
     views = []
     for camera, picture in zip(cameras, pictures, strict=True):
         shown = renderer.blend_values(local, camera, shares)
-        object_alpha = renderer.blend_values(alone, camera, np.ones((len(alone), 1), np.float32))[..., 0]
-        visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
-        views.append(View(camera, picture, object_alpha, visible, expected, bounding_box(object_alpha > 0.5)))
+        object_alpha = renderer.blend_values(isolated, camera, np.ones((len(isolated), 1), np.float32))[..., 0]
+        visible, object_prior = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
+        views.append(View(camera, picture, object_alpha, visible, object_prior, bounding_box(object_alpha > 0.5)))
     return views
 
 

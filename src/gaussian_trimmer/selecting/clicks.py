@@ -18,22 +18,22 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmentation.view_rendering import bounding_box, visible_weight
-from gaussian_trimmer.selecting.image_cut import cut_out_box, flood_from_click, lift_visible
-from gaussian_trimmer.selecting.segment_on_plane import standing_pieces
+from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
+from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
 from gaussian_trimmer.views import Box
 
 Way = Literal["piece", "colour"]
 
-_LONGEST_SIDE = 640
+_MAX_SIDE = 640
 _CONTRIBUTORS = 10
 _VISIBILITY_SCALE = 0.5
-_LEAST_ALPHA = 0.3
+_MIN_ALPHA = 0.3
 _AROUND = 8
 _PITCH_DEGREES = (10.0, 60.0)
 _BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
 """Where in a box things are looked for, relative to its sides."""
 _GOOD_BOX_OVERLAP = 0.85
-_LEAST_BOX_OVERLAP = 0.5
+_MIN_BOX_OVERLAP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def select_by_box(gaussians: Gaussians, camera: Camera, box: Box, up: Float64Arr
             best, fitting = overlap, piece
         if best >= _GOOD_BOX_OVERLAP:
             break
-    if fitting is not None and best >= _LEAST_BOX_OVERLAP:
+    if fitting is not None and best >= _MIN_BOX_OVERLAP:
         return Pick(fitting, ("piece",))
     picture = renderer.render(gaussians, small)
     lifted = lift_visible(gaussians, small, picture, cut_out_box(_shown(picture), box), renderer)
@@ -124,7 +124,7 @@ def _click(
     if pieces:
         return pieces[0], "piece"
     picture = renderer.render(gaussians, camera)
-    mask = flood_from_click(_shown(picture), x, y)
+    mask = cut_out_around_click(_shown(picture), x, y)
     return _something(lift_visible(gaussians, camera, picture, mask, renderer)), "colour"
 
 
@@ -153,7 +153,7 @@ def _pieces_at(
 ) -> list[BoolArray]:
     places = (gaussians.means - target.point) @ up_frame(up).T
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
-    return standing_pieces(places, target.seeds, visible, scale)
+    return pieces_on_plane(places, target.seeds, visible, scale)
 
 
 def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> _Target:
@@ -162,7 +162,7 @@ def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, rendere
         found[0] for found in renderer.top_contributors(gaussians, camera, np.array([[x, y]]), _CONTRIBUTORS)
     )
     rows, weights = rows[rows >= 0], weights[rows >= 0]
-    if weights.sum() < _LEAST_ALPHA:
+    if weights.sum() < _MIN_ALPHA:
         raise InputError(f"Nothing is seen at the pixel ({x}, {y}); choose another one, or another view.")
     depths = camera.project(gaussians.means[rows].astype(np.float64))[1]
     order = np.argsort(depths)
@@ -219,7 +219,7 @@ def _overlap(a: Box, b: Box) -> float:
 
 def _small(camera: Camera) -> Camera:
     """The view at a size that is quick to look at from all around."""
-    return camera.resized(min(1.0, _LONGEST_SIDE / max(camera.width, camera.height)))
+    return camera.resized(min(1.0, _MAX_SIDE / max(camera.width, camera.height)))
 
 
 def _rescaled(pixel: tuple[int, int], camera: Camera, small: Camera) -> tuple[int, int]:

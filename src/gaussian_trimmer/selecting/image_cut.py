@@ -28,7 +28,7 @@ _NEARLY_BEST = 0.8
 """Of outlines nearly as sharp as the sharpest, the largest counts: things have sharp edges inside them too."""
 _BOX_CORE = 0.3
 """Sides of what is sure in the middle of a box, relative to the box."""
-_LEAST_WEIGHT = 0.05
+_MIN_WEIGHT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class _Cut:
     """Colour gradient along the outline, less where the window cuts the mask off."""
 
 
-def flood_from_click(rgb: FloatArray, x: int, y: int) -> BoolArray:
+def cut_out_around_click(rgb: FloatArray, x: int, y: int) -> BoolArray:
     """Mask of what is around a pixel of a picture in [0, 1], (H, W): the window with the sharpest outline decides."""
     lab = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2Lab), np.float32)
     longer = max(rgb.shape[:2])
@@ -67,7 +67,7 @@ def lift_visible(
     mask is wide: what shines through from far behind is left out.
     """
     outside, inside = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2).T
-    chosen = np.asarray((inside > outside) & (inside > _LEAST_WEIGHT))
+    chosen = np.asarray((inside > outside) & (inside > _MIN_WEIGHT))
     if not chosen.any():
         return chosen
     seen = float(np.median(picture.depth[mask & (picture.alpha > 0.5)])) if mask.any() else 0.0

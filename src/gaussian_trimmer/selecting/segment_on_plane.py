@@ -28,20 +28,20 @@ _DEEPEST = 4.0
 """The layer is looked for down to this many radii below the seed."""
 _CLEARANCE = 0.03
 """What stands is this many radii above the layer's middle."""
-_LEAST_VISIBLE = 0.5
+_MIN_VISIBLE = 0.5
 """Gaussians that show less, in pixels of five views of 512 x 512, connect nothing."""
-_LEAST_GAUSSIANS = 200
-_LEAST_STABILITY, _STABLE = 2, 3
+_MIN_GAUSSIANS = 200
+_MIN_STABILITY, _STABLE = 2, 3
 """Steps between gaps over which a piece must stay the same, and over which it is preferred."""
 _SAME = 0.85
 """Two pieces are the same if the visible weight of one is this share of the other's."""
-_WIDEST_GAP = 0.25
+_MAX_GAP = 0.25
 """Gap beyond which nothing counts as one piece, relative to the piece's radius."""
-_LARGEST, _WELL_JUDGED = 2.5, 1.3
+_MAX_RADIUS, _WELL_JUDGED = 2.5, 1.3
 """Radius of the largest piece that a window can judge, and that it judges well, relative to the window's."""
 _SAME_SURFACE = 0.1
 """Surfaces nearer to each other than this, relative to the scale, are the same one."""
-_HIGHEST_FOOT = 0.5
+_MAX_FOOT_HEIGHT = 0.5
 """Height of the foot above the surface at which a thing no longer stands, relative to its radius."""
 _FOOT = 0.3
 """Height of the foot, relative to the thing's radius."""
@@ -49,7 +49,7 @@ _CELL, _RING = 0.15, 2
 """Cells that the surface is counted in, relative to the thing's radius; width of the ring around the foot in cells."""
 _LAYER = 0.05
 """Half of the surface's thickness, relative to the window's radius."""
-_LEAST_COVERED = 0.7
+_MIN_COVERED = 0.7
 """Smallest share of that ring that the surface must cover."""
 
 
@@ -75,7 +75,7 @@ class _Window:
     """What is above the surface and hardly visible."""
 
 
-def standing_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float) -> list[BoolArray]:
+def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float) -> list[BoolArray]:
     """The things that hold the seeds and stand on a surface below them, (N,) each, the likeliest first.
 
     Nearer surfaces come first: of a statue on a plinth, first the statue, then both.
@@ -88,11 +88,11 @@ def standing_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray
     """
     found = []
     for radius in np.array(_WINDOWS) * scale:
-        window = _open_window(places, visible, float(radius))
+        window = _open_window(positions, visible, float(radius))
         if window is None or not seeds[window.rows].any():
             continue
-        for piece in _stable_pieces(places, seeds, visible, window):
-            if piece.radius <= _LARGEST * radius and _stands(places, visible, piece, window):
+        for piece in _stable_pieces(positions, seeds, visible, window):
+            if piece.radius <= _MAX_RADIUS * radius and _stands(positions, visible, piece, window):
                 found.append((window, piece))
     highest = max((window.surface for window, _ in found), default=0.0)
 
@@ -101,23 +101,23 @@ def standing_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray
         level = round((highest - window.surface) / (_SAME_SURFACE * scale))
         return piece.stability < _STABLE, level, piece.radius > _WELL_JUDGED * window.radius
 
-    return [_with_hidden(places, window, piece) for window, piece in sorted(found, key=order)]
+    return [_with_hidden(positions, window, piece) for window, piece in sorted(found, key=order)]
 
 
-def _open_window(places: Float64Array, visible: FloatArray, radius: float) -> _Window | None:
-    surface = _find_layer(places, visible, radius)
+def _open_window(positions: Float64Array, visible: FloatArray, radius: float) -> _Window | None:
+    surface = _find_layer(positions, visible, radius)
     if surface is None:
         return None
-    above = (places[:, 2] > surface + _CLEARANCE * radius) & (np.linalg.norm(places, axis=1) < _DEEPEST * radius)
-    shows = visible > _LEAST_VISIBLE
+    above = (positions[:, 2] > surface + _CLEARANCE * radius) & (np.linalg.norm(positions, axis=1) < _DEEPEST * radius)
+    shows = visible > _MIN_VISIBLE
     return _Window(radius, surface, np.flatnonzero(above & shows), np.flatnonzero(above & ~shows))
 
 
-def _find_layer(places: Float64Array, visible: FloatArray, window: float) -> float | None:
+def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> float | None:
     """Height of the layer below the origin that shows most, or None where nothing is below."""
-    height, bin_height = places[:, 2], _BIN * window
+    height, bin_height = positions[:, 2], _BIN * window
     below = (
-        (np.hypot(places[:, 0], places[:, 1]) < 1.5 * window)
+        (np.hypot(positions[:, 0], positions[:, 1]) < 1.5 * window)
         & (height < -bin_height)
         & (height > -_DEEPEST * window)
     )  # fmt: skip
@@ -130,10 +130,10 @@ def _find_layer(places: Float64Array, visible: FloatArray, window: float) -> flo
     return float(np.average(height[layer], weights=visible[layer])) if visible[layer].sum() > 0 else None
 
 
-def _stable_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
+def _stable_pieces(positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
     """The pieces around the seeds that stay the same over several gaps, the most stable first, each once."""
     gaps = _GAPS * window.radius
-    members = [window.rows[_piece_of(places[window.rows], seeds[window.rows], gap)] for gap in gaps]
+    members = [window.rows[_piece_of(positions[window.rows], seeds[window.rows], gap)] for gap in gaps]
     sizes = np.array([visible[rows].sum() for rows in members])
     found = {}
     for k in range(len(gaps)):
@@ -141,29 +141,29 @@ def _stable_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray,
         first = int(different[different < k].max(initial=-1)) + 1
         last = int(different[different > k].min(initial=len(gaps))) - 1
         middle = (first + last) // 2
-        rows, gap, radius = members[middle], float(gaps[middle]), _radius(places[members[middle]])
-        if last - first >= _LEAST_STABILITY and len(rows) >= _LEAST_GAUSSIANS and gap <= _WIDEST_GAP * radius:
+        rows, gap, radius = members[middle], float(gaps[middle]), _radius(positions[members[middle]])
+        if last - first >= _MIN_STABILITY and len(rows) >= _MIN_GAUSSIANS and gap <= _MAX_GAP * radius:
             found[middle] = _Piece(rows, gap, radius, last - first)
     return sorted(found.values(), key=lambda piece: (-piece.stability, -len(piece.rows)))
 
 
-def _piece_of(places: Float64Array, seeds: FloatArray, gap: float) -> IntArray:
+def _piece_of(positions: Float64Array, seeds: FloatArray, gap: float) -> IntArray:
     """Rows of the connected piece that holds most of the seeds."""
-    piece = connected_voxels(places, gap)
+    piece = connected_voxels(positions, gap)
     return np.flatnonzero(piece == np.bincount(piece, seeds).argmax())
 
 
-def _radius(places: Float64Array) -> float:
-    low, high = np.quantile(places, [0.02, 0.98], axis=0)
+def _radius(positions: Float64Array) -> float:
+    low, high = np.quantile(positions, [0.02, 0.98], axis=0)
     return float(np.linalg.norm(high - low) / 2)
 
 
-def _stands(places: Float64Array, visible: FloatArray, piece: _Piece, window: _Window) -> bool:
+def _stands(positions: Float64Array, visible: FloatArray, piece: _Piece, window: _Window) -> bool:
     """Whether the piece reaches down to the surface, and the surface goes on around its foot."""
-    height = places[piece.rows, 2] - window.surface
-    if np.quantile(height, 0.02) > _HIGHEST_FOOT * piece.radius:
+    height = positions[piece.rows, 2] - window.surface
+    if np.quantile(height, 0.02) > _MAX_FOOT_HEIGHT * piece.radius:
         return False
-    foot = places[piece.rows[height <= np.quantile(height, 0.02) + _FOOT * piece.radius], :2]
+    foot = positions[piece.rows[height <= np.quantile(height, 0.02) + _FOOT * piece.radius], :2]
     cell = _CELL * piece.radius
     origin = foot.min(axis=0) - (_RING + 1) * cell
     corners = np.floor((foot - origin) / cell).astype(np.int32)
@@ -171,24 +171,24 @@ def _stands(places: Float64Array, visible: FloatArray, piece: _Piece, window: _W
     cv2.fillConvexPoly(footprint, cv2.convexHull(corners), 1)
     ring = (_grown(footprint, _RING) > 0) & (footprint == 0)
 
-    layer = (np.abs(places[:, 2] - window.surface) < _LAYER * window.radius) & (visible > _LEAST_VISIBLE)
-    x, y = np.floor((places[layer, :2] - origin) / cell).astype(np.int64).T
+    layer = (np.abs(positions[:, 2] - window.surface) < _LAYER * window.radius) & (visible > _MIN_VISIBLE)
+    x, y = np.floor((positions[layer, :2] - origin) / cell).astype(np.int64).T
     within = (x >= 0) & (y >= 0) & (x < footprint.shape[1]) & (y < footprint.shape[0])
     covered = np.zeros_like(footprint)
     covered[y[within], x[within]] = 1
-    return bool(np.mean(_grown(covered, 1)[ring] > 0) >= _LEAST_COVERED)
+    return bool(np.mean(_grown(covered, 1)[ring] > 0) >= _MIN_COVERED)
 
 
 def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.dilate(cells, np.ones((2 * steps + 1, 2 * steps + 1), np.uint8)))
 
 
-def _with_hidden(places: Float64Array, window: _Window, piece: _Piece) -> BoolArray:
+def _with_hidden(positions: Float64Array, window: _Window, piece: _Piece) -> BoolArray:
     """The piece, and whatever hardly shows but lies within half a gap of it, (N,)."""
-    chosen = np.zeros(len(places), np.bool_)
+    chosen = np.zeros(len(positions), np.bool_)
     chosen[piece.rows] = True
     if len(window.hidden):
-        points, queries = (places[rows].astype(np.float32) for rows in (piece.rows, window.hidden))
+        points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, window.hidden))
         squared, _ = nearest(points, queries, 1)
         chosen[window.hidden[squared[:, 0] < (0.5 * piece.gap) ** 2]] = True
     return chosen

@@ -23,7 +23,7 @@ class Segmenter(Protocol):
 
 # Name -> module and class; the class takes its configuration, if any, as its only argument.
 SEGMENTERS = {
-    "label-field": ("gaussian_trimmer.segmentation.segmenters.silhouette", "LabelFieldSegmenter"),
+    "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter"),
     "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter"),
     "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter"),
     "mask-files": ("gaussian_trimmer.segmentation.segmenters.mask_files", "MaskFilesSegmenter"),

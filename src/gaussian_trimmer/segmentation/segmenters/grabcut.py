@@ -42,7 +42,7 @@ class GrabCutSegmenter:
 
     def _segment_one(self, view: View) -> BoolArray:
         mask = np.zeros(view.alpha.shape, np.bool_)
-        expected = (view.expected > 0.5).astype(np.uint8)
+        expected = (view.object_prior > 0.5).astype(np.uint8)
         if not expected.any():
             return mask
         size = float(np.sqrt(expected.sum()))

@@ -8,11 +8,11 @@ from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.views import View
 
 
-class LabelFieldSegmenter:
+class SilhouetteSegmenter:
     """Takes the object's silhouette from the labels that were corrected in 3D; it needs no download and no time."""
 
-    name = "label-field"
+    name = "silhouette"
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
         """Pixels in which the object's expected share of the picture exceeds one half, a mask (H, W) a view."""
-        return [view.expected > 0.5 for view in views]
+        return [view.object_prior > 0.5 for view in views]
