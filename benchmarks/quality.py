@@ -28,8 +28,9 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.pipeline import SplitConfig, TrimConfig, TrimResult, paper_config, trim
+from gaussian_trimmer.pipeline import RowLabel, SplitConfig, TrimConfig, TrimResult, paper_config, trim
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER
 
 _HIGHEST_PSNR = 100.0  # dB; a view that does not show the object would have an infinite one.
 METRICS = ("iou", "accuracy", "boundary_iou", "soft_iou", "psnr")
@@ -41,7 +42,7 @@ class Variant:
     """One way of running the trimmer."""
 
     config: TrimConfig = field(default_factory=TrimConfig)
-    segmenter: str = "silhouette"
+    segmenter: str = DEFAULT_SEGMENTER
     training_views: int = 0
     """Use this many training cameras instead of virtual ones."""
 
@@ -53,18 +54,19 @@ def variants() -> dict[str, Variant]:
         return Variant(replace(base, plan=replace(base.plan, views=n)))
 
     no_background = replace(base, context_radius=0.0)
+    at_support_plane = SplitConfig(at_support_plane=SupportPlaneSplitConfig(enabled=True))
     named = {
         "default": Variant(),
         "grabcut": Variant(segmenter="grabcut"),
-        "paper": Variant(paper, "grabcut"),
-        "sagd": Variant(replace(paper, split=SplitConfig("sagd")), "grabcut"),
+        "paper": Variant(paper, PAPER_SEGMENTER),
+        "sagd": Variant(replace(paper, split=SplitConfig("sagd")), PAPER_SEGMENTER),
         "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
         "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
         "no-split": Variant(replace(base, split=SplitConfig("none"))),
-        "contact": Variant(replace(base, split=SplitConfig(at_support_plane=SupportPlaneSplitConfig(enabled=True)))),
+        "support-plane-split": Variant(replace(base, split=at_support_plane)),
         "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
-        "no-silhouette": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
+        "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
         "no-virtual-cameras": Variant(training_views=5),
         "no-background": Variant(no_background),
         "neither": Variant(no_background, training_views=5),
@@ -161,8 +163,7 @@ def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Argu
                     _write_sheet(
                         arguments.output / variant / f"{scene.name}_{name}_{kind}.png", views, before_sheet, after_sheet
                     )
-                labels = ("kept", "pruned", "recovered", "split_inside", "split_outside")
-                counts = {label: result.count(i) for i, label in enumerate(labels)}
+                counts = {label.name.lower(): result.count(label) for label in RowLabel}
                 yield Row(scene.name, name, kind, variant, before, after, fidelity, seconds, result.refused, counts)
 
 

@@ -333,8 +333,8 @@ def test_impossible_cameras(change: dict[str, Any], message: str, tmp_path: Path
         ({"frames": [{"transform_matrix": np.eye(4).tolist()}]}, "image size"),
         ({"frames": [{"transform_matrix": np.eye(4).tolist()}], "w": 9, "h": 9}, "no focal length"),
         ({"frames": [{"transform_matrix": np.eye(4).tolist()}], "w": 9, "h": 9, "camera_angle_x": 4}, "between 0"),
-        ({"up": [0, 0, 0], "frames": [matrix_frame(random_cameras(1)[0])]}, "length zero"),
-        ({"up": [0, 1], "frames": [matrix_frame(random_cameras(1)[0])]}, "3 finite numbers"),
+        ({"up": [0, 0, 0], "frames": [matrix_frame(random_cameras(1)[0])]}, "not all zero"),
+        ({"up": [0, 1], "frames": [matrix_frame(random_cameras(1)[0])]}, "three finite numbers"),
     ],
 )
 def test_wrong_documents(document: Any, message: str, tmp_path: Path) -> None:

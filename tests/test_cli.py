@@ -71,8 +71,8 @@ def test_selection_options_choose_among_several_objects(ball, tmp_path):
 
 
 def test_preset_changes_the_defaults_and_nothing_else():
-    paper, fit = paper_config(), TrimConfig()
-    assert cli._parse("trim", ["a.ply", "b.npy"]).config == fit
+    paper, default = paper_config(), TrimConfig()
+    assert cli._parse("trim", ["a.ply", "b.npy"]).config == default
     assert cli._parse("trim", ["a.ply", "b.npy", "--preset", "paper"]).config == paper
     mixed = cli._parse("trim", ["a.ply", "--split.rule", "plane", "--preset", "paper", "--plan.fill", "0.5"])
     assert (mixed.config.split.rule, mixed.config.plan.fill) == ("plane", 0.5)

@@ -16,10 +16,10 @@ from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.view_rendering import bounding_box
 from gaussian_trimmer.selecting.clicks import select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.overview import plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
+from gaussian_trimmer.views import bounding_box
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RENDERER = get_renderer("numba")

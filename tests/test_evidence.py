@@ -7,7 +7,7 @@ import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians, find_halo
-from gaussian_trimmer.pipeline import RECOVERED, PlanConfig, SplitConfig, trim
+from gaussian_trimmer.pipeline import PlanConfig, RowLabel, SplitConfig, trim
 
 COARSE, OTHER = True, False
 FREE, RESTING = True, False
@@ -164,8 +164,8 @@ def trimmed(selection, n_ball, seed, views=5, **evidence):
 def test_what_is_only_seen_through_the_object_is_not_recovered(n_ball, seed, views):
     truth = sparse_ball(n_ball, seed)[1]
     result, eager = trimmed(truth, n_ball, seed, views), trimmed(truth, n_ball, seed, views, recover_limit=0.0)
-    assert eager.count(RECOVERED) > 0  # floor behind the gaps of the ball, which the masks alone take for it
-    assert result.count(RECOVERED) == 0
+    assert eager.count(RowLabel.RECOVERED) > 0  # floor behind the gaps of the ball, which the masks alone take for it
+    assert result.count(RowLabel.RECOVERED) == 0
     assert jaccard(object_rows(result), truth) >= 0.98
 
 
@@ -184,8 +184,8 @@ def test_each_part_of_the_evidence_can_be_left_out(seed):
     both, no_recovery, first_only = (
         trimmed(rough, 700, seed, **part) for part in ({}, {"recover": False}, {"second_evidence": False})
     )
-    assert both.count(RECOVERED) > 0
-    assert no_recovery.count(RECOVERED) == 0
+    assert both.count(RowLabel.RECOVERED) > 0
+    assert no_recovery.count(RowLabel.RECOVERED) == 0
     assert not (object_rows(no_recovery) & ~rough).any()
     assert not (object_rows(both) & ~object_rows(first_only)).any()
     assert (object_rows(first_only) & ~object_rows(both)).any()

@@ -16,7 +16,6 @@ from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.lifting import (
-    assign_labels,
     lift_by_assignment,
     lift_by_vote,
     lift_objects_by_assignment,
@@ -100,22 +99,6 @@ def test_one_object_in_one_pass_equals_the_single_assignment() -> None:
     for gamma in (-0.7, 0.0, 0.4):
         many = lift_objects_by_assignment(scene(0), cameras(), labels, REFERENCE, gamma)
         assert ((many == 1) == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE, gamma)).all()
-
-
-@pytest.mark.parametrize(
-    ("row", "gamma", "label"),
-    [
-        ([2.0, 2.0], 0.0, 0),  # a tie is background
-        ([0.0, 5.0, 5.0], 0.0, 1),  # a tie of two objects goes to the lower number
-        ([3.0, 4.0], 0.19, 1),  # 0.6 + gamma against 0.8
-        ([3.0, 4.0], 0.21, 0),
-        ([300.0, 400.0], 0.19, 1),  # the same however much it is seen
-        ([0.0, 1e-30], 0.9, 1),
-        ([0.0, 0.0], -1.0, 0),
-    ],
-)
-def test_assignment_of_one_row(row: list[float], gamma: float, label: int) -> None:
-    assert assign_labels(np.array([row]), gamma).tolist() == [label]
 
 
 def test_vote_counts_centres_whether_seen_or_not() -> None:

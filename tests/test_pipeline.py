@@ -28,13 +28,10 @@ from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import (
-    KEPT,
-    RECOVERED,
-    SPLIT_INSIDE,
-    SPLIT_OUTSIDE,
     BoundaryConfig,
     LabelCrfConfig,
     PlanConfig,
+    RowLabel,
     SplitConfig,
     TrimConfig,
     paper_config,
@@ -102,9 +99,9 @@ def test_without_splits_object_and_background_are_the_scene(kind):
 @pytest.mark.parametrize("rule", SPLIT_RULES)
 def test_split_gaussians_have_their_parts_on_both_sides(rule):
     result = trim(SCENE, SPECKLED, splitting_config(rule), segmenter=TightMasks())
-    assert result.count(SPLIT_INSIDE) > 5
-    assert result.count(SPLIT_OUTSIDE) == len(result.outside_parts)
-    assert len(result.outside_parts) == (0 if rule == "sagd" else result.count(SPLIT_INSIDE))
+    assert result.count(RowLabel.SPLIT_INSIDE) > 5
+    assert result.count(RowLabel.SPLIT_OUTSIDE) == len(result.outside_parts)
+    assert len(result.outside_parts) == (0 if rule == "sagd" else result.count(RowLabel.SPLIT_INSIDE))
     check_parts(result, SPECKLED)
 
 
@@ -131,7 +128,7 @@ def test_runs_are_equal_bit_by_bit_on_any_number_of_threads():
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
         numba.set_num_threads(threads)
         results.append(trim(SCENE, SPECKLED, splitting_config("plane"), segmenter=TightMasks()))
-    assert results[0].count(SPLIT_INSIDE) > 5
+    assert results[0].count(RowLabel.SPLIT_INSIDE) > 5
     for other in results[1:]:
         np.testing.assert_array_equal(other.source_index, results[0].source_index)
         np.testing.assert_array_equal(other.label, results[0].label)
@@ -166,7 +163,7 @@ def test_masks_that_contradict_the_selection_leave_it_as_it_is(segmenter, kind):
     assert "0 of 5 views" in result.refused
     assert all(view.rejected for view in result.views)
     np.testing.assert_array_equal(object_rows(result), SELECTIONS[kind])
-    assert set(result.label) == {KEPT}
+    assert set(result.label) == {RowLabel.KEPT}
     check_parts(result, SELECTIONS[kind])
 
 
@@ -202,7 +199,7 @@ def test_the_papers_choices_run():
     assert (config.plan.framing, config.split.rule, config.up) == ("paper", "principal_axis", (0.0, 0.0, 1.0))
     selection = dilated(SCENE, TRUTH, 0.3)
     result = trim(SCENE, selection, paper_config(TrimConfig(up=(0.0, 0.0, 1.0))))
-    assert result.count(RECOVERED) == 0
+    assert result.count(RowLabel.RECOVERED) == 0
     check_parts(result, selection)
 
 

@@ -107,3 +107,7 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     result = trim(ball, everything, config, RENDERER)
     write_results(result, everything, {}, tmp_path, RENDERER, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
+
+
+def test_numbers_of_labels_in_files_stay_what_they_are():
+    assert LABEL_NAMES == ("kept", "pruned", "recovered", "split_inside", "split_outside")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from toy import gaussians
+from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
@@ -27,8 +27,9 @@ def needle(x=0.0, y=0.0, scales=(0.3, 0.08, 0.08)):
 
 def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,), **config):
     weights = [RENDERER.blend_weights(thing, c, m.astype(np.uint8), 2) for c, m in zip(cameras, masks, strict=True)]
+    views = [accepted_view(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
     limits = BoundaryConfig(**{"min_share": 0.1, "min_area": 4 / SIZE**2, "along_ray_limit": 0.5, **config})
-    return find_straddlers(thing, cameras, masks, weights, RENDERER, limits)
+    return find_straddlers(thing, views, weights, RENDERER, limits)
 
 
 def square_mask():
@@ -132,7 +133,7 @@ def test_cuts_that_would_move_children_along_the_ray_are_left_out():
     assert len(straddlers(thing, along_ray_limit=0.95).rows) == 1
 
 
-def test_limits_on_share_and_area_leave_out_lesser_straddlers():
+def test_limits_on_share_and_area_leave_out_minor_straddlers():
     found = straddlers(needle(0.2), min_share=0.0)
     weights = RENDERER.blend_weights(needle(0.2), CAMERA, LEFT.astype(np.uint8), 2)[0]
     assert found.minor_weight[0] == pytest.approx(weights.min())
@@ -143,7 +144,7 @@ def test_limits_on_share_and_area_leave_out_lesser_straddlers():
     assert len(straddlers(needle(0.2), min_share=0.0, min_area=0.99 * area / SIZE**2).rows) == 1
 
 
-def test_the_view_that_sees_most_of_the_lesser_side_cuts():
+def test_the_view_that_sees_most_of_the_minor_side_cuts():
     off_centre = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2 - 3
     alone, far = straddlers(needle()), straddlers(needle(), [off_centre])
     assert far.minor_weight[0] < alone.minor_weight[0]

@@ -9,7 +9,7 @@ from toy import RED, WHITE, any_rotation, gaussians
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, densest_layer, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
 
@@ -233,3 +233,14 @@ def test_corrected_labels_take_a_missed_arm_in_the_tables_colour():
     corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelCrfConfig()) > 0.5
     assert corrected[thing.of(ARM)].all()
     assert not corrected[thing.of(TABLE, POST)].any()
+
+
+def test_the_densest_layer_is_three_bins_of_most_weight():
+    heights = np.array([0.05, 0.5, 0.52, 0.61, 3.0])
+    assert densest_layer(heights, np.array([1.0, 1, 1, 1, 2.5]), 0.0, 4.0, 0.1) == (pytest.approx(0.5433, abs=1e-4), 3)
+    assert densest_layer(heights, np.array([1.0, 1, 1, 1, 3.5]), 0.0, 4.0, 0.1) == (3.0, 3.5)
+
+
+@pytest.mark.parametrize("heights", [[], [9.0]])
+def test_no_weight_is_no_layer(heights):
+    assert densest_layer(np.array(heights), np.ones(len(heights)), 0.0, 1.0, 0.1) is None

@@ -1,4 +1,4 @@
-"""The command line: a table of commands, each imported when it is called, and what becomes of errors."""
+"""The command line: a table of commands, each imported when it is called, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ USER_ERROR, INTERRUPTED = 2, 130
 
 
 class Command(Protocol):
-    """What the dataclass of a command has beside its options."""
+    """What the dataclass of a command has besides its options."""
 
     def run(self) -> None:
         """Do the work."""
@@ -38,8 +38,8 @@ class Command(Protocol):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code.
 
-    What the user can mend is one sentence on standard error and code 2; an interruption is code 130. Other exceptions
-    are defects and keep their traceback.
+    What the user can correct is reported in one sentence on standard error, with code 2; an interruption gives code
+    130. Other exceptions are defects of the program and keep their traceback.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     # Threads that spin while they wait for each other halve the speed where another program keeps a core busy.
@@ -81,9 +81,10 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config
+        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(command, config=paper_config(), segmenter="grabcut")
+        default = replace(command, config=paper_config(), segmenter=PAPER_SEGMENTER)
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
     return cast(Command, command)
 

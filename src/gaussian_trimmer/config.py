@@ -1,4 +1,4 @@
-"""Every setting of the trimmer: one small dataclass a stage, nested in `TrimConfig`."""
+"""Every setting of the trimmer: one small dataclass for each stage, nested in `TrimConfig`."""
 
 from __future__ import annotations
 
@@ -16,27 +16,22 @@ from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
 
 __all__ = [
-    "AcceptanceConfig",
-    "BoundaryConfig",
-    "EvidenceConfig",
-    "LabelCrfConfig",
-    "PlanConfig",
-    "SplitConfig",
-    "SupportPlaneSplitConfig",
-    "TrimConfig",
-    "check_config",
-    "paper_config",
+    "CONTEXT_RADIUS", "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig",
+    "SplitConfig", "SupportPlaneSplitConfig", "TrimConfig", "check_config", "paper_config",
 ]  # fmt: skip
+
+CONTEXT_RADIUS = 1.8
+"""Radius around the object's centre, in object radii, within which other Gaussians are rendered with the object."""
 
 
 @dataclass(frozen=True)
 class SplitConfig:
-    """What is done to Gaussians that straddle the boundary."""
+    """What is done with Gaussians that straddle the boundary."""
 
     rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
-    """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
+    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
+    child; `none`: no Gaussian is split."""
     at_support_plane: SupportPlaneSplitConfig = field(default_factory=SupportPlaneSplitConfig)
-    """Hidden Gaussians that cross the surface below the object."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +39,11 @@ class TrimConfig:
     """Every setting of the trimmer, by stage."""
 
     up: tuple[float, float, float] | None = None
-    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
+    """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     plan: PlanConfig = field(default_factory=PlanConfig)
-    context_radius: float = 1.8
-    """Non-object Gaussians within this many object radii surround the object in the views (eq. 7); 0: none."""
+    context_radius: float = CONTEXT_RADIUS
+    """Gaussians within this many object radii of the object's centre are rendered with it as background (eq. 7); 0:
+    none."""
     label_crf: LabelCrfConfig = field(default_factory=LabelCrfConfig)
     acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
@@ -56,7 +52,11 @@ class TrimConfig:
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its framing, no correction in 3D, every mask believed, splits along principal axes."""
+    """The paper's choices: its framing, no correction of labels in 3D, all masks accepted, splits along axes.
+
+    Args:
+        config: settings to start from, the defaults if not given; those that the paper's choices do not touch are kept.
+    """
     config = config or TrimConfig()
     return replace(
         config,
@@ -70,7 +70,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
 
 
 def check_config(config: TrimConfig) -> None:
-    """Refuse settings that have no meaning, before any work is done.
+    """Refuse settings that make no sense, before any work is done.
 
     Raises:
         InputError: a setting is out of its range; the message names it as the command line does.

@@ -20,6 +20,7 @@ from gaussian_trimmer.camera_files.frames import (
     make_lens,
     rigid_transform,
 )
+from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
 
@@ -38,7 +39,7 @@ def read_json_frames(path: Path) -> tuple[list[Frame], Float64Array | None]:
     if not isinstance(document, dict):
         document = {"frames": document}
     frames, up = list(_frames(document, path)), document.get("up")
-    return frames, None if up is None else _unit_vector(up, f"'{path}': the up vector")
+    return frames, None if up is None else unit_up(up, f"'{path}': the up vector")
 
 
 def _load_json(path: Path) -> Any:
@@ -149,11 +150,3 @@ def _inverse(transform: Float64Array) -> Float64Array:
     inverse[:3, :3] = transform[:3, :3].T
     inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
     return inverse
-
-
-def _unit_vector(values: Any, what: str) -> Float64Array:
-    vector = floats(values, (3,), what)
-    length = np.linalg.norm(vector)
-    if length < 1e-9:
-        raise InputError(f"{what} has length zero.")
-    return np.asarray(vector / length)

@@ -22,7 +22,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import Renderer, get_renderer
+from gaussian_trimmer.rendering import RENDERER_CHOICES, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
@@ -35,42 +35,42 @@ _WAYS = {"piece": "a thing that stands on a surface", "colour": "what has its co
 class Select:
     """Make a rough selection of an object: by clicks or a box in one view, or by masks of the training pictures.
 
-    Views are the pictures of --cameras, or without these numbered ones from all around; --list-views writes them as
-    pictures to find pixels in. A mask belongs to the picture of its name: IMG_7.png or IMG_7.JPG.png to IMG_7.JPG;
-    pictures without a mask are passed over.
+    The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
+    pictures in which to find pixels. A mask belongs to the picture with the same name: IMG_7.png or IMG_7.JPG.png to
+    IMG_7.JPG; pictures without a mask are skipped.
     """
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene."""
     click: Annotated[UseAppendAction[tuple[tuple[int, int], ...]], arg(metavar="X Y")] = ()
-    """A pixel on the object, from the left and the top; may be repeated, also for several things at once."""
+    """A pixel on the object, counted from the left and the top. May be repeated, also to select several objects."""
     box: Annotated[tuple[int, int, int, int] | None, arg(metavar="X0 Y0 X1 Y1")] = None
     """Left, top, right and bottom of a box around the object."""
     view: Annotated[str | None, arg(metavar="NAME")] = None
-    """The view of clicks and box: the name of a picture of --cameras, with or without its ending."""
+    """The view in which clicks and box are given: the name of a picture of --cameras, with or without its ending."""
     view_index: Annotated[int | None, arg(metavar="INT")] = None
-    """The view of clicks and box by its number, from 0."""
+    """The same view by its number, from 0."""
     list_views: Annotated[Path | None, arg(metavar="DIR")] = None
     """Write pictures of all views to this folder and stop."""
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks; bright is the object."""
+    """Folder of masks; the object is bright."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
-    """Training cameras: a COLMAP folder, transforms.json or cameras.json. Masks need them."""
+    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They are required with --masks."""
     up: Annotated[tuple[float, float, float] | None, arg(metavar="X Y Z")] = None
-    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
+    """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
-    """The selection, an .npy file of booleans, or of object numbers with --object-ids."""
+    """File for the selection: .npy with booleans, or with object numbers if --object-ids is given."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Trim the selection too, and write the results to this folder."""
+    """Also trim the selection, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
-    """By what masks judge a Gaussian: the pixels that it paints, or where its centre is."""
+    """How masks select Gaussians: by the pixels that a Gaussian contributes to, or by votes for its centre."""
     gamma: float = 0.0
     """For `assignment`: bias towards the background, -1 to 1."""
     threshold: float = 0.7
-    """For `vote`: share of the masks that a centre must exceed."""
+    """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
-    """The masks are images of object numbers, 0 for the background; all objects are lifted at once."""
-    renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
+    """The masks hold object numbers, 0 for the background; all objects are selected at once."""
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
     """What renders the views."""
     overwrite: bool = False
     """Replace the output if it exists."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from tyro.conf import Positional, arg
@@ -13,7 +13,7 @@ from tyro.conf import Positional, arg
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import TrimConfig
@@ -21,11 +21,15 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output import report
 from gaussian_trimmer.pipeline import trim
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, Segmenter, get_segmenter
-from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
-from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, cameras_with_masks
-from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
+from gaussian_trimmer.rendering import RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.segmentation.segmenters import (
+    DEFAULT_SEGMENTER,
+    SEGMENTERS,
+    Segmenter,
+    all_options,
+    field_name,
+    get_segmenter,
+)
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
@@ -33,47 +37,47 @@ _COMPILING_AGAIN = (
     "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
     "set NUMBA_CACHE_DIR to one that is."
 )
-_SegmenterConfig = GrabCutConfig | Sam2Config | MaskFilesConfig
+_SegmenterOptions = all_options()
 
 
 @dataclass(frozen=True)
 class Trim:
     """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
 
-    Without SELECTION the file is taken for the object alone.
+    Without SELECTION, the file is taken to hold the object alone.
     """
 
     scene: Positional[Path]
     """Splat file of the scene, or of the object alone."""
     selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
-    """Which Gaussians are the object, roughly: mask, labels, row numbers, a PLY with some of the rows, or what a
-    segmentation method saved."""
+    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, or a file
+    that a segmentation method saved."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
-    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the angles from
-    which the object was really seen."""
+    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
+    angles from which the object was observed."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder for the results. (default: trimmed/SCENE-SELECTION)"""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
     format: Annotated[str | None, arg(metavar="ENDING")] = None
-    """Format of the object and the background, by its ending: ply, compressed.ply, splat, spz, sog or ksplat.
-    (default: that of the scene)"""
+    """File format of object and background: ply, compressed.ply, splat, spz, sog or ksplat. (default: that of the
+    scene)"""
     preset: Literal["default", "paper"] = "default"
-    """Defaults of all settings below: this program's, or the GaussianTrimmer paper's."""
+    """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
     views: Annotated[int | None, arg(metavar="INT")] = None
-    """Number of virtual views, short for --plan.views."""
-    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = "silhouette"
-    """What finds the object in the views."""
-    renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
-    """What renders the views; auto is gsplat where it is installed and finds a GPU, else numba."""
+    """Number of virtual views; short for --plan.views."""
+    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
+    """What segments the object in the views."""
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
+    """What renders the views; auto is gsplat if it is installed and finds a GPU, else numba."""
     quiet: bool = False
     """Print nothing but errors."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    """How the selection file is read; the defaults suffice wherever it says itself which Gaussians it means."""
-    grabcut: GrabCutConfig = field(default_factory=GrabCutConfig)
-    sam2: Sam2Config = field(default_factory=Sam2Config)
-    mask_files: MaskFilesConfig = field(default_factory=MaskFilesConfig)
+    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
+    segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
+        default_factory=_SegmenterOptions
+    )
 
     def run(self) -> None:
         """Trim and write the results.
@@ -90,8 +94,8 @@ class Trim:
             stage("read")
             scene, selection, cameras = self._read()
             seconds = {"read": time.perf_counter() - start}
-            config, views = self._config(), self._given_views(cameras)
-            renderer, segmenter = get_renderer(self.renderer), self._segmenter()
+            config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
+            views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
             if renderer.name == "numba" and not _kernels_are_compiled():
                 console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
             result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
@@ -135,25 +139,17 @@ class Trim:
             return self.config
         return replace(self.config, plan=replace(self.config.plan, views=self.views))
 
-    def _given_views(self, cameras: CameraSet | None) -> list[Camera] | None:
-        """The cameras of the user's masks, if it is masks that segment."""
-        if self.segmenter != "mask-files" or self.mask_files.folder is None:
-            return None
-        if cameras is None:
-            raise InputError("The segmenter 'mask-files' needs the cameras of the masks' pictures: --cameras PATH.")
-        return cameras_with_masks(cameras.pinhole_cameras(), self.mask_files.folder)
-
-    def _segmenter_config(self) -> _SegmenterConfig | None:
-        configs = {"grabcut": self.grabcut, "sam2": self.sam2, "mask-files": self.mask_files}
-        return cast(_SegmenterConfig | None, configs.get(self.segmenter))
+    def _used_options(self) -> Any:
+        """The options of the segmenter that is used, or None if it has none."""
+        return getattr(self.segmenter_options, field_name(self.segmenter), None)
 
     def _segmenter(self) -> Segmenter:
-        config = self._segmenter_config()
-        return get_segmenter(self.segmenter, config) if config else get_segmenter(self.segmenter)
+        options = self._used_options()
+        return get_segmenter(self.segmenter, options) if options else get_segmenter(self.segmenter)
 
     def _inputs(self) -> dict[str, Any]:
-        """Files and choices, as JSON holds them."""
-        used = self._segmenter_config()
+        """Files and choices, for the report."""
+        used = self._used_options()
         return {
             "scene": str(self.scene),
             "selection": str(self.selection) if self.selection else None,
@@ -164,7 +160,7 @@ class Trim:
         }
 
 
-def _as_json(options: SelectionOptions | _SegmenterConfig) -> dict[str, Any]:
+def _as_json(options: Any) -> dict[str, Any]:
     return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()}
 
 

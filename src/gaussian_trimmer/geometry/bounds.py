@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.geometry.components import connected_voxels
 
@@ -44,11 +44,7 @@ def up_frame(up: Float64Array) -> Float64Array:
     Raises:
         InputError: the vector is zero or not finite.
     """
-    up = np.asarray(up, np.float64)
-    length = np.linalg.norm(up)
-    if not (np.isfinite(length) and length > 0):
-        raise InputError(f"The up vector {up.tolist()} has no direction; give three numbers that are not all zero.")
-    up = up / length
+    up = unit_up(up)
     first = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(up, first), up])

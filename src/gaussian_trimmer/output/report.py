@@ -17,10 +17,10 @@ from gaussian_trimmer.formats.ply import write_selected
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
+from gaussian_trimmer.result import RowLabel, TrimResult
 
-LABEL_NAMES = ("kept", "pruned", "recovered", "split_inside", "split_outside")
-"""Names of the labels, by number."""
+LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
+"""Names of the labels of rows, by number."""
 RESULT_FILES = ("object.*", "background.*", "labels.npz", "report.json", "views", "before_after.png")
 """Patterns of the names that `write_results` writes."""
 
@@ -123,10 +123,10 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
     return {
         "scene": len(result.scene),
         "selected": int(np.count_nonzero(selection)),
-        "kept": int(np.count_nonzero(ours == KEPT)),
-        "split": int(np.count_nonzero(ours == SPLIT_INSIDE)),
-        "recovered": int(np.count_nonzero(ours == RECOVERED)),
-        "pruned": int(np.count_nonzero(labels == PRUNED)),
+        "kept": int(np.count_nonzero(ours == RowLabel.KEPT)),
+        "split": int(np.count_nonzero(ours == RowLabel.SPLIT_INSIDE)),
+        "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
+        "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,
         "object": len(result.object),
         "background": len(result.source_index) - len(result.object),

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
@@ -82,9 +81,9 @@ def find_up(
         InputError: the given vector has not three finite entries or has length zero.
     """
     if given is not None:
-        return UpVector(_unit(given), "given", 1.0)
+        return UpVector(unit_up(given), "given", 1.0)
     if cameras is not None and cameras.up is not None:
-        return UpVector(_unit(cameras.up), "camera file", 1.0)
+        return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
     found = found or up_from_ground_plane(gaussians, object_rows)
     return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
@@ -143,14 +142,6 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     standing = heights[abs(heights) >= tolerance] if object_points is None else plane.heights(object_points)
     up = plane.normal if (standing > 0).sum() >= (standing < 0).sum() else -plane.normal
     return UpVector(up, "ground plane", share)
-
-
-def _unit(vector: Sequence[float] | Float64Array) -> Float64Array:
-    array = np.asarray(vector, np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-        raise InputError(f"The up vector {array.tolist()} must be three finite numbers that are not all zero.")
-    array = array / abs(array).max()  # so that squares neither overflow nor vanish
-    return np.asarray(array / np.linalg.norm(array))
 
 
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:

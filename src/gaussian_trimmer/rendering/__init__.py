@@ -88,22 +88,25 @@ def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:
     return pixels
 
 
-_RENDERERS = {
-    "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
+# Name -> module and class.
+RENDERERS = {
     "numba": ("gaussian_trimmer.rendering.numba_cpu", "NumbaRenderer"),
+    "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
     "gsplat": ("gaussian_trimmer.rendering.gsplat_cuda", "GsplatRenderer"),
 }
+RENDERER_CHOICES = ("auto", *RENDERERS)
+"""What `get_renderer` takes."""
 
 
 def get_renderer(name: str) -> Renderer:
-    """The renderer of that name: `numba`, `reference`, `gsplat`, or `auto` for gsplat where it can run, else numba.
+    """The renderer of that name; `auto` is gsplat where it can run, else numba.
 
     Raises:
         InputError: no renderer has that name, or what it needs is not installed.
     """
     if name == "auto":
-        name = "gsplat" if import_module(_RENDERERS["gsplat"][0]).is_available() else "numba"
-    if name not in _RENDERERS:
-        raise InputError(f"Unknown renderer '{name}'; available: auto, {', '.join(_RENDERERS)}.")
-    module, attribute = _RENDERERS[name]
+        name = "gsplat" if import_module(RENDERERS["gsplat"][0]).is_available() else "numba"
+    if name not in RENDERERS:
+        raise InputError(f"Unknown renderer '{name}'; available: {', '.join(RENDERER_CHOICES)}.")
+    module, attribute = RENDERERS[name]
     return cast(Renderer, getattr(import_module(module), attribute)())

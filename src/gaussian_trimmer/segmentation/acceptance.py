@@ -1,4 +1,4 @@
-"""Do no harm: which masks are believed, and when the coarse selection comes back as it was."""
+"""Do no harm: which masks are accepted, and when the coarse selection is returned as it was."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from gaussian_trimmer.views import TrimmedView, View
 
 @dataclass(frozen=True)
 class AcceptanceConfig:
-    """When a view's mask is believed, and when the whole trim is."""
+    """When the mask of a view is accepted, and when the trim as a whole is."""
 
     min_overlap: float = 0.6
-    """Smallest intersection over union of a mask with the silhouette that the corrected labels expect."""
+    """Smallest intersection over union of a mask and the silhouette of the corrected labels."""
     min_silhouette: int = 64
-    """Smallest expected silhouette in pixels; less of the object cannot be judged."""
+    """Smallest silhouette of the corrected labels, in pixels; a view that shows less of the object is rejected."""
     min_views: float = 0.4
-    """Smallest share of views that must be accepted for the trim to stand."""
+    """Smallest share of the views that must be accepted for the object to be trimmed."""
     min_remaining: float = 0.4
-    """Smallest share of what the selection shows that must remain of it."""
+    """Smallest share of what the selection shows that must remain in the object."""
 
 
 def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptanceConfig) -> list[TrimmedView]:
-    """Pair views and masks, with the reason where a mask is not believed."""
+    """Pair views with their masks, and say of each mask that is rejected why."""
     checked = []
     for view, mask in zip(views, masks, strict=True):
-        expected = view.object_prior > 0.5
-        size = int(np.count_nonzero(expected))
-        overlap = int(np.count_nonzero(mask & expected)) / max(int(np.count_nonzero(mask | expected)), 1)
+        silhouette = view.silhouette
+        size = int(np.count_nonzero(silhouette))
+        overlap = int(np.count_nonzero(mask & silhouette)) / max(int(np.count_nonzero(mask | silhouette)), 1)
         reason = ""
         if size < config.min_silhouette:
             reason = f"the object is expected in only {size} pixels"
@@ -41,22 +41,22 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
     return checked
 
 
-def rejection(checked: Sequence[TrimmedView], config: AcceptanceConfig) -> str:
-    """Why the coarse selection must stay as it is; empty if the views suffice."""
-    accepted = sum(not view.rejected for view in checked)
-    if accepted >= max(1.0, config.min_views * len(checked)):
+def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str:
+    """Why the views do not suffice to change the coarse selection; empty if they do."""
+    accepted = sum(not view.rejected for view in views)
+    if accepted >= max(1.0, config.min_views * len(views)):
         return ""
-    reasons = "; ".join(sorted({view.rejected for view in checked if view.rejected}))
-    return f"only {accepted} of {len(checked)} views were accepted ({reasons})"
+    reasons = "; ".join(sorted({view.rejected for view in views if view.rejected}))
+    return f"only {accepted} of {len(views)} views were accepted ({reasons})"
 
 
 def excessive_loss(coarse: BoolArray, keep: BoolArray, visible: FloatArray, config: AcceptanceConfig) -> str:
-    """Why labels that leave too little of the selection must not stand; empty if they may.
+    """Why an object that keeps too little of the selection is refused; empty if it keeps enough.
 
     Args:
         coarse: the coarse selection, (N,).
         keep: what would be the object, (N,).
-        visible: how much each Gaussian is seen, (N,).
+        visible: how much of each Gaussian the views show, (N,).
         config: how much must remain.
     """
     if not keep.any():

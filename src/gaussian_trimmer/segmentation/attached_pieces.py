@@ -1,4 +1,4 @@
-"""What stands on the supporting surface in one piece with the object."""
+"""Pieces that stand on the support plane and touch the object."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ def attached_to_object(
     spacing: FloatArray,
     labels: BoolArray,
     weights: Float64Array,
-    support: SupportPlane,
+    plane: SupportPlane,
     config: SupportPlaneConfig,
 ) -> BoolArray:
-    """Gaussians that are not labelled object but stand in one piece with it, (N,).
+    """Gaussians that are not labelled as object but belong to a piece that mostly is, (N,).
 
-    Pieces are what lies above the surface and is connected by steps of at most the gap.
+    A piece is what lies above the plane and is connected by steps no longer than the gap.
 
     Args:
-        places: centres divided by the object's radius, (N, 3).
-        spacing: distance of each from its nearest neighbour, (N,).
-        labels: what is labelled object so far, (N,).
-        weights: how much each Gaussian is visible, (N,).
-        support: the surface.
+        positions: centres divided by the object's radius, (N, 3).
+        spacing: distance of each centre from its nearest neighbour, (N,).
+        labels: the labels so far, (N,).
+        weights: how visible each Gaussian is, (N,).
+        plane: the plane that the object stands on.
         config: what counts as a piece.
     """
     attached = np.zeros(len(labels), np.bool_)
-    rows = np.flatnonzero(support.above)
+    rows = np.flatnonzero(plane.above)
     if len(rows) == 0:
         return attached
     gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)

@@ -17,10 +17,10 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
-from gaussian_trimmer.segmentation.view_rendering import bounding_box, visible_weight
+from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
-from gaussian_trimmer.views import Box
+from gaussian_trimmer.views import Box, bounding_box
 
 Way = Literal["piece", "colour"]
 
@@ -151,9 +151,9 @@ def _pieces_in_box(
 def _pieces_at(
     gaussians: Gaussians, camera: Camera, target: _Target, visible: FloatArray, up: Float64Array
 ) -> list[BoolArray]:
-    places = (gaussians.means - target.point) @ up_frame(up).T
+    positions = (gaussians.means - target.point) @ up_frame(up).T
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
-    return pieces_on_plane(places, target.seeds, visible, scale)
+    return pieces_on_plane(positions, target.seeds, visible, scale)
 
 
 def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> _Target:

@@ -1,4 +1,4 @@
-"""Coarse selections from masks of posed pictures, for scenes that no segmentation method has been run on.
+"""Coarse selections from masks of posed pictures, for scenes that no segmentation method was run on.
 
 N Gaussians, V views, H x W pixels. Masks are boolean or coverage 0..255, cut at half; the masks of several objects
 may be one image of object numbers a view. The cameras must be those of the masks' own, undistorted pictures.
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import Renderer
 
 LabelArray = NDArray[np.uint8]
@@ -31,7 +32,7 @@ def lift_by_assignment(
 ) -> BoolArray:
     """Gaussians that contribute more to the pixels inside the masks than to those outside, (N,).
 
-    Arguments:
+    Args:
         masks: one (H, W) a camera, boolean or coverage 0..255.
         gamma: slackness in [-1, 1]; above zero it takes fewer Gaussians, below zero more.
 
@@ -41,6 +42,7 @@ def lift_by_assignment(
     Raises:
         InputError: number or sizes of masks and cameras differ, the masks are empty, or gamma is out of range.
     """
+    _check_gamma(gamma)
     inside = _binary_masks(cameras, masks)
     labels = [mask.astype(np.uint8) for mask in inside]
     weights = sum_label_weights(gaussians, cameras, labels, 2, renderer)
@@ -56,7 +58,7 @@ def lift_objects_by_assignment(
 ) -> LabelArray:
     """Number of the object to whose pixels each Gaussian contributes most, (N,): one pass for all objects.
 
-    Arguments:
+    Args:
         labels: one image of object numbers (H, W) a camera, 0 for the background.
         gamma: slackness in [-1, 1]; above zero it favours the background.
 
@@ -66,6 +68,7 @@ def lift_objects_by_assignment(
     Raises:
         InputError: number or sizes of images and cameras differ, all is background, or gamma is out of range.
     """
+    _check_gamma(gamma)
     _check_sizes(cameras, labels)
     for camera, image in zip(cameras, labels, strict=True):
         if image.dtype != np.uint8:
@@ -73,7 +76,8 @@ def lift_objects_by_assignment(
     n_labels = 1 + max(int(image.max(initial=0)) for image in labels)
     if n_labels == 1:
         raise InputError("The label images hold nothing but background (0); number the objects from 1.")
-    return assign_labels(sum_label_weights(gaussians, cameras, labels, n_labels, renderer), gamma)
+    weights = sum_label_weights(gaussians, cameras, labels, n_labels, renderer)
+    return assign_labels(weights, gamma).astype(np.uint8)
 
 
 def lift_by_vote(
@@ -86,7 +90,7 @@ def lift_by_vote(
 ) -> BoolArray:
     """Gaussians whose centres are projected into more than a share of the masks, (N,), whether they are seen or not.
 
-    Arguments:
+    Args:
         masks: one (H, W) a camera, boolean or coverage 0..255.
         threshold: share of the votes that must be exceeded.
         every_view_votes: a view that does not have the centre in its frame votes against it instead of abstaining;
@@ -124,27 +128,9 @@ def sum_label_weights(
     return weights
 
 
-def assign_labels(weights: Float64Array, gamma: float = 0.0) -> LabelArray:
-    """Label of the largest weight in each row of (N, n_labels), after rows are scaled to unit length, as (N,).
-
-    Before the comparison `gamma` is added to the weight of label 0, the background. Ties go to the lower label and
-    rows of zeros to the background, whatever gamma is. The slackness of FlashSplat (Shen et al. 2024).
-
-    Raises:
-        InputError: gamma is not in [-1, 1].
-
-    >>> assign_labels(np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]])).tolist()
-    [1, 0, 0]
-    >>> assign_labels(np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]]), gamma=-0.3).tolist()
-    [1, 1, 0]
-    """
+def _check_gamma(gamma: float) -> None:
     if not -1 <= gamma <= 1:
         raise InputError(f"The slackness gamma is {gamma}; it must lie between -1 and 1.")
-    lengths = np.linalg.norm(weights, axis=1, keepdims=True)
-    seen = lengths[:, 0] > 0
-    scaled = weights / np.where(lengths > 0, lengths, 1.0)
-    scaled[:, 0] += gamma
-    return np.where(seen, scaled.argmax(axis=1), 0).astype(np.uint8)
 
 
 def _binary_masks(cameras: Sequence[Camera], masks: Sequence[NDArray[Any]]) -> list[BoolArray]:

@@ -1,6 +1,6 @@
-"""Masks that the user brings, for cameras of pictures that exist: segmentation without virtual views.
+"""Masks from the user, for cameras whose pictures exist: segmentation without virtual views.
 
-A mask belongs to the camera whose picture has its name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`.
+A mask belongs to the camera whose picture has the same name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.views import View
@@ -28,7 +28,7 @@ class MaskFilesConfig:
     """Where the masks are."""
 
     folder: Path | None = None
-    """Folder of the masks, named as the pictures of the cameras; bright is the object."""
+    """Folder of the masks, each named like the picture of its camera; the object is bright."""
 
 
 class MaskFilesSegmenter:
@@ -46,8 +46,18 @@ class MaskFilesSegmenter:
             raise InputError("The segmenter 'mask-files' needs the folder of the masks: --mask-files.folder DIR.")
         self._folder = folder
 
+    def own_cameras(self, cameras: CameraSet | None) -> list[Camera]:
+        """The cameras that have a mask.
+
+        Raises:
+            InputError: there are no cameras, their images are distorted, or the folder has no mask for any.
+        """
+        if cameras is None:
+            raise InputError("The segmenter 'mask-files' needs the cameras of the masks' pictures: --cameras PATH.")
+        return cameras_with_masks(cameras.pinhole_cameras(), self._folder)
+
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) a view, True where the file is brighter than half.
+        """One mask (H, W) for each view, True where the file is brighter than half.
 
         Raises:
             InputError: a view has no mask, or one that cannot be read or is of another size.

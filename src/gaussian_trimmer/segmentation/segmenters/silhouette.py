@@ -14,5 +14,5 @@ class SilhouetteSegmenter:
     name = "silhouette"
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """Pixels in which the object's expected share of the picture exceeds one half, a mask (H, W) a view."""
-        return [view.object_prior > 0.5 for view in views]
+        """One mask (H, W) for each view: the pixels of which the object contributes more than half."""
+        return [view.silhouette for view in views]
