@@ -38,7 +38,7 @@ class Gaussians:
     sh_rest: FloatArray
     """Coefficients of degrees 1 to 3, channel-major as in the PLY's f_rest, (N, 3, 0 | 3 | 8 | 15)."""
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """Columns that the renderer does not know, by name, each (N,): kept so that they can be read and passed on."""
+    """Columns that the renderer does not use, by name, each (N,): kept so that they can be read and passed on."""
 
     def __post_init__(self) -> None:
         n = len(self.means)

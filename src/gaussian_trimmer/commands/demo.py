@@ -17,7 +17,7 @@ _FOLDER = Path("trimmed") / "demo"
 
 @dataclass(frozen=True)
 class Demo:
-    """Trim an object of the sample scene that comes with the program, and say where to look."""
+    """Trim an object of the sample scene that comes with the program, and say where the results are."""
 
     output: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder for the results. (default: trimmed/demo, which every run replaces)"""
@@ -29,7 +29,9 @@ class Demo:
     def run(self) -> None:
         """Trim and write the results; errors as those of `Trim.run`."""
         console = open_console(quiet=self.quiet)
-        console.print("The sample: a toy lighthouse on a table, roughly selected, with table around its foot.")
+        console.print(
+            "The sample: a toy lighthouse on a table, roughly selected, with parts of the table around its foot."
+        )
         folder = self.output or _FOLDER
         Trim(
             sample.SCENE,

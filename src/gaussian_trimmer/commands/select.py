@@ -28,7 +28,7 @@ from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_cli
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
 from gaussian_trimmer.selecting.overview import plan_overview
 
-_WAYS = {"piece": "a thing that stands on a surface", "colour": "what has its colour in that view"}
+_WAYS = {"piece": "an object that stands on a surface", "colour": "what has its colour in that view"}
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Select:
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
         if self.object_ids and (self.masks is None or self.method == "vote"):
-            raise InputError("Object numbers are lifted from --masks by 'assignment' alone; leave --method out.")
+            raise InputError("Object numbers are lifted from --masks only by 'assignment'; leave --method out.")
         if self.object_ids and self.trim is not None:
             raise InputError("Only one object can be trimmed at a time; leave --trim out and choose an object id then.")
         if self.output.suffix != ".npy":

@@ -117,7 +117,7 @@ def _counted(alpha: Silhouette, gt: Silhouette, valid: BoolArray | None) -> Bool
 
 def _boundary_band(mask: BoolArray, counted: BoolArray, width: int) -> BoolArray:
     """Counted pixels of the mask at most `width` pixels, along rows, columns or diagonals, from its outside."""
-    # Unknown pixels are taken as inside, so that erosion starts at true contours alone.
+    # Unknown pixels are taken as inside, so that erosion starts only at true contours.
     padded = np.pad((mask | ~counted).astype(np.uint8), 1)
     interior = cv2.erode(padded, np.ones((3, 3), np.uint8), iterations=width)[1:-1, 1:-1]
     return np.asarray(mask & counted & (interior == 0))

@@ -66,7 +66,7 @@ def read_columns(path: Path, header: Header, name: str = "vertex") -> dict[str, 
         raise InputError(f"'{path}' has no {name} element, so it holds no Gaussians.")
     *before, element = header.elements[: names.index(name) + 1]
     if any(kind == "list" for part in (*before, element) for _, kind in part.properties):
-        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has scalars alone.")
+        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has only scalars.")
     if len({name for name, _ in element.properties}) < len(element.properties):
         raise InputError(f"'{path}' names a property of its {name} element twice.")
     if element.count == 0 or not element.properties:

@@ -49,7 +49,7 @@ class _Header:
     sh_degree: int
     fractional_bits: int
     streams: int
-    """Number of compressed streams; version 4 alone."""
+    """Number of compressed streams; only in version 4."""
 
     @property
     def sizes(self) -> list[int]:

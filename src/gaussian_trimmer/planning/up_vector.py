@@ -1,4 +1,4 @@
-"""The up vector of a scene: given, stated with the cameras, found from them, or from the plane that things stand on."""
+"""The up vector of a scene: given, stated in the camera file, or found from the cameras or from the ground plane."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
-"""Up where nothing tells: the first OpenCV camera of a reconstruction mostly stands upright."""
+"""Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
 
 # Cameras
 _MIN_TURN = 0.01
-"""Mean square of the second principal direction of the right axes that tells a turn from noise (6 degrees)."""
+"""Smallest mean square of the right axes along their second principal direction that is no noise (6 degrees)."""
 _MAX_ROLL = 0.05
 """Largest scatter of the right axes out of their plane, relative to that turn."""
 _MIN_AGREEMENT = 0.5
-"""Shortest mean of the cameras' unit up axes that still means something."""
+"""Smallest length of the mean of the cameras' unit up axes at which it is used."""
 
 # Ground plane
 _SAMPLE = 20_000
@@ -31,7 +31,7 @@ _POINTS_AT_ONCE = 1 << 14
 _THICKNESS = 0.01
 """Distance of inliers from the plane, relative to the robust radius of what is searched."""
 _REACH = 3.0
-"""The object's support is searched within this many robust radii of it."""
+"""The object's support plane is searched within this many robust radii of it."""
 _MIN_SHARE = 0.15
 """Smallest share of inliers: clouds without a plane reach 0.1 by chance."""
 _MIN_POINTS = 50
@@ -68,14 +68,14 @@ def find_up(
     given: Sequence[float] | Float64Array | None = None,
     object_rows: BoolArray | None = None,
 ) -> UpVector:
-    """The up vector by the best evidence there is.
+    """The up vector from the best source there is.
 
-    In falling order: the given vector, the one that the camera file states, the cameras' axes, the plane that the
+    In order of preference: the given vector, the one that the camera file states, the cameras' axes, the plane that the
     scene or the object stands on, and -y with confidence 0.
 
-    Arguments:
+    Args:
         given: any non-zero vector (3,).
-        object_rows: the Gaussians of the object, (N,), whose supporting plane is then looked for.
+        object_rows: the Gaussians of the object, (N,), whose support plane is then searched.
 
     Raises:
         InputError: the given vector has not three finite entries or has length zero.
@@ -145,7 +145,7 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
 
 
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
-    """Centres of at most `size` of the Gaussians in `rows`, the opaque ones rather, in random order, (M, 3)."""
+    """Centres of at most `size` of the Gaussians in `rows`, drawn by opacity, in random order, (M, 3)."""
     candidates = np.flatnonzero(rows)
     weights = sigmoid(gaussians.opacity_logits[candidates]).astype(np.float64) + 1e-6
     size = min(size, len(candidates))
@@ -154,7 +154,7 @@ def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Gener
 
 
 def _surroundings(gaussians: Gaussians, object_rows: BoolArray, object_points: Float64Array) -> BoolArray:
-    """What an object stands amid, (N,): Gaussians near it, or all but the object where too few are near."""
+    """The surroundings of an object, (N,): the Gaussians near it, or all but the object if too few are near."""
     distances = _distances(gaussians.means, np.median(object_points, axis=0))
     near = ~object_rows & (distances < _REACH * np.quantile(distances[object_rows], 0.9))
     return np.asarray(near if near.sum() >= _MIN_POINTS else ~object_rows)

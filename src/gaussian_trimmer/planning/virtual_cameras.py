@@ -14,7 +14,7 @@ from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
 
 _NEAR = 0.01
-"""Near plane of planned cameras in object radii, so that neither tiny nor huge units cut anything off."""
+"""Near plane of planned cameras in object radii, so that it works in scenes of any unit."""
 _FULL_CIRCLE_GAP = np.radians(100)
 
 
@@ -29,13 +29,13 @@ class PlanConfig:
     size: int = 512
     """Width and height of the virtual views in pixels."""
     fov_degrees: float = 60.0
-    """Field of view."""
+    """Field of view of the virtual cameras."""
     pitch_degrees: float | None = None
-    """Angle above the horizon; not given: 30, moved into the span of the training cameras where there are any."""
+    """Angle above the horizon. If it is not given: 30, moved into the range of the training cameras, if any."""
     yaw_range_degrees: tuple[float, float] | None = None
-    """First and last yaw; not given: the full circle, or the span of the training cameras."""
+    """First and last yaw. If they are not given: the full circle, or the range of the training cameras."""
     fill: float = 0.75
-    """Share of the frame that the object's robust bounds fill (`fit`)."""
+    """Share of the frame's width or height that the object's robust bounds fill (`fit`)."""
     lambda_1: float = 20.0
     """Distance per horizontal extent (`paper`, eq. 3)."""
     lambda_2: float = 6.0
@@ -51,7 +51,7 @@ def plan_cameras(
         target: the coarse object.
         up: the scene's up vector, (3,), of any length.
         config: framing, number of views and angles.
-        training_cameras: training cameras, if known; they limit yaw and pitch to what was really observed.
+        training_cameras: training cameras, if known; they limit yaw and pitch to the range that was observed.
 
     Raises:
         InputError: a setting is out of its range, or the up vector is zero.

@@ -34,7 +34,7 @@ _CHANNELS_AT_ONCE = 32
 _LABELS_AT_ONCE = 8
 _TILE, _TILE_OF_1_6 = 8, 4
 """Side of a tile in pixels: warps of 32 threads draw it, two or a part of one, and sums of two terms have no order.
-Version 1.6 draws tiles of 4 or 16 pixels alone."""
+Version 1.6 draws only tiles of 4 or 16 pixels."""
 _KEPT_BYTES = 1 << 29
 """Device memory for the projections of one scene that are kept for the next call."""
 _WEIGHT_UNIT = 2.0**-30

@@ -1,7 +1,8 @@
-"""From a click or a box in one view to a rough selection of what is meant.
+"""From a click or a box in one view to a rough selection of the object there.
 
-The pixel's Gaussians say where in the scene it is. What stands there on a surface is found in 3D, from all around;
-where nothing does, the view is segmented by colour and the mask is lifted to the Gaussians that show it.
+The Gaussians that show at the pixel give its position in the scene. An object that stands on a plane there is found in
+3D, from all around; if there is none, the view is segmented by colour, and the mask selects the Gaussians that show in
+it.
 """
 
 from __future__ import annotations
@@ -31,24 +32,24 @@ _MIN_ALPHA = 0.3
 _AROUND = 8
 _PITCH_DEGREES = (10.0, 60.0)
 _BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
-"""Where in a box things are looked for, relative to its sides."""
+"""Pixels in a box at which objects are searched, relative to its sides."""
 _GOOD_BOX_OVERLAP = 0.85
 _MIN_BOX_OVERLAP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pick:
-    """What a click or a box means."""
+    """The selection that a click or a box stands for."""
 
     selection: BoolArray
     """The rough selection, (N,)."""
     ways: tuple[Way, ...]
-    """For each click how it was understood: a `piece` that stands on a surface, or what has its `colour`."""
+    """How each click was understood: as a `piece` that stands on a plane, or as a region of its `colour`."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """The place in the scene that a pixel shows."""
+    """The point of the scene that a pixel shows."""
 
     point: Float64Array
     """World point, (3,)."""
@@ -64,7 +65,7 @@ def select_by_clicks(
     up: Float64Array,
     renderer: Renderer,
 ) -> Pick:
-    """The things at some pixels (x, y) of a view; of several clicks, all that they mean together.
+    """The objects at some pixels (x, y) of a view, all in one selection.
 
     Args:
         up: the scene's up vector, (3,).
@@ -83,7 +84,7 @@ def select_by_clicks(
 
 
 def select_by_box(gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer) -> Pick:
-    """The thing that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+    """The object that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
 
     Args:
         up: the scene's up vector, (3,).
@@ -131,7 +132,7 @@ def _click(
 def _pieces_in_box(
     gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer
 ) -> Iterator[BoolArray]:
-    """What stands at some places in the middle of a box."""
+    """The objects that stand at some pixels in the middle of a box."""
     x0, y0, x1, y1 = box
     places = [(int(x0 + u * (x1 - x0)), int(y0 + v * (y1 - y0))) for u, v in _BOX_SEEDS]
     targets = []
@@ -157,7 +158,7 @@ def _pieces_at(
 
 
 def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> _Target:
-    """The surface point at a pixel: the weighted median depth of the Gaussians that show there."""
+    """The surface point at a pixel, at the weighted median depth of the Gaussians that show there."""
     rows, weights = (
         found[0] for found in renderer.top_contributors(gaussians, camera, np.array([[x, y]]), _CONTRIBUTORS)
     )
@@ -218,7 +219,7 @@ def _overlap(a: Box, b: Box) -> float:
 
 
 def _small(camera: Camera) -> Camera:
-    """The view at a size that is quick to look at from all around."""
+    """The view at a size at which it is quick to render from all around."""
     return camera.resized(min(1.0, _MAX_SIDE / max(camera.width, camera.height)))
 
 

@@ -26,7 +26,7 @@ def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
 
 
 def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians of the chosen objects, (N,); where there is one object alone, it need not be chosen.
+    """The Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
 
     Raises:
         InputError: there are no such weights for N Gaussians, or the objects are not chosen or have no Gaussians.

@@ -23,12 +23,12 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class SelectionOptions:
-    """How a selection file is read. The defaults suffice wherever the file itself says which Gaussians it means."""
+    """How a selection file is read. The defaults suffice unless the file can be understood in several ways."""
 
     kind: Kind = "auto"
-    """What the file holds; found from its content unless forced."""
+    """What the file holds; detected from its content by default."""
     object_id: tuple[int, ...] = ()
-    """Id of the object among several in the file; more than one id are united."""
+    """Id of the object, if the file has several; several ids are selected together."""
     property: str | None = None
     """Name of the PLY property, or of the array in an .npz, that holds the selection."""
     threshold: float | None = None
@@ -37,7 +37,7 @@ class SelectionOptions:
     classifier: Path | None = None
     """Classifier of the identity features that the PLY or the checkpoint holds."""
     query_row: int | None = None
-    """Row number, from 0, of a scene Gaussian on the object; similar identity features are selected."""
+    """Row number, from 0, of a Gaussian on the object; Gaussians with similar identity features are selected."""
     gamma: float = 0.0
     """FlashSplat's background bias: positive values select less, negative ones more; -1 to 1 is useful."""
 

@@ -100,10 +100,10 @@ class Sam2Segmenter:
         return f"sam2 with {self._source} ({self._model_type}), {how}, on {self._device} in {dtype}"
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) a view. Views are taken in order of yaw, as the frames of a video.
+        """One mask (H, W) for each view. Views are taken in order of yaw, as the frames of a video.
 
-        A view without a prompt, where the coarse object is not to be seen, gets an empty mask; so do all views of a
-        video whose first has none.
+        A view without a prompt, because the coarse object is not visible in it, gets an empty mask; so do all views of
+        a video whose first view has none.
 
         Eq. 6 of GaussianTrimmer for the first view, and the tracking that follows it.
         """
@@ -111,7 +111,7 @@ class Sam2Segmenter:
             if self.config.prompting == "video":
                 masks = self._segment_as_video(views)
             else:
-                masks = [self._segment_alone(view) for view in views]
+                masks = [self._segment_by_itself(view) for view in views]
             return [mask.cpu().numpy() for mask in masks]
 
     def _segment_as_video(self, views: Sequence[View]) -> list[Tensor]:
@@ -135,7 +135,7 @@ class Sam2Segmenter:
             logits = [logits[-1], *logits[1:-1]]
         return [self._mask(frame, view) for frame, view in zip(logits, views, strict=True)]
 
-    def _segment_alone(self, view: View) -> Tensor:
+    def _segment_by_itself(self, view: View) -> Tensor:
         if not self._has_prompt(view):
             return self._empty_mask(view)
         prompt = {"input_boxes": self._corners(view).reshape(1, 1, 4)}
