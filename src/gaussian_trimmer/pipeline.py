@@ -32,6 +32,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
+from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
@@ -162,7 +163,7 @@ def _plan(
     local = scene.select(rows)
     if views:
         planned = list(views)
-    elif not training_cameras:
+    elif not cameras_that_see(training_cameras, bounds):
         plan = limit_yaw_to_observed(local, coarse, up.direction, config.plan, renderer)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)

@@ -12,10 +12,10 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
 
 _NEAR = 0.01
 """Near plane of planned cameras in object radii, so that it works in scenes of any unit."""
-_FULL_CIRCLE_GAP = np.radians(100)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ def plan_cameras(
         target: the coarse object.
         up: the scene's up vector, (3,), of any length.
         config: framing, number of views and angles.
-        training_cameras: training cameras, if known; they limit yaw and pitch to the range that was observed.
+        training_cameras: training cameras, if known; those that see the object limit yaw and pitch to the range that
+            was observed.
 
     Raises:
         InputError: a setting is out of its range, or the up vector is zero.
@@ -59,7 +60,7 @@ def plan_cameras(
     _check(config)
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
-    yaws, pitch = _angles(bounds, config, training_cameras)
+    yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
     directions = np.stack(
         [np.cos(yaws) * np.cos(pitch), np.sin(yaws) * np.cos(pitch), np.full_like(yaws, np.sin(pitch))], -1
     )
@@ -94,14 +95,7 @@ def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camer
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi
     if training_cameras:
-        local = (np.array([camera.centre for camera in training_cameras]) - bounds.centre) @ bounds.axes.T
-        camera_yaws = np.sort(np.arctan2(local[:, 1], local[:, 0]))
-        camera_pitches = np.arctan2(local[:, 2], np.linalg.norm(local[:, :2], axis=1))
-        pitch = float(np.clip(pitch, *np.percentile(camera_pitches, [25, 75])))
-        gaps = np.diff(np.append(camera_yaws, camera_yaws[0] + 2 * np.pi))
-        widest = int(np.argmax(gaps))
-        if gaps[widest] > _FULL_CIRCLE_GAP:
-            first, span = camera_yaws[(widest + 1) % len(gaps)], 2 * np.pi - gaps[widest]
+        first, span, pitch = observed_angles(training_cameras, bounds, pitch)
     if config.pitch_degrees is not None:
         pitch = float(np.radians(config.pitch_degrees))
     if config.yaw_range_degrees is not None:
