@@ -35,6 +35,7 @@ from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
+from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
@@ -77,13 +78,14 @@ def trim(
         progress: called with the name of each stage when it begins.
 
     Raises:
-        InputError: the selection has the wrong length or is empty, or a setting is out of its range.
+        InputError: the selection has the wrong length or is empty, a setting is out of its range, or a renderer or
+            segmenter of the caller's gives something else than its contract says.
     """
     config = config or TrimConfig()
     check_config(config)
     selection = _checked(selection, len(scene))
-    renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
-    segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
+    renderer = CheckedRenderer(get_renderer(renderer) if isinstance(renderer, str) else renderer)
+    segmenter = CheckedSegmenter(get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter)
     clock = _Clock(progress)
     with clock("plan"):
         scope = _plan(scene, selection, config, renderer, cameras, views)
