@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -14,11 +15,14 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting import lifting
 from gaussian_trimmer.selecting.lifting import (
     lift_by_assignment,
     lift_by_vote,
     lift_objects_by_assignment,
+    sum_label_weights,
 )
 
 SCENE = Path(__file__).parents[2] / "shared" / "data" / "scene0"
@@ -92,6 +96,50 @@ def test_several_objects_in_one_pass() -> None:
     found = lift_objects_by_assignment(scene(), cameras(), labels, REFERENCE)
     assert found.dtype == np.uint8
     assert found.tolist() == [1, 1, 1, 7, 7, 1, 0]
+
+
+def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
+    """Gaussians in two layers, and label images whose 40 objects are small squares of one number each, up to 255."""
+    places = np.stack(np.meshgrid(np.linspace(-0.9, 0.9, 12), np.linspace(-0.8, 0.8, 10), [0.0, 0.4]), -1)
+    n = places.size // 3
+    cloud = Gaussians(
+        places.reshape(-1, 3).astype(np.float32), np.full((n, 3), np.log(0.06), np.float32),
+        np.tile(np.float32([1, 0, 0, 0]), (n, 1)), np.full(n, 1.0, np.float32),
+        np.zeros((n, 3), np.float32), np.zeros((n, 3, 0), np.float32),
+    )  # fmt: skip
+    numbers = np.array([*range(1, 77, 2), 200, 255], np.uint8)
+    squares = np.kron(numbers.reshape(5, 8), np.ones((8, 6), np.uint8))
+    squares[:3] = 0
+    return cloud, cameras(), [squares] * 3
+
+
+@pytest.mark.parametrize("gamma", [-0.6, 0.0, 0.3])
+def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud, views, labels = many_objects()
+    weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)
+    at_once = assign_labels(weights, gamma)
+    assert len(np.unique(at_once)) > 20
+    for objects, held in ((16, 1 << 25), (7, 1 << 25), (16, 3 * len(cloud)), (16, 1)):
+        monkeypatch.setattr(lifting, "_OBJECTS_PER_PASS", objects)
+        monkeypatch.setattr(lifting, "_WEIGHTS_PER_PASS", held)
+        found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
+        np.testing.assert_array_equal(found, at_once)
+
+
+def test_one_object_of_a_large_number_costs_no_more_than_the_number_one() -> None:
+    class Counting:
+        """Renders, and notes for how many labels it was asked."""
+
+        asked: ClassVar[list[int]] = []
+
+        def blend_weights(self, gaussians, camera, labels, n_labels):
+            self.asked.append(n_labels)
+            return REFERENCE.blend_weights(gaussians, camera, labels, n_labels)
+
+    labels = [np.where(mask, 255, 0).astype(np.uint8) for mask in left_masks()]
+    found = lift_objects_by_assignment(scene(), cameras(), labels, Counting())
+    assert found.tolist() == [255, 255, 255, 0, 0, 255, 0]
+    assert Counting.asked == [2, 2, 2]
 
 
 def test_one_object_in_one_pass_equals_the_single_assignment() -> None:

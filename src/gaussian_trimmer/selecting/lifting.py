@@ -21,6 +21,9 @@ from gaussian_trimmer.rendering import Renderer
 LabelArray = NDArray[np.uint8]
 
 _HALF_COVERAGE = 127
+_OBJECTS_PER_PASS = 16
+_WEIGHTS_PER_PASS = 1 << 25
+"""Blend weights, of Gaussians times labels, that are held at a time when several objects are lifted."""
 
 
 def lift_by_assignment(
@@ -56,7 +59,9 @@ def lift_objects_by_assignment(
     renderer: Renderer,
     gamma: float = 0.0,
 ) -> LabelArray:
-    """Number of the object to whose pixels each Gaussian contributes most, (N,): one pass for all objects.
+    """Number of the object to whose pixels each Gaussian contributes most, (N,): of all objects together.
+
+    Memory does not grow with the number of objects, nor time with the numbers themselves, only with how many there are.
 
     Args:
         labels: one image of object numbers (H, W) a camera, 0 for the background.
@@ -73,11 +78,36 @@ def lift_objects_by_assignment(
     for camera, image in zip(cameras, labels, strict=True):
         if image.dtype != np.uint8:
             raise InputError(f"{_view(camera)} has labels of type {image.dtype}; 8-bit object numbers are needed.")
-    n_labels = 1 + max(int(image.max(initial=0)) for image in labels)
-    if n_labels == 1:
+    numbers = np.setdiff1d(np.unique(np.concatenate([np.unique(image) for image in labels])), 0)
+    if not len(numbers):
         raise InputError("The label images hold nothing but background (0); number the objects from 1.")
-    weights = sum_label_weights(gaussians, cameras, labels, n_labels, renderer)
-    return assign_labels(weights, gamma).astype(np.uint8)
+    return _assign_in_passes(gaussians, cameras, labels, numbers, renderer, gamma)
+
+
+def _assign_in_passes(
+    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], numbers: LabelArray,
+    renderer: Renderer, gamma: float,
+) -> LabelArray:  # fmt: skip
+    """The rule of `assign_labels` for object numbers (K,), ascending, few of them at a time: as many columns of blend
+    weights as there are objects would not fit into memory."""
+    n = len(gaussians)
+    background, largest, squared_length = np.zeros(n), np.zeros(n), np.zeros(n)
+    winner = np.zeros(n, np.uint8)
+    step = max(1, min(_OBJECTS_PER_PASS, _WEIGHTS_PER_PASS // n - 1))
+    for start in range(0, len(numbers), step):
+        part = numbers[start : start + step]
+        renumbered = np.full(256, len(part) + 1, np.uint8)  # numbers of other passes: left out by the renderer
+        renumbered[0], renumbered[part] = 0, np.arange(1, len(part) + 1)
+        images = [renumbered[image] for image in labels]
+        weights = sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
+        background, objects = weights[:, 0], weights[:, 1:]
+        squared_length += np.square(objects).sum(axis=1)
+        best = objects.argmax(axis=1)
+        ahead = objects[np.arange(n), best] > largest
+        winner[ahead], largest[ahead] = part[best[ahead]], objects[ahead, best[ahead]]
+    length = np.sqrt(squared_length + np.square(background))
+    length[length == 0] = 1.0
+    return np.where(largest / length > background / length + gamma, winner, 0).astype(np.uint8)
 
 
 def lift_by_vote(
