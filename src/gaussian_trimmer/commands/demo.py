@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -19,8 +20,8 @@ _FOLDER = Path("trimmed") / "demo"
 class Demo:
     """Trim an object of the sample scene that comes with the program, and say where the results are."""
 
-    output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder for the results. (default: trimmed/demo, which every run replaces)"""
+    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/demo)")] = None
+    """Folder for the results; every run replaces those in trimmed/demo."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
     quiet: bool = False
@@ -49,4 +50,5 @@ class Demo:
             f"{folder / 'views'} shows where the silhouettes were drawn, {folder / 'report.json'} says the rest."
         )
         console.print("The same by hand:")
-        console.print(f"  gaussian-trimmer trim {sample.SCENE} {sample.SELECTION} --cameras {sample.CAMERAS}")
+        command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS]
+        console.print(f"  {shlex.join(map(str, command))}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -102,7 +103,7 @@ class Select:
         Trim(
             self.scene, self.output, cameras=self.cameras, output=self.trim, overwrite=self.overwrite,
             renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
-        ).run()  # fmt: skip
+        ).run((scene, selection, cameras))  # fmt: skip
 
     def _check(self) -> None:
         """Refuse what cannot go together before anything is read."""
@@ -175,14 +176,14 @@ class Select:
         console.print(f"{folder}: {len(views)} views, each named by its number for --view-index")
 
     def _next_command(self) -> str:
-        parts = [f"gaussian-trimmer trim {self.scene} {self.output}"]
+        parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
         if self.cameras:
-            parts.append(f"--cameras {self.cameras}")
+            parts += ["--cameras", str(self.cameras)]
         if self.up:
-            parts.append(f"--up {' '.join(f'{value:g}' for value in self.up)}")
+            parts += ["--up", *(f"{value:g}" for value in self.up)]
         if self.object_ids:
-            parts.append("--selection.object-id ID")
-        return " ".join(parts)
+            parts += ["--selection.object-id", "ID"]
+        return shlex.join(parts)
 
 
 def _views(scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> tuple[list[Camera], IntArray]:

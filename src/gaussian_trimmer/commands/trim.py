@@ -13,10 +13,10 @@ from tyro.conf import Positional, arg
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.compiling import CACHE
-from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.config import PlanConfig, TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output import report
@@ -38,6 +38,8 @@ _COMPILING_AGAIN = (
     "set NUMBA_CACHE_DIR to one that is."
 )
 _SegmenterOptions = all_options()
+Loaded = tuple[Gaussians, BoolArray, CameraSet | None]
+"""A scene, the rough selection (N,) and the cameras."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,12 @@ class Trim:
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
     angles from which the object was observed."""
-    output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder for the results. (default: trimmed/SCENE-SELECTION)"""
+    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
+    """Folder for the results."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
-    format: Annotated[str | None, arg(metavar="ENDING")] = None
-    """File format of object and background: ply, compressed.ply, splat, spz, sog or ksplat. (default: that of the
-    scene)"""
+    format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
+    """File format of object and background: ply, compressed.ply, splat, spz, sog or ksplat."""
     preset: Literal["default", "paper"] = "default"
     """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
     views: Annotated[int | None, arg(metavar="INT")] = None
@@ -79,8 +80,11 @@ class Trim:
         default_factory=_SegmenterOptions
     )
 
-    def run(self) -> None:
+    def run(self, loaded: Loaded | None = None) -> None:
         """Trim and write the results.
+
+        Args:
+            loaded: scene, selection and cameras, if the caller has read these files already.
 
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
@@ -92,10 +96,12 @@ class Trim:
             progress_over_stages(console) as stage,
         ):
             stage("read")
-            scene, selection, cameras = self._read()
+            scene, selection, cameras = loaded or self._read()
+            self._refuse_whole_scene(selection)
             seconds = {"read": time.perf_counter() - start}
             config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
             views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
+            self._refuse_unused_views(views)
             if renderer.name == "numba" and not _kernels_are_compiled():
                 console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
             result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
@@ -121,18 +127,28 @@ class Trim:
         names = [self.scene.name.split(".")[0]] + ([self.selection.name.split(".")[0]] if self.selection else [])
         return Path("trimmed") / "-".join(names)
 
-    def _read(self) -> tuple[Gaussians, BoolArray, CameraSet | None]:
+    def _read(self) -> Loaded:
         scene = formats.read(self.scene)
         cameras = read_camera_set(self.cameras) if self.cameras else None
         if self.selection is None:
             return scene, np.ones(len(scene), np.bool_), cameras
-        selection = load_selection(self.selection, scene, self.selection_options)
-        if selection.all():
+        return scene, load_selection(self.selection, scene, self.selection_options), cameras
+
+    def _refuse_whole_scene(self, selection: BoolArray) -> None:
+        if self.selection is not None and selection.all():
             raise InputError(
-                f"'{self.selection}' selects all {len(scene)} Gaussians of '{self.scene}'; give the whole scene, or "
-                "leave the selection out if the file holds the object alone."
+                f"'{self.selection}' selects all {len(selection)} Gaussians of '{self.scene}'; give the whole scene, "
+                "or leave the selection out if the file holds the object alone."
             )
-        return scene, selection, cameras
+
+    def _refuse_unused_views(self, given: list[Camera] | None) -> None:
+        """A number of virtual views means nothing where the views are those of the user's masks."""
+        wished = self.config.plan.views if self.views is None else self.views
+        if given is not None and (self.views is not None or wished != PlanConfig().views):
+            raise InputError(
+                f"The segmenter '{self.segmenter}' looks from the cameras of its {len(given)} masks, so {wished} "
+                "virtual views cannot be had; leave --views and --plan.views out, or remove masks from their folder."
+            )
 
     def _config(self) -> TrimConfig:
         if self.views is None:

@@ -13,7 +13,6 @@ import numpy as np
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.formats.ply import write_selected
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
@@ -46,7 +45,9 @@ def write_results(
     """
     formats.write(result.object, folder / f"object{suffix}")
     if len(result.source_index) > len(result.object):
-        _write_background(result, folder / f"background{suffix}")
+        formats.write_selected(
+            result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
+        )
     np.savez(
         folder / "labels.npz",
         source_index=result.source_index.astype(np.int32),
@@ -59,14 +60,6 @@ def write_results(
         write_picture(draw_view(view, i), folder / "views" / f"{i:02d}.png")
     write_picture(draw_before_after(result, selection, renderer), folder / "before_after.png")
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_background(result: TrimResult, path: Path) -> None:
-    """A PLY is written piece by piece; other formats need all Gaussians at once."""
-    if formats.format_suffix(path) == ".ply":
-        write_selected(result.scene, result.background_rows, result.outside_parts, path)
-    else:
-        formats.write(result.background, path)
 
 
 def describe(
