@@ -23,11 +23,11 @@ class Silhouettes:
         self.change = change
 
     def segment(self, views):
-        return self.change([view.expected > 0.5 for view in views])
+        return self.change([view.silhouette for view in views])
 
 
 @toy.one_thread()
-def trimmed(segmenter="label-field", renderer="numba"):
+def trimmed(segmenter="silhouette", renderer="numba"):
     return trim(SCENE, toy.dilated(SCENE, TRUTH), CONFIG, renderer=renderer, segmenter=segmenter)
 
 
