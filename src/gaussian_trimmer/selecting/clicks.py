@@ -30,6 +30,7 @@ _CONTRIBUTORS = 10
 _VISIBILITY_SCALE = 0.5
 _MIN_ALPHA = 0.3
 _AROUND = 8
+"""Places on a circle around a point from which it is seen what is visible; the clicked view takes the first."""
 _PITCH_DEGREES = (10.0, 60.0)
 _BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
 """Pixels in a box at which objects are searched, relative to its sides."""
@@ -188,13 +189,13 @@ def _visible_around(
 
 
 def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Camera]:
-    """The view itself, and others on a circle around the point, as far from it and about as high; small."""
+    """The view itself, and those from the other places of a circle around the point, about as high; small."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - target.point)
     distance = float(np.linalg.norm(offset))
-    pitch = np.clip(np.arcsin(offset[2] / distance), *np.radians(_PITCH_DEGREES))
+    pitch = np.clip(np.arctan2(offset[2], np.hypot(*offset[:2])), *np.radians(_PITCH_DEGREES))
     views = [camera]
-    for yaw in np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(_AROUND) / _AROUND:
+    for yaw in np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(1, _AROUND) / _AROUND:
         outward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes
         pose = look_at(target.point + distance * outward, target.point, axes[2])
         views.append(replace(camera, world_to_camera=pose))

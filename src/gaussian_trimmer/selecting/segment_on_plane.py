@@ -4,6 +4,9 @@ Below the seed a horizontal layer is searched, a table top or a floor. What lies
 Gaussians that are connected across some gap. Too small a gap breaks objects, too large a gap joins them; in between,
 over a range that grows with the object's distance from others, the piece that holds the seed hardly changes. All this
 is done in windows of several sizes, since the size of the object is not known beforehand.
+
+Two seeds on one object must give one object. So pieces are connected by distance, not by cells of a grid that would
+move with the seed, and windows and gaps come from one ladder of lengths for all seeds of a scene.
 """
 
 from __future__ import annotations
@@ -15,13 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.geometry.components import connected_voxels
+from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import densest_layer
 
-_WINDOWS = (0.14, 0.2, 0.28, 0.4, 0.56, 0.8)
-"""Radii of the windows, relative to half of the picture's longer side at the seed's depth."""
-_GAPS = np.geomspace(0.02, 0.4, 14)
+_STEPS_PER_OCTAVE = 2
+"""Windows of the ladder within a factor of two."""
+_WINDOWS = 0.8 * 2.0 ** (np.arange(-5, 1) / _STEPS_PER_OCTAVE)
+"""Radii of the windows, relative to half of the picture's longer side at the seed's depth, rounded to the ladder."""
+_GAPS = np.geomspace(0.03, 0.6, 14)
 """Gaps to try, relative to the window's radius."""
 _BIN = 0.02
 """Height of the histogram's bins, relative to the window's radius; the layer is three bins thick."""
@@ -39,12 +44,14 @@ _MIN_STABILITY, _STABLE = 2, 3
 """Number of steps between gaps over which a piece must be stable, and from which on it is preferred."""
 _SAME = 0.85
 """Two pieces are the same if the smaller one has at least this share of the other's visible weight."""
-_MAX_GAP = 0.25
+_MAX_GAP = 0.375
 """Largest gap within one piece, relative to the piece's radius."""
 _MAX_RADIUS, _GOOD_RADIUS = 2.5, 1.3
 """Radius of the largest piece that a window can hold, and up to which it is preferred, relative to the window's."""
 _SAME_SURFACE = 0.1
 """Layers closer to each other than this, relative to the scale, are the same one."""
+_HIDDEN_GAP = 1 / 3
+"""Hardly visible Gaussians belong to a piece within this share of its gap."""
 _MAX_FOOT_HEIGHT = 0.5
 """Largest height of a piece's foot above the layer that it stands on, relative to the piece's radius."""
 _EXTREMES = (0.02, 0.98)
@@ -87,13 +94,13 @@ def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatAr
     Nearer layers come first: for a statue on a plinth, first the statue, then both.
 
     Args:
-        places: centres relative to the selected point, the third axis upwards, (N, 3).
+        positions: centres relative to the selected point, the third axis upwards, (N, 3).
         seeds: blend weight of each Gaussian at the selected pixel, zero for most, (N,).
         visible: visible weight of each Gaussian, in pixels of five views of 512 x 512, (N,).
         scale: half of the length that the picture's longer side spans at the depth of the point, in scene units.
     """
     found = []
-    for radius in np.array(_WINDOWS) * scale:
+    for radius in _WINDOWS * _rounded_to_ladder(scale, positions):
         window = _open_window(positions, visible, float(radius))
         if window is None or not seeds[window.rows].any():
             continue
@@ -108,6 +115,14 @@ def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatAr
         return piece.stability < _STABLE, level, piece.radius > _GOOD_RADIUS * window.radius
 
     return [_with_hidden(positions, window, piece) for window, piece in sorted(found, key=order)]
+
+
+def _rounded_to_ladder(scale: float, positions: Float64Array) -> float:
+    """The scale, rounded to a length that is the same for all seeds and views of a scene (N, 3) near that scale."""
+    scene_size = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
+    if scene_size == 0:
+        return scale
+    return float(scene_size * 2.0 ** (round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE))
 
 
 def _open_window(positions: Float64Array, visible: FloatArray, radius: float) -> _Window | None:
@@ -136,7 +151,7 @@ def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> 
 def _stable_pieces(positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
     """The pieces around the seeds that stay the same over several gaps, the most stable first, each once."""
     gaps = _GAPS * window.radius
-    members = [window.rows[_piece_of(positions[window.rows], seeds[window.rows], gap)] for gap in gaps]
+    members = _nested_pieces(positions, seeds, window.rows, gaps)
     sizes = np.array([visible[rows].sum() for rows in members])
     found = {}
     for k in range(len(gaps)):
@@ -150,10 +165,17 @@ def _stable_pieces(positions: Float64Array, seeds: FloatArray, visible: FloatArr
     return sorted(found.values(), key=lambda piece: (-piece.stability, -len(piece.rows)))
 
 
-def _piece_of(positions: Float64Array, seeds: FloatArray, gap: float) -> IntArray:
-    """Rows of the connected piece that holds most of the seeds."""
-    piece = connected_voxels(positions, gap)
-    return np.flatnonzero(piece == np.bincount(piece, seeds).argmax())
+def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, gaps: Float64Array) -> list[IntArray]:
+    """For each gap, rising, the rows of the connected piece that holds most of the seeds.
+
+    A piece is searched within that of the next larger gap, which is what it falls out of as the gap shrinks.
+    """
+    pieces = []
+    for gap in gaps[::-1]:
+        piece = connected_points(positions[rows], gap)
+        rows = rows[piece == np.bincount(piece, seeds[rows]).argmax()]
+        pieces.append(rows)
+    return pieces[::-1]
 
 
 def _radius(positions: Float64Array) -> float:
@@ -188,11 +210,11 @@ def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
 
 
 def _with_hidden(positions: Float64Array, window: _Window, piece: _Piece) -> BoolArray:
-    """The piece, and the hardly visible Gaussians within half a gap of it, (N,)."""
+    """The piece, and the hardly visible Gaussians near it, (N,)."""
     chosen = np.zeros(len(positions), np.bool_)
     chosen[piece.rows] = True
     if len(window.hidden):
         points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, window.hidden))
         squared, _ = nearest(points, queries, 1)
-        chosen[window.hidden[squared[:, 0] < (0.5 * piece.gap) ** 2]] = True
+        chosen[window.hidden[squared[:, 0] < (_HIDDEN_GAP * piece.gap) ** 2]] = True
     return chosen
