@@ -23,7 +23,7 @@ LAYERS = (
     ("views",),
     FILES,
     STAGES,
-    ("config", "result"),
+    ("config", "result", "plugin_checks"),
     ("pipeline",),
     ("output", "evaluation", "selecting"),
     ("commands", "app", "batch"),
