@@ -81,10 +81,11 @@ def test_other_needles_stay_whole(case):
     assert len(needle_labels(trimmed(**case))) == 1
 
 
-def test_no_rule_of_splitting_means_no_cut_at_the_floor():
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_cut_at_the_floor_has_its_own_switch(enabled):
     scene, selection = with_needle()
-    split = SplitConfig("none", SupportPlaneSplitConfig(enabled=True))
-    assert trim(scene, selection, small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == 0
+    split = SplitConfig("none", SupportPlaneSplitConfig(enabled=enabled))
+    assert trim(scene, selection, small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == int(enabled)
 
 
 def test_every_rule_keeps_the_lower_part():

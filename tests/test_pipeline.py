@@ -47,7 +47,7 @@ SELECTIONS = {
     "with floaters": with_floaters(SCENE, TRUTH),
     "speckled": SPECKLED,
 }
-WHOLE = SplitConfig("none")
+WHOLE, CUT = SplitConfig("none"), SplitConfig("plane")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -228,7 +228,10 @@ def test_empty_selections_are_refused():
         ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
         ({"config": small_config(plan=PlanConfig(views=0))}, "number of views is 0; at least one is needed"),
         ({"config": small_config(label_crf=LabelCrfConfig(passes=0))}, "label-crf.passes is 0"),
-        ({"config": small_config(boundary=BoundaryConfig(band=0))}, "band is 0 pixels; at least one is needed"),
+        (
+            {"config": small_config(boundary=BoundaryConfig(band=0), split=CUT)},
+            "band is 0 pixels; at least one is needed",
+        ),
         ({"config": small_config(split=SplitConfig("plain"))}, "rule of splitting 'plain'; available: .*sagd, none"),
     ],
 )

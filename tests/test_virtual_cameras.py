@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from toy import CENTRE, RADIUS, UP, any_rotation, ball_on_floor, gaussians, moved, with_floaters
+from toy import CENTRE, RADIUS, RED, UP, any_rotation, ball_on_floor, gaussians, moved, with_floaters
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, touching, up_frame
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 
 
@@ -250,3 +250,24 @@ def test_settings_out_of_range_are_refused_with_what_is_possible(setting, senten
 def test_an_up_vector_without_direction_is_refused(up):
     with pytest.raises(InputError, match="up vector"):
         plan_cameras(box(), np.array(up, np.float64))
+
+
+def test_clusters_of_large_gaussians_that_touch_count_for_the_bounds():
+    def row(first, last, width):
+        positions = np.stack([np.linspace(first, last, 12), np.zeros(12), np.zeros(12)], 1)
+        return gaussians(positions, width, RED)
+
+    body, foot = row(0, 1, 0.3), row(1.9, 2.1, 0.3)
+    both = concatenate([body, foot])
+    assert dominant_cluster(both).all()
+    thin = both.replace(log_scales=both.log_scales - np.float32(np.log(10)))
+    np.testing.assert_array_equal(dominant_cluster(thin), np.arange(24) < 12)
+
+
+def test_a_huge_gaussian_touches_no_more_than_a_typical_one():
+    body = gaussians(np.stack([np.linspace(0, 1, 12), np.zeros(12), np.zeros(12)], 1), 0.1, RED)
+    huge = gaussians([[3.0, 0, 0]], 2.0, RED)
+    both = concatenate([body, huge])
+    assert not touching(both, np.arange(13) < 12).any()
+    near = both.replace(means=np.where(np.arange(13)[:, None] < 12, both.means, np.float32([1.25, 0, 0])))
+    np.testing.assert_array_equal(touching(near, np.arange(13) < 12), np.arange(13) == 12)

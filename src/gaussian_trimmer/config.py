@@ -28,7 +28,7 @@ CONTEXT_RADIUS = 1.8
 class SplitConfig:
     """What is done with Gaussians that straddle the boundary."""
 
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
     """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
     child; `none`: no Gaussian is split."""
     at_support_plane: SupportPlaneSplitConfig = field(default_factory=SupportPlaneSplitConfig)

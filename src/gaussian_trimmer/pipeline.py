@@ -24,12 +24,12 @@ from gaussian_trimmer.config import (
     paper_config,
 )
 from gaussian_trimmer.decomposition.contact import split_at_support_plane
-from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo
+from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
@@ -51,6 +51,8 @@ __all__ = [
 
 _OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+_CONNECTING_STEPS = 8
+"""Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
 
 
@@ -177,15 +179,30 @@ def _surroundings(
 ) -> tuple[IntArray, BoolArray]:
     """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
-    Selected Gaussians far from the object, floaters, are neither.
+    Selected Gaussians far from the object that nothing connects with it, floaters, are neither.
     """
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
     coarse = selection & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
     if not coarse.any():
         coarse = selection
+    coarse = _with_connected(scene, selection, coarse)
     rows = np.flatnonzero(coarse | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, coarse[rows]
+
+
+def _with_connected(scene: Gaussians, selection: BoolArray, coarse: BoolArray) -> BoolArray:
+    """The coarse object with those of the other selected Gaussians that hang together with it, (N,)."""
+    rows = np.flatnonzero(selection)
+    selected, member = scene.select(rows), coarse[rows]
+    for _ in range(_CONNECTING_STEPS):
+        found = touching(selected, member) if not member.all() else np.zeros(0, np.bool_)
+        if not found.any():
+            break
+        member = member | found
+    connected = np.zeros(len(scene), np.bool_)
+    connected[rows[member]] = True
+    return connected
 
 
 def _decompose(
@@ -202,15 +219,17 @@ def _decompose(
         weights = _weigh_isolated(isolated, accepted, scope.bounds.radius, renderer) if len(rows) else []
         if config.evidence.second_evidence and len(rows):
             plane = _support_plane(scope, keep, inside + outside, config)
-            free = plane.above[rows] if plane else np.zeros(len(rows), np.bool_)
-            halo = find_halo(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
-            keep[rows[halo]] = False
+            free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
+            alone, widths = np.sum(weights, axis=0), np.exp(isolated.log_scales.max(axis=1)) / scope.bounds.radius
+            seen = alone, inside[rows], outside[rows]
+            wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
+            keep[rows[wrong]] = False
     if not keep.any():
         return _Decomposition(keep, np.zeros(0, np.int64), None, None)
     with clock("split"):
         cut, inner, outer = _split(isolated, keep[rows], accepted, weights, renderer, config)
         parts = _Decomposition(keep, rows[cut], inner, outer)
-        if config.split.rule != "none" and config.split.at_support_plane.enabled and config.evidence.recover:
+        if config.split.at_support_plane.enabled and config.evidence.recover:
             parts = _with_splits_at_support_plane(scope, parts, inside + outside, accepted, renderer, config)
     return parts
 
