@@ -1,17 +1,16 @@
 """Tests of picking an object by a click or a box."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import toy
+from benchmark_data import benchmark_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.datasets import open_scene
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import TrimConfig, trim
@@ -21,7 +20,6 @@ from gaussian_trimmer.selecting.overview import plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
 from gaussian_trimmer.views import bounding_box
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 RENDERER = get_renderer("numba")
 
 
@@ -203,11 +201,14 @@ def test_overview_looks_at_the_detail_and_leaves_the_walls_out():
     assert overview.rows.max() < len(scene)
 
 
-@pytest.mark.skipif(not (DATA / "scene0").is_dir(), reason="the benchmark's scenes are not here")
-@pytest.mark.parametrize(("name", "view"), [("avocado", "012.png"), ("lantern", "003.png")])
-def test_benchmark_click_then_trim(name, view):
+@pytest.mark.parametrize(
+    ("where", "name", "view"),
+    [("scene0", "avocado", "012.png"), ("scene0", "lantern", "003.png"), ("tabletop", "robot", "012.png")],
+)
+def test_benchmark_click_then_trim(where, name, view):
     """One click in a training view, then the trimmer: the object in views that nobody trained on."""
-    scene, cameras = open_scene(DATA / "scene0"), read_camera_set(DATA / "scene0" / "cameras.json")
+    scene = benchmark_scene(where)
+    cameras = read_camera_set(scene.cameras_file)
     camera = next(camera for camera in scene.training_cameras if camera.name == view)
     mask = np.pad(scene.coverage(name, view) > 0.5, 1).astype(np.uint8)
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import ClassVar
 
-import cv2
+import benchmark_data
 import numpy as np
 import pytest
 
-from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats import read
+from gaussian_trimmer.evaluation.datasets import BenchmarkScene
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import get_renderer
@@ -25,7 +24,6 @@ from gaussian_trimmer.selecting.lifting import (
     sum_label_weights,
 )
 
-SCENE = Path(__file__).parents[2] / "shared" / "data" / "scene0"
 REFERENCE = get_renderer("reference")
 
 # Seven Gaussians: three at the left, two at the right, one behind the left ones, one that no camera has in its frame.
@@ -204,39 +202,27 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum() / (a | b).sum())
 
 
-needs_benchmark = pytest.mark.skipif(not SCENE.is_dir(), reason="the benchmark data is not beside the project")
+def masks_of(bench: BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
+    return [(255 * bench.coverage(name, view.name)).round().astype(np.uint8) for view in views]
 
 
-def training_views(step: int = 1) -> list[Camera]:
-    found = read_camera_set(SCENE / "cameras.json")
-    return [camera for camera, train in zip(found.pinhole_cameras(), found.train, strict=True) if train][::step]
-
-
-def masks_of(name: str, views: list[Camera]) -> list[np.ndarray]:
-    return [cv2.imread(str(SCENE / "masks" / name / view.name), cv2.IMREAD_GRAYSCALE) for view in views]
-
-
-def coarse(name: str, kind: str) -> np.ndarray:
-    return np.load(SCENE / "coarse" / name / f"{kind}.npy", allow_pickle=False)
-
-
-@needs_benchmark
-@pytest.mark.parametrize("name", ["plant", "avocado"])
-def test_benchmark_votes(name: str) -> None:
-    gaussians, views = read(SCENE / "scene.ply"), training_views()
+@pytest.mark.parametrize(("where", "name"), [("scene0", "plant"), ("scene0", "avocado"), ("tabletop", "mug")])
+def test_benchmark_votes(where: str, name: str) -> None:
+    bench = benchmark_data.benchmark_scene(where)
+    views = bench.training_cameras
     # The benchmark let every view vote, with a threshold of a half.
-    voted = lift_by_vote(gaussians, views, masks_of(name, views), 0.5, every_view_votes=True)
-    assert overlap(voted, coarse(name, "centre_vote")) == 1.0
+    voted = lift_by_vote(bench.gaussians, views, masks_of(bench, name, views), 0.5, every_view_votes=True)
+    assert overlap(voted, bench.coarse(name, "centre_vote")) == 1.0
 
 
-@needs_benchmark
-def test_benchmark_assignment() -> None:
-    gaussians, views = read(SCENE / "scene.ply"), training_views(step=2)  # half of the views, to be quick
-    objects = sorted(folder.name for folder in (SCENE / "masks").iterdir())
+@pytest.mark.parametrize("where", ["scene0", "tabletop"])
+def test_benchmark_assignment(where: str) -> None:
+    bench = benchmark_data.benchmark_scene(where)
+    views = bench.training_cameras[::2]  # half of the views, to be quick
     labels = [np.zeros((camera.height, camera.width), np.uint8) for camera in views]
-    for number, name in enumerate(objects, 1):
-        for image, mask in zip(labels, masks_of(name, views), strict=True):
+    for number, name in enumerate(bench.objects, 1):
+        for image, mask in zip(labels, masks_of(bench, name, views), strict=True):
             image[mask > 127] = number
-    assigned = lift_objects_by_assignment(gaussians, views, labels, get_renderer("numba"))
-    for number, name in enumerate(objects, 1):
-        assert overlap(assigned == number, coarse(name, "exact")) >= 0.99
+    assigned = lift_objects_by_assignment(bench.gaussians, views, labels, get_renderer("numba"))
+    for number, name in enumerate(bench.objects, 1):
+        assert overlap(assigned == number, bench.coarse(name, "exact")) >= 0.99

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
+import benchmark_data
 import numpy as np
 import pytest
 import tyro
@@ -251,11 +252,12 @@ def test_documented_commands_are_understood():
 
 
 def test_benchmark_selection():
-    folder = Path(__file__).parents[2] / "shared" / "data" / "tabletop"
-    if not folder.is_dir():
-        pytest.skip("the benchmark's scenes are not here")
-    from gaussian_trimmer import formats
-
-    scene = formats.read(folder / "scene.ply")
-    for path in sorted(folder.glob("coarse/*/exact.npy")):
-        assert np.array_equal(load_selection(path, scene), np.load(path))
+    scene = benchmark_data.benchmark_scene("tabletop")
+    for name in scene.objects:
+        expected = scene.coarse(name, "exact")
+        plain, packed = (scene.folder / "coarse" / end for end in (f"{name}/exact.npy", f"{name}.npz"))
+        if plain.is_file():
+            found = load_selection(plain, scene.gaussians)
+        else:
+            found = load_selection(packed, scene.gaussians, SelectionOptions(property="exact"))
+        assert np.array_equal(found, expected)
