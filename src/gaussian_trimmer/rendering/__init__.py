@@ -23,6 +23,15 @@ TRANSMITTANCE_STOP = 1e-4
 """A pixel is finished before a Gaussian would push its transmittance below this."""
 FRUSTUM_MARGIN = 0.15
 """The projection's Jacobian is evaluated no farther outside the image than this share of its size."""
+LARGEST_LOG_SCALE = 88.0
+"""Larger ones are taken as this, the largest whose standard deviation is a number in single precision."""
+LARGEST_SPREAD = 1e6
+"""Projected semi-axes longer than this many pixels are drawn as long as this: what they show in an image hardly
+differs, and beyond it single precision no longer tells pixels apart."""
+LARGEST_VALUE = 1e30
+"""What lies farther away is not drawn and colours end here, so that sums of them are numbers in single precision."""
+MOST_PAIRS = 1 << 30
+"""Pairs of a tile and a Gaussian that reaches it of which a view may consist; so many take minutes to draw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +95,20 @@ def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:
     if len(pixels) and not ((pixels >= 0).all() and (pixels < [camera.width, camera.height]).all()):
         raise ValueError(f"Pixels must lie in the image of {camera.width} x {camera.height}.")
     return pixels
+
+
+def check_pairs(n_pairs: int, camera: Camera) -> None:
+    """Refuse views that would be drawn for hours, as those of millions of Gaussians that each cover the picture.
+
+    Raises:
+        InputError: the pairs of a tile and a Gaussian that reaches it are more than `MOST_PAIRS`.
+    """
+    if n_pairs > MOST_PAIRS:
+        raise InputError(
+            f"A view of {camera.width} x {camera.height} pixels consists of {n_pairs:,} pairs of a tile and a Gaussian "
+            f"that reaches it, and at most {MOST_PAIRS:,} can be drawn; take smaller views, or remove Gaussians that "
+            "are as large as the whole picture."
+        )
 
 
 _RENDERERS = {
