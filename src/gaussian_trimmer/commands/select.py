@@ -71,7 +71,7 @@ class Select:
     object_ids: bool = False
     """The masks are images of object numbers, 0 for the background; all objects are lifted at once."""
     renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
-    """What renders the views."""
+    """What renders the views; auto is numba. gsplat, on a GPU, has not been tested on one yet."""
     overwrite: bool = False
     """Replace the output if it exists."""
     quiet: bool = False

@@ -65,7 +65,8 @@ class Trim:
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = "label-field"
     """What finds the object in the views."""
     renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
-    """What renders the views; auto is gsplat where it is installed and finds a GPU, else numba."""
+    """What renders the views; auto is numba, on the CPU. gsplat, on a GPU, is for those who name it: its results have
+    not been compared with the others' on a GPU yet."""
     quiet: bool = False
     """Print nothing but errors."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)

@@ -119,13 +119,16 @@ _RENDERERS = {
 
 
 def get_renderer(name: str) -> Renderer:
-    """The renderer of that name: `numba`, `reference`, `gsplat`, or `auto` for gsplat where it can run, else numba.
+    """The renderer of that name: `numba`, `reference`, `gsplat`, or `auto`.
+
+    `auto` is numba everywhere, also where gsplat could run: gsplat has not been tested on a GPU yet, so only who names
+    it gets it.
 
     Raises:
         InputError: no renderer has that name, or what it needs is not installed.
     """
     if name == "auto":
-        name = "gsplat" if import_module(_RENDERERS["gsplat"][0]).is_available() else "numba"
+        name = "numba"
     if name not in _RENDERERS:
         raise InputError(f"Unknown renderer '{name}'; available: auto, {', '.join(_RENDERERS)}.")
     module, attribute = _RENDERERS[name]
