@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from gaussian_trimmer.decomposition.contact import ContactConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
-from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptConfig
 from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig
+from gaussian_trimmer.settings import Range, Vector, check_settings
 
 __all__ = [
     "AcceptConfig", "BoundaryConfig", "ContactConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig",
@@ -35,10 +33,10 @@ class SplitConfig:
 class TrimConfig:
     """Every setting of the trimmer, by stage."""
 
-    up: tuple[float, float, float] | None = None
+    up: Vector | None = None
     """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
     plan: PlanConfig = field(default_factory=PlanConfig)
-    neighbours: float = 1.8
+    neighbours: Annotated[float, Range(0, 100)] = 1.8
     """Non-object Gaussians within this many object radii surround the object in the views (eq. 7); 0: none."""
     labels: LabelFieldConfig = field(default_factory=LabelFieldConfig)
     accept: AcceptConfig = field(default_factory=AcceptConfig)
@@ -67,30 +65,4 @@ def check_config(config: TrimConfig) -> None:
     Raises:
         InputError: a setting is out of its range; the message names it as the command line does.
     """
-    if config.split.rule not in (*SPLIT_RULES, "none"):
-        raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
-    labels, support, accept = config.labels, config.labels.support, config.accept
-    _at_least(1, {
-        "labels.passes": labels.passes, "labels.iterations": labels.iterations, "labels.neighbours": labels.neighbours,
-        "labels.hidden-neighbours": labels.hidden_neighbours, "boundary.contributors": config.boundary.contributors,
-    })  # fmt: skip
-    _at_least(1e-6, {
-        "labels.place-sigma": labels.place_sigma, "labels.colour-sigma": labels.colour_sigma,
-        "labels.depth": labels.depth, "labels.support.gap": support.gap, "labels.support.thickness": support.thickness,
-        "plan.lambda-1": config.plan.lambda_1, "plan.lambda-2": config.plan.lambda_2,
-    })  # fmt: skip
-    _at_least(0, {
-        "neighbours": config.neighbours, "labels.smoothness": labels.smoothness,
-        "labels.support.gap-spacing": support.gap_spacing,
-        "evidence.prior": config.evidence.prior, "accept.least-overlap": accept.least_overlap,
-        "accept.least-views": accept.least_views, "accept.least-remaining": accept.least_remaining,
-    })  # fmt: skip
-    for name, share in (("overlap", accept.least_overlap), ("views", accept.least_views)):
-        if share > 1:
-            raise InputError(f"accept.least-{name} is {share}; a share is at most 1.")
-
-
-def _at_least(least: float, settings: dict[str, float]) -> None:
-    for name, value in settings.items():
-        if not (math.isfinite(value) and value >= least):
-            raise InputError(f"{name} is {value}; it must be a number of at least {least}.")
+    check_settings(config)

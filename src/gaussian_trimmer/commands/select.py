@@ -27,6 +27,7 @@ from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_mas
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
 from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.settings import Range, Share, Vector, check_settings
 
 _WAYS = {"piece": "a thing that stands on a surface", "colour": "what has its colour in that view"}
 
@@ -56,7 +57,7 @@ class Select:
     """Folder of masks; bright is the object."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. Masks need them."""
-    up: Annotated[tuple[float, float, float] | None, arg(metavar="X Y Z")] = None
+    up: Annotated[Vector | None, arg(metavar="X Y Z")] = None
     """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
     """The selection, an .npy file of booleans, or of object numbers with --object-ids."""
@@ -64,9 +65,9 @@ class Select:
     """Trim the selection too, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
     """By what masks judge a Gaussian: the pixels that it paints, or where its centre is."""
-    gamma: float = 0.0
+    gamma: Annotated[float, Range(-1, 1)] = 0.0
     """For `assignment`: bias towards the background, -1 to 1."""
-    threshold: float = 0.7
+    threshold: Share = 0.7
     """For `vote`: share of the masks that a centre must exceed."""
     object_ids: bool = False
     """The masks are images of object numbers, 0 for the background; all objects are lifted at once."""
@@ -105,7 +106,8 @@ class Select:
         ).run()  # fmt: skip
 
     def _check(self) -> None:
-        """Refuse what cannot go together before anything is read."""
+        """Refuse what is not possible or cannot go together before anything is read."""
+        check_settings(self)
         ways = [bool(self.click), self.box is not None, self.masks is not None, self.list_views is not None]
         if sum(ways) != 1:
             raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")

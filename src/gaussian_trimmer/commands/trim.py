@@ -16,7 +16,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.compiling import CACHE
-from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output import report
@@ -27,6 +27,7 @@ from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, cameras_with_masks
 from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.settings import check_settings
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
 _COMPILING_AGAIN = (
@@ -83,6 +84,7 @@ class Trim:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
         console = open_console(quiet=self.quiet)
+        self._check_settings()
         suffix, start = self._suffix(), time.perf_counter()
         with (
             whole_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
@@ -102,6 +104,14 @@ class Trim:
             report.write_results(result, selection, summary, folder, renderer, suffix)
         print_summary(console, summary, time.perf_counter() - start)
         console.print(f"object{suffix}, before_after.png and the rest are in {self._folder()}.")
+
+    def _check_settings(self) -> None:
+        """Refuse settings that are not possible before anything is read, also those that this run would not use."""
+        check_config(self._config())
+        check_settings(self.selection_options, "selection")
+        check_settings(self.grabcut, "grabcut")
+        check_settings(self.sam2, "sam2")
+        check_settings(self.mask_files, "mask-files")
 
     def _suffix(self) -> str:
         if self.format is None:

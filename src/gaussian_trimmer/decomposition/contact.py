@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import Support
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.settings import Range, Share
 
 _SCALE = 0.5
 _CROSSING = 2.5
@@ -34,13 +36,13 @@ class ContactConfig:
 
     enabled: bool = False
     """Cut them, if Gaussians may join the object at all; off, they stay whole in the background."""
-    least_area: float = 4e-4
+    least_area: Share = 4e-4
     """Smallest blend weight in place of the object when the background is alone, as a share of the views' pixels."""
-    largest_seen: float = 0.1
+    largest_seen: Annotated[float, Range(0, 100)] = 0.1
     """Largest blend weight in the whole scene, as a share of that in the background alone."""
-    least_inside: float = 0.9
+    least_inside: Share = 0.9
     """Smallest share of the blend weight in the background alone that lies within the masks."""
-    largest_halo: float = 0.1
+    largest_halo: Annotated[float, Range(0, 100)] = 0.1
     """Largest blend weight of the upper part beside the masks, when the object is alone, as a share of the same."""
 
 

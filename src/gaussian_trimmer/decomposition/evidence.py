@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Share, Weight
 
 _SEEN = 1e-3
 
@@ -20,17 +21,17 @@ _SEEN = 1e-3
 class EvidenceConfig:
     """When a Gaussian belongs to the object."""
 
-    prior: float = 1.0
+    prior: Weight = 1.0
     """Weight of the corrected label beside the share of blend weight inside the masks; 0: the masks alone decide."""
     recover: bool = True
     """Whether Gaussians outside the coarse selection may join the object."""
-    recover_limit: float = 0.3
+    recover_limit: Share = 0.3
     """Least corrected label of a Gaussian that joins: what is only seen through the object must not."""
     second_evidence: bool = True
     """Whether a Gaussian is pruned for what it shows outside the masks when the object is rendered alone."""
-    alone_limit: float = 0.5
+    alone_limit: Share = 0.5
     """Largest share outside the masks, in the object rendered alone, of a Gaussian that the scene shows as well."""
-    hidden_limit: float = 0.3
+    hidden_limit: Share = 0.3
     """The same for a Gaussian that no view of the scene shows."""
 
 

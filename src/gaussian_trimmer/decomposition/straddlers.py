@@ -4,31 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.settings import Range, Share, check_settings
 
 
 @dataclass(frozen=True)
 class BoundaryConfig:
     """Which Gaussians straddle the boundary."""
 
-    band: int = 2
+    band: Annotated[int, Range(1, 64)] = 2
     """Distance from the contour, in pixels, within which the painting Gaussians are looked up."""
-    contributors: int = 10
+    contributors: Annotated[int, Range(1, 256)] = 10
     """Gaussians looked up at each of these pixels, k of the top-k selection."""
-    least_weight: float = 0.01
+    least_weight: Share = 0.01
     """Smallest blend weight that counts at a pixel."""
-    least_share: float = 0.3
+    least_share: Share = 0.3
     """Smallest share of a straddler's blend weight on the lesser side of the mask."""
-    least_area: float = 4e-4
+    least_area: Share = 4e-4
     """Smallest blend weight on the lesser side, as a share of the view's pixels; what nobody sees is left whole."""
-    along_ray_limit: float = 0.5
+    along_ray_limit: Share = 0.5
     """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the order."""
 
 
@@ -65,10 +66,9 @@ def find_straddlers(
         config: thresholds.
 
     Raises:
-        InputError: the band is narrower than a pixel.
+        InputError: a setting is out of its range.
     """
-    if config.band < 1:
-        raise InputError(f"The contour's band is {config.band} pixels; at least one is needed.")
+    check_settings(config, "boundary")
     found = [
         _in_view(gaussians, camera, mask, weight, renderer, config)
         for camera, mask, weight in zip(cameras, masks, weights, strict=True)

@@ -9,11 +9,13 @@ selection missed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.settings import Range, Share
 
 _REACH = 1.5
 _SEARCHED = 0.4
@@ -27,19 +29,19 @@ class SupportConfig:
 
     enabled: bool = True
     """Look for the surface; where there is none, nothing changes."""
-    least_share: float = 0.3
+    least_share: Share = 0.3
     """Smallest share that the layer must hold of the visible surroundings about the height of the object's foot. What
     lies far below, like the ground around a plinth, and far above, like walls, does not count."""
-    least_share_of_all: float = 0.1
+    least_share_of_all: Share = 0.1
     """Smallest share that it must hold of all visible surroundings: a wisp is no surface."""
-    thickness: float = 0.05
+    thickness: Annotated[float, Range(1e-3, 10)] = 0.05
     """Half of the layer's thickness, relative to the object's radius."""
-    gap: float = 0.1
+    gap: Annotated[float, Range(1e-3, 10)] = 0.1
     """Largest distance between neighbours in one piece of what stands on the surface, in object radii."""
-    gap_spacing: float = 2.8
+    gap_spacing: Annotated[float, Range(0, 100)] = 2.8
     """The same in median distances between nearest neighbours of the selection, if that is more: few large Gaussians
     touch each other though their centres lie far apart."""
-    least_selected: float = 0.5
+    least_selected: Share = 0.5
     """Smallest selected share of a piece that is taken to be the object."""
 
 

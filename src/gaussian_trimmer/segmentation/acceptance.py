@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import TrimmedView, View
 
 
@@ -15,13 +17,13 @@ from gaussian_trimmer.views import TrimmedView, View
 class AcceptConfig:
     """When a view's mask is believed, and when the whole trim is."""
 
-    least_overlap: float = 0.6
+    least_overlap: Share = 0.6
     """Smallest intersection over union of a mask with the silhouette that the corrected labels expect."""
-    least_silhouette: int = 64
+    least_silhouette: Annotated[int, Range(0, 1 << 26)] = 64
     """Smallest expected silhouette in pixels; less of the object cannot be judged."""
-    least_views: float = 0.4
+    least_views: Share = 0.4
     """Smallest share of views that must be accepted for the trim to stand."""
-    least_remaining: float = 0.4
+    least_remaining: Share = 0.4
     """Smallest share of what the selection shows that must remain of it."""
 
 

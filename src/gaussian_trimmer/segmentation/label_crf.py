@@ -14,6 +14,7 @@ Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over place and colour 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportConfig, find_support
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
+from gaussian_trimmer.settings import Range, Weight
 
 _BINS = 32
 # Blurring by one bin's standard deviation, cut at three, as a matrix.
@@ -34,6 +36,8 @@ _MAJORITY_OF = 17
 _COLOUR_LIMIT = 2.0
 _DEEPEST = 1.5
 """Depths behind the boundary from which trust no longer grows."""
+_Neighbours = Annotated[int, Range(1, 256)]
+_Width = Annotated[float, Range(1e-3, 100)]
 
 
 @dataclass(frozen=True)
@@ -42,31 +46,31 @@ class LabelFieldConfig:
 
     enabled: bool = True
     """Correct the labels; off, the coarse selection alone tells where the object is expected."""
-    passes: int = 2
+    passes: Annotated[int, Range(1, 100)] = 2
     """How often the corrected labels are taken as the coarse ones of another round."""
-    iterations: int = 5
+    iterations: Annotated[int, Range(1, 1000)] = 5
     """Mean-field updates a round."""
-    neighbours: int = 32
+    neighbours: _Neighbours = 32
     """Nearest neighbours in place and colour that a Gaussian follows."""
-    hidden_neighbours: int = 8
+    hidden_neighbours: _Neighbours = 8
     """Nearest visible Gaussians in place that one which no view shows follows."""
-    place_sigma: float = 0.12
+    place_sigma: _Width = 0.12
     """Standard deviation of the kernel over place, relative to the object's radius."""
-    colour_sigma: float = 0.08
+    colour_sigma: _Width = 0.08
     """Standard deviation of the kernel over colour, for channels in [0, 1]."""
-    smoothness: float = 4.0
+    smoothness: Weight = 4.0
     """Weight of the neighbours' mean label."""
-    colour: float = 1.3
+    colour: Weight = 1.3
     """Weight of the colour models' log-likelihood ratio where they tell object and surroundings apart perfectly."""
-    trust: float = 1.0
+    trust: Weight = 1.0
     """Weight of the coarse label at the selection's boundary."""
-    depth_trust: float = 2.0
+    depth_trust: Weight = 2.0
     """Weight of the coarse label gained per squared `depth` of distance from the boundary, up to 1.5 depths."""
-    depth: float = 0.12
+    depth: _Width = 0.12
     """Distance over which trust grows, relative to the object's radius."""
-    attached: float = 3.0
+    attached: Weight = 3.0
     """Weight for the object of what stands in one piece with it on the supporting surface."""
-    resting: float = 1.0
+    resting: Weight = 1.0
     """Weight against the object of selected Gaussians in the supporting surface."""
     support: SupportConfig = field(default_factory=SupportConfig)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.settings import Range, Share, check_settings
 from gaussian_trimmer.views import View
 
 
@@ -17,11 +19,11 @@ from gaussian_trimmer.views import View
 class GrabCutConfig:
     """How GrabCut is started."""
 
-    iterations: int = 3
+    iterations: Annotated[int, Range(1, 100)] = 3
     """Alternations of colour models and graph cut."""
-    inner: float = 0.03
+    inner: Share = 0.03
     """Depth inside the expected silhouette at which pixels are sure object, relative to its size."""
-    outer: float = 0.05
+    outer: Share = 0.05
     """Distance outside of it at which pixels are sure background, relative to its size."""
 
 
@@ -35,6 +37,7 @@ class GrabCutSegmenter:
 
     def __init__(self, config: GrabCutConfig | None = None) -> None:
         self.config = config or GrabCutConfig()
+        check_settings(self.config, self.name)
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
         """One mask (H, W) a view; empty where the object is not expected at all."""
