@@ -226,13 +226,10 @@ def test_empty_selections_are_refused():
         ({"renderer": "numbar"}, "Unknown renderer 'numbar'; available: .*numba"),
         ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*silhouette"),
         ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
-        ({"config": small_config(plan=PlanConfig(views=0))}, "number of views is 0; at least one is needed"),
-        ({"config": small_config(label_crf=LabelCrfConfig(passes=0))}, "label-crf.passes is 0"),
-        (
-            {"config": small_config(boundary=BoundaryConfig(band=0), split=CUT)},
-            "band is 0 pixels; at least one is needed",
-        ),
-        ({"config": small_config(split=SplitConfig("plain"))}, "rule of splitting 'plain'; available: .*sagd, none"),
+        ({"config": small_config(plan=PlanConfig(views=0))}, r"plan\.views is 0; it must be a whole number from 1"),
+        ({"config": small_config(label_crf=LabelCrfConfig(passes=0))}, r"label-crf\.passes is 0"),
+        ({"config": small_config(boundary=BoundaryConfig(band=0))}, r"boundary\.band is 0; it must be a whole number"),
+        ({"config": small_config(split=SplitConfig("plain"))}, r"split\.rule is 'plain'; available: .*sagd, none"),
     ],
 )
 def test_wrong_names_and_settings_are_refused_in_one_sentence(wrong, sentence):

@@ -230,15 +230,15 @@ def test_clusters_follow_a_permutation_and_do_not_depend_on_units():
 @pytest.mark.parametrize(
     ("setting", "sentence"),
     [
-        ({"views": -1}, "number of views is -1; at least one"),
-        ({"framing": "tight"}, "Unknown framing 'tight'; available: fit, paper"),
-        ({"size": 8}, "8 pixels wide; 16 to 8192"),
-        ({"size": 9000}, "9000 pixels wide; 16 to 8192"),
-        ({"fov_degrees": np.nan}, "field of view is nan degrees"),
-        ({"fill": 0.0}, "fill 0.0 of the frame; 0.05 to 1"),
-        ({"fill": 1.5}, "fill 1.5 of the frame; 0.05 to 1"),
-        ({"pitch_degrees": 90.0}, "pitch is 90.0 degrees; -89 to 89"),
-        ({"pitch_degrees": -100.0}, "pitch is -100.0 degrees; -89 to 89"),
+        ({"views": -1}, "plan.views is -1; it must be a whole number from 1 to 1000"),
+        ({"framing": "tight"}, "plan.framing is 'tight'; available: fit, paper"),
+        ({"size": 8}, "plan.size is 8; it must be a whole number from 16 to 8192"),
+        ({"size": 9000}, "plan.size is 9000; it must be a whole number from 16 to 8192"),
+        ({"fov_degrees": np.nan}, "plan.fov-degrees is nan; it must be a number from 1 to 150"),
+        ({"fill": 0.0}, "plan.fill is 0.0; it must be a number from 0.05 to 1"),
+        ({"fill": 1.5}, "plan.fill is 1.5; it must be a number from 0.05 to 1"),
+        ({"pitch_degrees": 90.0}, "plan.pitch-degrees is 90.0; it must be a number from -89 to 89"),
+        ({"pitch_degrees": -100.0}, "plan.pitch-degrees is -100.0; it must be a number from -89 to 89"),
     ],
 )
 def test_settings_out_of_range_are_refused_with_what_is_possible(setting, sentence):

@@ -28,6 +28,7 @@ from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_mas
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
 from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.settings import Range, Share, Vector, check_settings
 
 _WAYS = {"piece": "an object that stands on a surface", "colour": "what has its colour in that view"}
 
@@ -57,7 +58,7 @@ class Select:
     """Folder of masks; the object is bright."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They are required with --masks."""
-    up: Annotated[tuple[float, float, float] | None, arg(metavar="X Y Z")] = None
+    up: Annotated[Vector | None, arg(metavar="X Y Z")] = None
     """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
     """File for the selection: .npy with booleans, or with object numbers if --object-ids is given."""
@@ -65,9 +66,9 @@ class Select:
     """Also trim the selection, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
     """How masks select Gaussians: by the pixels that a Gaussian contributes to, or by votes for its centre."""
-    gamma: float = 0.0
+    gamma: Annotated[float, Range(-1, 1)] = 0.0
     """For `assignment`: bias towards the background, -1 to 1."""
-    threshold: float = 0.7
+    threshold: Share = 0.7
     """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
@@ -106,7 +107,8 @@ class Select:
         ).run((scene, selection, cameras))  # fmt: skip
 
     def _check(self) -> None:
-        """Refuse what cannot go together before anything is read."""
+        """Refuse what is not possible or cannot go together before anything is read."""
+        check_settings(self)
         ways = [bool(self.click), self.box is not None, self.masks is not None, self.list_views is not None]
         if sum(ways) != 1:
             raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")

@@ -16,7 +16,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.compiling import CACHE
-from gaussian_trimmer.config import PlanConfig, TrimConfig
+from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output import report
@@ -31,6 +31,7 @@ from gaussian_trimmer.segmentation.segmenters import (
     get_segmenter,
 )
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.settings import check_settings
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
 _COMPILING_AGAIN = (
@@ -70,7 +71,8 @@ class Trim:
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """What segments the object in the views."""
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
-    """What renders the views; auto is gsplat if it is installed and finds a GPU, else numba."""
+    """What renders the views; auto is numba, on the CPU. gsplat, on a GPU, is for those who name it: its results
+    have not been compared with the others' on a GPU yet."""
     quiet: bool = False
     """Print nothing but errors."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
@@ -90,6 +92,7 @@ class Trim:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
         console = open_console(quiet=self.quiet)
+        self._check_settings()
         suffix, start = self._suffix(), time.perf_counter()
         with (
             atomic_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
@@ -111,6 +114,12 @@ class Trim:
             report.write_results(result, selection, summary, folder, renderer, suffix)
         print_summary(console, summary, time.perf_counter() - start)
         console.print(f"object{suffix}, before_after.png and the rest are in {self._folder()}.")
+
+    def _check_settings(self) -> None:
+        """Refuse settings that are not possible before anything is read, also those that this run would not use."""
+        check_config(self._config())
+        check_settings(self.selection_options, "selection")
+        check_settings(self.segmenter_options)
 
     def _suffix(self) -> str:
         if self.format is None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Share, Weight
 
 _SEEN = 1e-3
 """Blend weight in pixels, summed over the views, above which a Gaussian counts as seen."""
@@ -27,19 +28,19 @@ _LARGE = 0.25
 class EvidenceConfig:
     """When a Gaussian belongs to the object."""
 
-    prior: float = 1.0
+    prior: Weight = 1.0
     """Weight of the corrected label relative to the share of blend weight inside the masks; 0: the masks alone
     decide."""
     recover: bool = True
     """Allow Gaussians outside the coarse selection to join the object."""
-    recover_limit: float = 0.3
+    recover_limit: Share = 0.3
     """Smallest corrected label of a Gaussian that joins, so that what is only visible through the object stays out."""
     second_evidence: bool = True
     """Prune Gaussians by what they show outside the masks when the object is rendered in isolation."""
-    isolated_limit: float = 0.35
+    isolated_limit: Share = 0.35
     """Largest share of a Gaussian's blend weight in the object in isolation that appears outside the masks and that the
     scene hides, for Gaussians that are visible in the scene."""
-    hidden_limit: float = 0.3
+    hidden_limit: Share = 0.3
     """The same for Gaussians that no view of the scene shows."""
 
 

@@ -9,12 +9,14 @@ a whole: an arm in the colour of the table, a leaf that the selection missed, th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.settings import Range, Share
 
 _SURROUNDINGS = 1.5
 """Horizontal distance from the object's centre within which the plane is searched, in object radii."""
@@ -33,28 +35,28 @@ class SupportPlaneConfig:
 
     enabled: bool = True
     """Look for the plane; where there is none, nothing changes."""
-    min_share: float = 0.3
+    min_share: Share = 0.3
     """Smallest share that the plane must hold of the visible Gaussians around the object near the height of its foot.
     What lies far below, such as the ground around a plinth, or far above, such as walls, does not count."""
-    min_share_of_all: float = 0.1
+    min_share_of_all: Share = 0.1
     """Smallest share that the plane must hold of all visible Gaussians around the object."""
-    thickness: float = 0.05
+    thickness: Annotated[float, Range(1e-3, 10)] = 0.05
     """Half of the plane's thickness, relative to the object's radius."""
-    gap: float = 0.1
+    gap: Annotated[float, Range(1e-3, 10)] = 0.1
     """Largest distance between neighbours in one piece of what stands on the plane, in object radii."""
-    gap_spacing: float = 2.8
+    gap_spacing: Annotated[float, Range(0, 100)] = 2.8
     """The same in units of the median distance between nearest neighbours in the selection, if that is more: large
     Gaussians touch each other although their centres lie far apart."""
-    max_selected_within: float = 0.5
+    max_selected_within: Share = 0.5
     """Largest share of what the selection shows that may lie within the plane or below it. With more, the selection is
     the surface itself, or lies on it as a rug does, and there is no plane to tell it from."""
-    min_selected: float = 0.65
+    min_selected: Share = 0.65
     """Smallest selected share of a piece that is taken to belong to the object."""
-    min_selected_within_bounds: float = 0.1
+    min_selected_within_bounds: Share = 0.1
     """The same for a piece that lies within the bounds of the selection: one of which the selection has every end."""
-    min_within_bounds: float = 0.97
+    min_within_bounds: Share = 0.97
     """Smallest share of a piece within the bounds of the selection from which on it counts as lying within them."""
-    bounds_margin: float = 0.1
+    bounds_margin: Annotated[float, Range(0, 10)] = 0.1
     """Margin around the bounds of the selection, in object radii."""
 
 

@@ -17,6 +17,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
+from gaussian_trimmer.settings import check_settings
 
 __all__ = ["KINDS", "Kind", "SelectionOptions", "load_selection", "offered_kinds"]
 
@@ -52,10 +53,11 @@ def load_selection(path: str | Path, gaussians: Gaussians, options: SelectionOpt
     """Which Gaussians of the scene a selection file means, (N,); at least one.
 
     Raises:
-        InputError: the file cannot be read, does not fit the scene or the options, could be of several kinds, or
-            selects nothing.
+        InputError: an option is not possible, or the file cannot be read, does not fit the scene or the options, could
+            be of several kinds, or selects nothing.
     """
     path, options = Path(path), options or SelectionOptions()
+    check_settings(options, "selection")
     file = open_selection(path)
     kind = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
     module = _module(kind)
