@@ -102,7 +102,7 @@ def measure_host(case: Case) -> Record:
     scene = formats.read(case.scene)
     selection = load_selection(case.selection, scene)
     recorder, segmenter = Recorder(get_renderer(case.renderer)), _segmenter(case)
-    trim(scene, selection, case.config, cast(Renderer, recorder), segmenter)
+    trim(scene, selection, config=case.config, renderer=cast(Renderer, recorder), segmenter=segmenter)
     stages = []
     for _ in range(case.runs):
         replay = recorder.replayed()
@@ -116,7 +116,7 @@ def _timed_trim(
 ) -> tuple[TrimResult, dict[str, float]]:
     """A trim, and its seconds by stage and in all."""
     start = time.perf_counter()
-    result = trim(scene, selection, config, renderer, segmenter)
+    result = trim(scene, selection, config=config, renderer=renderer, segmenter=segmenter)
     return result, {**result.seconds, "trim": time.perf_counter() - start}
 
 

@@ -30,5 +30,5 @@ print(f"virtual views: {len(result.object)} Gaussians in the object")
 
 # The masks themselves may stand in for the segmented virtual views.
 by_masks = MaskFilesSegmenter(MaskFilesConfig(sample.MASKS))
-result = trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, views=training_cameras)
+result = trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, view_cameras=training_cameras)
 print(f"the masks' own views: {len(result.object)} Gaussians in the object")

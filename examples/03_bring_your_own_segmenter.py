@@ -31,6 +31,6 @@ class WatershedSegmenter:
 scene = formats.read(sample.SCENE)
 rough = load_selection(sample.SELECTION, scene)
 for segmenter in ("silhouette", WatershedSegmenter()):
-    result = trim(scene, rough, TrimConfig(up=(0, 0, 1)), segmenter=segmenter)
+    result = trim(scene, rough, config=TrimConfig(up=(0, 0, 1)), segmenter=segmenter)
     believed = sum(not view.rejected for view in result.views)
     print(f"{result.segmenter}: {believed} masks believed, {len(result.object)} of {rough.sum()} Gaussians kept")

@@ -28,6 +28,6 @@ class MatteRenderer(NumbaRenderer):
 scene = formats.read(sample.SCENE)
 rough = load_selection(sample.SELECTION, scene)
 for renderer in ("numba", MatteRenderer()):
-    result = trim(scene, rough, TrimConfig(up=(0, 0, 1)), renderer, "grabcut")
+    result = trim(scene, rough, config=TrimConfig(up=(0, 0, 1)), renderer=renderer, segmenter="grabcut")
     unexpected = np.mean([np.mean(seen.mask != (seen.view.object_prior > 0.5)) for seen in result.views])
     print(f"{result.renderer}: {len(result.object)} Gaussians kept, masks unexpected in {unexpected:.2%} of the pixels")
