@@ -209,7 +209,7 @@ def test_names_and_objects_of_renderers_and_segmenters_are_the_same():
     assert jaccard(object_rows(by_object), TRUTH) > 0.97
 
 
-@pytest.mark.parametrize("selection", [TRUTH[:3], TRUTH[:, None], TRUTH.astype(np.uint8)])
+@pytest.mark.parametrize("selection", [TRUTH[:3], TRUTH[:, None], TRUTH.astype(np.float32)])
 def test_selections_that_do_not_fit_are_refused(selection):
     with pytest.raises(InputError, match=f"{len(SCENE)} booleans are needed"):
         trim(SCENE, selection, config=small_config())
