@@ -23,7 +23,8 @@ LAYERS = (
     ("views",),
     FILES,
     STAGES,
-    ("config", "result", "plugin_checks"),
+    ("config", "plugin_checks"),
+    ("arguments", "result"),
     ("pipeline",),
     ("output", "evaluation", "selecting"),
     ("commands", "app", "batch"),
@@ -35,6 +36,7 @@ each is one file, also from each other."""
 
 EXCEPTIONS = {
     ("selection_files", "formats"): "a splat file can be a selection: its rows are read with the scene's own reader",
+    ("result", "output"): "a result saves itself as the command line does; what writes is loaded when it is asked to",
 }
 """Imports between rooms that the layers would forbid, with the reason."""
 
@@ -176,6 +178,8 @@ def test_what_is_loaded_with_a_module(source: str, found: set[str]) -> None:
         ("selection_files", "formats", True),
         ("formats", "selection_files", False),
         ("output", "evaluation", False),
+        ("result", "output", True),
+        ("result", "pipeline", False),
         ("commands", "output", True),
         ("segmentation", "segmentation", True),
     ],

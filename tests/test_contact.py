@@ -27,7 +27,7 @@ def trimmed(enabled=True, recover=True, **needle):
     scene, selection = with_needle(**needle)
     contact = SupportPlaneSplitConfig(enabled=enabled)
     evidence = EvidenceConfig(recover=recover)
-    return trim(scene, selection, small_config(split=SplitConfig(at_support_plane=contact), evidence=evidence))
+    return trim(scene, selection, config=small_config(split=SplitConfig(at_support_plane=contact), evidence=evidence))
 
 
 def needle_labels(result):
@@ -85,11 +85,11 @@ def test_other_needles_stay_whole(case):
 def test_the_cut_at_the_floor_has_its_own_switch(enabled):
     scene, selection = with_needle()
     split = SplitConfig("none", SupportPlaneSplitConfig(enabled=enabled))
-    assert trim(scene, selection, small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == int(enabled)
+    assert trim(scene, selection, config=small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == int(enabled)
 
 
 def test_every_rule_keeps_the_lower_part():
     scene, selection = with_needle()
     split = SplitConfig("sagd", SupportPlaneSplitConfig(enabled=True))
-    result = trim(scene, selection, small_config(split=split))
+    result = trim(scene, selection, config=small_config(split=split))
     assert needle_labels(result) == [RowLabel.SPLIT_INSIDE, RowLabel.SPLIT_OUTSIDE]

@@ -173,7 +173,7 @@ def trimmed(selection, n_ball, seed, views=5, **evidence):
     config = small_config(
         split=SplitConfig("none"), plan=PlanConfig(size=160, views=views), evidence=EvidenceConfig(**evidence)
     )
-    return trim(sparse_ball(n_ball, seed)[0], selection, config)
+    return trim(sparse_ball(n_ball, seed)[0], selection, config=config)
 
 
 @pytest.mark.parametrize("views", [3, 5])

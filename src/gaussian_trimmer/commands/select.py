@@ -23,7 +23,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import RENDERER_CHOICES, Renderer, get_renderer
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
@@ -72,7 +72,7 @@ class Select:
     """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
     overwrite: bool = False
     """Replace the output if it exists."""

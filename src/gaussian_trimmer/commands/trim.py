@@ -19,9 +19,10 @@ from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output import report
+from gaussian_trimmer.output.report import RESULT_FILES
+from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.pipeline import trim
-from gaussian_trimmer.rendering import RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.segmentation.segmenters import (
     DEFAULT_SEGMENTER,
     SEGMENTERS,
@@ -70,7 +71,7 @@ class Trim:
     """Number of virtual views; short for --plan.views."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """What segments the object in the views."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views; auto is numba, on the CPU. gsplat, on a GPU, is for those who name it: its results
     have not been compared with the others' on a GPU yet."""
     quiet: bool = False
@@ -95,7 +96,7 @@ class Trim:
         self._check_settings()
         suffix, start = self._suffix(), time.perf_counter()
         with (
-            atomic_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
+            atomic_folder(self._folder(), RESULT_FILES, overwrite=self.overwrite) as folder,
             progress_over_stages(console) as stage,
         ):
             stage("read")
@@ -107,11 +108,12 @@ class Trim:
             self._refuse_unused_views(views)
             if renderer.name == "numba" and not _kernels_are_compiled():
                 console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
-            result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
+            result = trim(
+                scene, selection, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras,
+                view_cameras=views, progress=stage,
+            )  # fmt: skip
             stage("write")
-            how = segmenter.describe() if hasattr(segmenter, "describe") else segmenter.name
-            summary = report.describe(result, selection, config, self._inputs(), how, seconds)
-            report.write_results(result, selection, summary, folder, renderer, suffix)
+            summary = write_trim(result, folder, suffix, self._inputs(), seconds)
         print_summary(console, summary, time.perf_counter() - start)
         console.print(f"object{suffix}, before_after.png and the rest are in {self._folder()}.")
 
@@ -124,11 +126,7 @@ class Trim:
     def _suffix(self) -> str:
         if self.format is None:
             return formats.format_suffix(self.scene)
-        suffix = f".{self.format.lower().lstrip('.')}"
-        if suffix not in formats.FORMATS:
-            known = ", ".join(name.lstrip(".") for name in formats.FORMATS)
-            raise InputError(f"Unknown format '{self.format}'; available: {known}.")
-        return suffix
+        return suffix_of(self.format)
 
     def _folder(self) -> Path:
         if self.output is not None:

@@ -119,6 +119,7 @@ RENDERERS = {
 }
 RENDERER_CHOICES = ("auto", *RENDERERS)
 """What `get_renderer` takes."""
+DEFAULT_RENDERER = "auto"
 
 
 def get_renderer(name: str) -> Renderer:
