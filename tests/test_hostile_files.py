@@ -467,6 +467,22 @@ class TestExtremeValues:
         with pytest.raises(InputError, match=message):
             formats.read(path)
 
+    @pytest.mark.parametrize("bits", [0x7FF0000000000001, 0x7FF8000000000000, 0xFFF0000000000000, 0x7FEFFFFFFFFFFFFF])
+    def test_doubles_that_float32_has_not(self, bits, tmp_path):
+        """Among them NaN that makes processors complain."""
+        ply.write(sample(40, 0), tmp_path / "a.ply")
+        header, data = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)
+        rows = np.frombuffer(data, "<f4").reshape(40, -1).astype("<f8")
+        for column, name in ((0, "means"), (-1, "quaternions"), (9, "opacity_logits")):
+            changed = rows.copy()
+            changed.view("<u8")[7, column] = bits
+            path = save(tmp_path / "b.ply", header.replace(b"float", b"double") + b"end_header\n" + changed.tobytes())
+            if name == "opacity_logits" and bits in (0xFFF0000000000000, 0x7FEFFFFFFFFFFFFF):
+                assert abs(formats.read(path).opacities[7] - (bits == 0x7FEFFFFFFFFFFFFF)) < 1e-6
+            else:
+                with pytest.raises(InputError, match=f"infinite {name}, first in row 7"):
+                    formats.read(path)
+
     def test_scales_of_zero_and_opacities_of_any_size_are_right(self, tmp_path):
         gaussians = sample(40, 1)
         log_scales, logits = gaussians.log_scales.copy(), gaussians.opacity_logits.copy()

@@ -150,6 +150,12 @@ def test_tied_tensors_are_read(tmp_path):
     assert np.array_equal(load_selection(path, SCENE, SelectionOptions(property="mask")), MASK)
 
 
+def test_structures_beyond_all_need_are_not_parsed(tmp_path):
+    path = save(tmp_path / "a.pt", torch_file(Raw(b"]" * (1 << 20))))
+    with pytest.raises(InputError, match="structure of more than 1 MB"):
+        load_selection(path, SCENE)
+
+
 def test_too_many_tensors_are_refused(tmp_path):
     empty = tensor(storage("ByteStorage", "x", 0), 0, (0,), (1,))
     path = save(tmp_path / "a.pt", torch_file({f"a{i}": empty for i in range(5000)}, storages={"x": b""}))

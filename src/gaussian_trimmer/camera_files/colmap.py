@@ -17,6 +17,7 @@ from gaussian_trimmer.camera_files.frames import (
     Lens,
     floats,
     make_lens,
+    numbers,
     rigid_transforms,
 )
 from gaussian_trimmer.errors import InputError, shown
@@ -109,8 +110,8 @@ def _poses(images: Sequence[_Image], path: Path) -> Float64Array:
         InputError: one has no rotation or is not finite.
     """
     try:
-        quaternions = np.array([image.quaternion for image in images], np.float64)
-        translations = np.array([image.translation for image in images], np.float64)
+        quaternions = np.array([[float(value) for value in image.quaternion] for image in images])
+        translations = np.array([[float(value) for value in image.translation] for image in images])
     except ValueError:  # a word is no number: the checks below find which
         quaternions = np.array([_quaternion(image, path) for image in images])
         translations = np.array(
@@ -209,9 +210,9 @@ def _lines(file: BinaryIO, path: Path) -> Iterator[str]:
 
 def _model_lens(entry: _LensEntry) -> Lens:
     model = entry.model
-    p = floats(entry.parameters, (model.parameters,), f"{entry.where}: the parameters of {model.name}")
+    p = numbers(entry.parameters, model.parameters, f"{entry.where}: the parameters of {model.name}")
     fx, fy, (cx, cy) = p[0], p[model.focals - 1], p[model.focals : model.focals + 2]
-    distorted = model.fisheye or bool((abs(p[model.focals + 2 :]) > DISTORTION_TOLERANCE).any())
+    distorted = model.fisheye or any(abs(coefficient) > DISTORTION_TOLERANCE for coefficient in p[model.focals + 2 :])
     return make_lens((fx, fy, cx, cy), entry.width, entry.height, distorted, entry.where)
 
 

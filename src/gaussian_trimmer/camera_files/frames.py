@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -58,7 +59,7 @@ def make_lens(pinhole: Sequence[Any], width: Any, height: Any, distorted: bool, 
     Raises:
         InputError: they are not possible; the message begins with `where`.
     """
-    fx, fy, cx, cy = floats(pinhole, (4,), f"{where}: focal lengths and principal point")
+    fx, fy, cx, cy = numbers(pinhole, 4, f"{where}: focal lengths and principal point")
     if fx <= 0 or fy <= 0:
         raise InputError(f"{where}: the focal lengths {fx} and {fy} must be positive.")
     size = image_size(width, height, where)
@@ -77,8 +78,8 @@ def image_size(width: Any, height: Any, where: str) -> tuple[int, int]:
     Raises:
         InputError: no image has this size; the message begins with `where`.
     """
-    size = floats([width, height], (2,), f"{where}: the image size")
-    if (size < 1).any() or (size > _MAX_IMAGE_SIDE).any() or (size % 1 != 0).any() or size.prod() > _MAX_PIXELS:
+    size = numbers([width, height], 2, f"{where}: the image size")
+    if not all(1 <= side <= _MAX_IMAGE_SIDE and side % 1 == 0 for side in size) or size[0] * size[1] > _MAX_PIXELS:
         raise InputError(f"{where}: an image of {size[0]:.12g} x {size[1]:.12g} pixels is not possible.")
     return int(size[0]), int(size[1])
 
@@ -162,6 +163,21 @@ def rigid_transform(matrix: Any, where: str) -> Float64Array:
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, given[:3, 3]
     return transform
+
+
+def numbers(values: Sequence[Any], count: int, what: str) -> list[float]:
+    """So many finite numbers, which may be text; as `floats`, and quicker for few.
+
+    Raises:
+        InputError: the values are no such numbers; the message begins with `what`.
+    """
+    try:
+        found = [float(value) for value in values]
+    except (ValueError, TypeError, OverflowError):
+        found = []
+    if len(found) != count or not all(map(math.isfinite, found)):
+        raise InputError(f"{what} must be {count} finite numbers.")
+    return found
 
 
 def floats(values: Any, shape: tuple[int, ...], what: str) -> Float64Array:

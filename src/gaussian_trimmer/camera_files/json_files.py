@@ -21,6 +21,7 @@ from gaussian_trimmer.camera_files.frames import (
     image_size,
     inverses,
     make_lens,
+    numbers,
     rigid_transforms,
 )
 from gaussian_trimmer.cameras import unit_up
@@ -227,9 +228,9 @@ def _transforms_lens(settings: Mapping[str, Any], where: str) -> Lens:
         raise InputError(f"{where} has no focal length: neither fl_x nor camera_angle_x.")
     fy = _focal_length(settings, "y", height, where)
     pinhole = fx, fx if fy is None else fy, settings.get("cx", width / 2), settings.get("cy", height / 2)
-    coefficients = floats([settings.get(key, 0.0) for key in _DISTORTION_KEYS], (8,), f"{where}: the distortion")
+    coefficients = numbers([settings.get(key, 0.0) for key in _DISTORTION_KEYS], 8, f"{where}: the distortion")
     fisheye = bool(settings.get("is_fisheye")) or "FISHEYE" in model.upper()
-    distorted = fisheye or bool((abs(coefficients) > DISTORTION_TOLERANCE).any())
+    distorted = fisheye or any(abs(coefficient) > DISTORTION_TOLERANCE for coefficient in coefficients)
     return make_lens(pinhole, width, height, distorted, where)
 
 

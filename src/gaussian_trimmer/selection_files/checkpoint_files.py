@@ -70,7 +70,7 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
     if dc.shape != (n, 1, 3) or rest.ndim != 3 or rest.shape[::2] != (n, 3) or opacities.shape != (n, 1):
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: the shapes of its colours do not fit.")
     try:
-        with np.errstate(over="ignore"):  # what becomes infinite is found below
+        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found below
             gaussians = Gaussians(
                 means=np.asarray(means, np.float32),
                 log_scales=np.asarray(scales, np.float32),

@@ -50,7 +50,7 @@ def classifier_of(file: SelectionFile) -> LinearClassifier | None:
         return None
     if weight.dtype.kind != "f" or weight.ndim < 2 or weight.shape[2:] not in ((), (1,), (1, 1)):
         return None
-    with np.errstate(over="ignore"):  # what becomes infinite is found where it is used
+    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
         weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
         bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
     return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None

@@ -28,7 +28,7 @@ from gaussian_trimmer.selection_files.torch_structure import (
 from gaussian_trimmer.zip_members import member_bytes, open_archive
 
 SUFFIXES = (".pt", ".pth")
-_MAX_PICKLE_BYTES = 1 << 22
+_MAX_PICKLE_BYTES = 1 << 20
 _MAX_DIMENSIONS = 8
 _MAX_TENSORS = 1 << 12
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
