@@ -16,7 +16,10 @@ from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SE
 PACKAGE = Path(gaussian_trimmer.__file__).parent
 STAGES = ("planning", "segmentation", "decomposition")
 FILES = ("formats", "camera_files", "selection_files")
-BASE = ("settings", "errors", "compiling", "atomic", "gaussians", "cameras", "label_assignment", "sample")
+BASE = (
+    "settings", "errors", "compiling", "atomic", "reading", "zip_members", "picture_headers", "gaussians", "cameras",
+    "label_assignment", "sample",
+)  # fmt: skip
 LAYERS = (
     BASE,
     ("geometry", "rendering"),

@@ -200,7 +200,7 @@ class TestHostileFiles:
     def test_text_and_damage(self, tmp_path):
         for name in ("m.npy", "m.npz"):
             (tmp_path / name).write_bytes(b"nonsense")
-            with pytest.raises(InputError, match="damaged or no NumPy"):
+            with pytest.raises(InputError, match="damaged"):
                 select(tmp_path / name)
         (tmp_path / "m.txt").write_text("1 two")
         with pytest.raises(InputError, match="no list of whole numbers"):

@@ -58,6 +58,8 @@ class Select:
     """Folder of masks; the object is bright."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They are required with --masks."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     up: Annotated[Vector | None, arg(metavar="X Y Z")] = None
     """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
@@ -88,7 +90,7 @@ class Select:
         console = open_console(quiet=self.quiet)
         self._check()
         scene = formats.read(self.scene)
-        cameras = read_camera_set(self.cameras) if self.cameras else None
+        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         if self.list_views is not None:
             self._write_views(self.list_views, scene, cameras, console)
             return
@@ -102,8 +104,8 @@ class Select:
             console.print(f"Now: {self._next_command()}")
             return
         Trim(
-            self.scene, self.output, cameras=self.cameras, output=self.trim, overwrite=self.overwrite,
-            renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
+            self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
+            overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
         ).run((scene, selection, cameras))  # fmt: skip
 
     def _check(self) -> None:
@@ -180,7 +182,7 @@ class Select:
     def _next_command(self) -> str:
         parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
         if self.cameras:
-            parts += ["--cameras", str(self.cameras)]
+            parts += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
         if self.up:
             parts += ["--up", *(f"{value:g}" for value in self.up)]
         if self.object_ids:

@@ -59,6 +59,8 @@ class Trim:
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
     angles from which the object was observed."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
     """Folder for the results."""
     overwrite: bool = False
@@ -136,7 +138,7 @@ class Trim:
 
     def _read(self) -> Loaded:
         scene = formats.read(self.scene)
-        cameras = read_camera_set(self.cameras) if self.cameras else None
+        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         if self.selection is None:
             return scene, np.ones(len(scene), np.bool_), cameras
         return scene, load_selection(self.selection, scene, self.selection_options), cameras

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
@@ -33,6 +33,7 @@ KINDS = {
     "checkpoint": "gaussian_trimmer.selection_files.checkpoint",
     "flashsplat": "gaussian_trimmer.selection_files.flashsplat",
 }
+_LISTED = 12
 
 
 class SelectionKind(Protocol):
@@ -58,7 +59,7 @@ def load_selection(path: str | Path, gaussians: Gaussians, options: SelectionOpt
     """
     path, options = Path(path), options or SelectionOptions()
     check_settings(options, "selection")
-    file = open_selection(path)
+    file = open_selection(path, len(gaussians))
     kind = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
     module = _module(kind)
     if unused := sorted(options.given() - module.OPTIONS):
@@ -91,8 +92,10 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
 def _content(file: SelectionFile) -> str:
     if not file.arrays:
         return "with splats" if file.rows is not None else "with a checkpoint"
-    arrays = (f"{name or 'one'}: {array.dtype} {array.shape}" for name, array in file.arrays.items())
-    return f"with the arrays ({'; '.join(arrays)})"
+    listed = list(file.arrays.items())[:_LISTED]
+    arrays = [f"{shown(name) or 'one'}: {array.dtype} {array.shape}" for name, array in listed]
+    more = f"; and {len(file.arrays) - _LISTED} more" if len(file.arrays) > _LISTED else ""
+    return f"with the arrays ({'; '.join(arrays)}{more})"
 
 
 def _module(kind: str) -> SelectionKind:
