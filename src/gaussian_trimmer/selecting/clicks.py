@@ -1,8 +1,8 @@
 """From a click or a box in one view to a rough selection of the object there.
 
-The Gaussians that show at the pixel give its position in the scene. An object that stands on a plane there is found in
-3D, from all around; if there is none, the view is segmented by colour, and the mask selects the Gaussians that show in
-it.
+The pixel's Gaussians say where in the scene it is. What stands there on a surface is found in 3D, from all around.
+Where nothing does, what a box means is what comes off in it; around a click, the view is segmented by colour. Either is
+carried on to the sides that the view does not show.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
+from gaussian_trimmer.selecting.box_cut import best_in_box, box_overlap
 from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
+from gaussian_trimmer.selecting.propagation import carry_on
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
 from gaussian_trimmer.views import Box, bounding_box
 
-Way = Literal["piece", "colour"]
+Way = Literal["piece", "part", "colour"]
 
 _MAX_SIDE = 640
 _CONTRIBUTORS = 10
@@ -44,7 +46,8 @@ class Pick:
     selection: BoolArray
     """The rough selection, (N,)."""
     ways: tuple[Way, ...]
-    """How each click was understood: as a `piece` that stands on a plane, or as a region of its `colour`."""
+    """For each click how it was understood: a `piece` that stands on a surface, or what has its `colour`. A box may
+    also mean a `part`: what comes off in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +67,13 @@ def select_by_clicks(
     clicks: Sequence[tuple[int, int]],
     up: Float64Array,
     renderer: Renderer,
+    seen_from: Sequence[Camera] = (),
 ) -> Pick:
     """The objects at some pixels (x, y) of a view, all in one selection.
 
     Args:
         up: the scene's up vector, (3,).
+        seen_from: training cameras, if known: a thing is not followed to where they did not see it.
 
     Raises:
         InputError: there is no click, one is outside the picture, or nothing is seen there.
@@ -79,46 +84,49 @@ def select_by_clicks(
         if not (0 <= x < camera.width and 0 <= y < camera.height):
             raise InputError(f"The pixel ({x}, {y}) is outside the view of {camera.width} x {camera.height} pixels.")
     small = _small(camera)
-    found = [_click(gaussians, small, *_rescaled((x, y), camera, small), up, renderer) for x, y in clicks]
+    found = [_click(gaussians, small, *_rescaled((x, y), camera, small), up, renderer, seen_from) for x, y in clicks]
     return Pick(np.any([selection for selection, _ in found], axis=0), tuple(way for _, way in found))
 
 
-def select_by_box(gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer) -> Pick:
-    """The object that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+def select_by_box(
+    gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer,
+    seen_from: Sequence[Camera] = (),
+) -> Pick:  # fmt: skip
+    """The thing that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+
+    What of the box lies outside the picture is cut off.
 
     Args:
         up: the scene's up vector, (3,).
+        seen_from: training cameras, if known: a thing is not followed to where they did not see it.
 
     Raises:
-        InputError: the box is empty or not within the picture, or nothing is seen in it.
+        InputError: the box is empty or wholly outside the picture, or nothing is seen in it.
     """
-    x0, y0, x1, y1 = box
-    if not (0 <= x0 < x1 <= camera.width and 0 <= y0 < y1 <= camera.height):
-        raise InputError(
-            f"The box {box} is not within the view of {camera.width} x {camera.height} pixels; "
-            "give left, top, right and bottom."
-        )
     small = _small(camera)
-    x0, y0 = _rescaled((x0, y0), camera, small)
-    x1, y1 = (max(low + 1, high) for low, high in zip((x0, y0), _rescaled((x1, y1), camera, small), strict=True))
-    box = x0, y0, min(x1, small.width), min(y1, small.height)
-    best, fitting = 0.0, None
-    for piece in _pieces_in_box(gaussians, small, box, up, renderer):
-        overlap = _overlap(_visible_box(gaussians, small, piece, renderer), box)
-        if overlap > best:
-            best, fitting = overlap, piece
-        if best >= _GOOD_BOX_OVERLAP:
-            break
-    if fitting is not None and best >= _MIN_BOX_OVERLAP:
-        return Pick(fitting, ("piece",))
+    box = _rescaled_box(_clipped(box, camera), camera, small)
+    overlap, piece = 0.0, None
+    for standing in _pieces_in_box(gaussians, small, box, up, renderer):
+        fits = box_overlap(_visible_box(gaussians, small, standing, renderer), box)
+        if fits > overlap:
+            overlap, piece = fits, standing
+        if overlap >= _GOOD_BOX_OVERLAP:
+            return Pick(standing, ("piece",))
+    part = best_in_box(gaussians, small, box, up, renderer, seen_from)
+    if part is not None and part.overlap >= max(overlap, _MIN_BOX_OVERLAP):
+        return Pick(part.selection, ("part",))
+    if piece is not None and overlap >= _MIN_BOX_OVERLAP:
+        return Pick(piece, ("piece",))
     picture = renderer.render(gaussians, small)
-    lifted = lift_visible(gaussians, small, picture, cut_out_box(_shown(picture), box), renderer)
-    return Pick(_something(lifted), ("colour",))
+    return Pick(
+        _of_mask(gaussians, small, picture, cut_out_box(_shown(picture), box), up, renderer, seen_from), ("colour",)
+    )
 
 
 def _click(
-    gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer
-) -> tuple[BoolArray, Way]:
+    gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer,
+    seen_from: Sequence[Camera],
+) -> tuple[BoolArray, Way]:  # fmt: skip
     target = _look_at_pixel(gaussians, camera, x, y, renderer)
     visible = _visible_around(gaussians, camera, target, up, renderer)
     pieces = _pieces_at(gaussians, camera, target, visible, up)
@@ -126,7 +134,19 @@ def _click(
         return pieces[0], "piece"
     picture = renderer.render(gaussians, camera)
     mask = cut_out_around_click(_shown(picture), x, y)
-    return _something(lift_visible(gaussians, camera, picture, mask, renderer)), "colour"
+    return _of_mask(gaussians, camera, picture, mask, up, renderer, seen_from), "colour"
+
+
+def _of_mask(
+    gaussians: Gaussians, camera: Camera, picture: Rendering, mask: BoolArray, up: Float64Array, renderer: Renderer,
+    seen_from: Sequence[Camera],
+) -> BoolArray:  # fmt: skip
+    """What a mask shows, on all of its sides; what shows it, where nothing can be followed."""
+    whole = carry_on(gaussians, camera, picture, mask, up, renderer, seen_from)
+    selection = whole if whole.any() else lift_visible(gaussians, camera, picture, mask, renderer)
+    if not selection.any():
+        raise InputError("Nothing could be told apart there; choose another pixel, or draw a box around the object.")
+    return selection
 
 
 def _pieces_in_box(
@@ -206,18 +226,6 @@ def _visible_box(gaussians: Gaussians, camera: Camera, selection: BoolArray, ren
     return bounding_box(shares > 0.5)
 
 
-def _overlap(a: Box, b: Box) -> float:
-    """Intersection over union of two boxes.
-
-    >>> _overlap((0, 0, 2, 2), (1, 0, 3, 2))
-    0.3333333333333333
-    """
-    width, height = (min(a[k + 2], b[k + 2]) - max(a[k], b[k]) for k in (0, 1))
-    shared = max(width, 0) * max(height, 0)
-    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
-    return shared / (sum(areas) - shared)
-
-
 def _small(camera: Camera) -> Camera:
     """The view at a size at which it is quick to render from all around."""
     return camera.resized(min(1.0, _MAX_SIDE / max(camera.width, camera.height)))
@@ -227,11 +235,23 @@ def _rescaled(pixel: tuple[int, int], camera: Camera, small: Camera) -> tuple[in
     return pixel[0] * small.width // camera.width, pixel[1] * small.height // camera.height
 
 
+def _clipped(box: Box, camera: Camera) -> Box:
+    """The part of a box that is within a view."""
+    x0, y0, x1, y1 = box
+    inside = max(x0, 0), max(y0, 0), min(x1, camera.width), min(y1, camera.height)
+    if not (inside[0] < inside[2] and inside[1] < inside[3]):
+        raise InputError(
+            f"The box {box} holds no pixel of the view of {camera.width} x {camera.height} pixels; "
+            "give left, top, right and bottom."
+        )
+    return inside
+
+
+def _rescaled_box(box: Box, camera: Camera, small: Camera) -> Box:
+    x0, y0 = _rescaled(box[:2], camera, small)
+    x1, y1 = (max(low + 1, high) for low, high in zip((x0, y0), _rescaled(box[2:], camera, small), strict=True))
+    return x0, y0, min(x1, small.width), min(y1, small.height)
+
+
 def _shown(picture: Rendering) -> FloatArray:
     return np.clip(picture.rgb, 0, 1)
-
-
-def _something(selection: BoolArray) -> BoolArray:
-    if not selection.any():
-        raise InputError("Nothing could be told apart there; choose another pixel, or draw a box around the object.")
-    return selection
