@@ -32,8 +32,8 @@ from gaussian_trimmer.selecting.overview import plan_overview
 
 _WAYS = {
     "piece": "an object that stands on a surface",
-    "part": "what comes off in the box",
-    "colour": "what has its colour in that view, carried on around it",
+    "part": "the part that fills the box, on all of its sides",
+    "colour": "what has its colour in that view, on all of its sides",
 }
 
 

@@ -1,9 +1,8 @@
-"""The cheapest way to divide a graph in two: minimum cut by maximum flow.
+"""The minimum cut of a graph: the labels of its nodes, object or background, that cost least.
 
-Some nodes are drawn to one side, some to the other, and edges pull their ends to the same side. The division that
-resists least is found exactly, by the algorithm of Boykov and Kolmogorov, "An Experimental Comparison of Min-Cut/
-Max-Flow Algorithms for Energy Minimization in Vision" (PAMI 2004): search trees grow from both ends, flow is pushed
-where they touch, and branches that lose their root are adopted or set free.
+It is found exactly, as the maximum flow, by the algorithm of Boykov and Kolmogorov, "An Experimental Comparison of
+Min-Cut/Max-Flow Algorithms for Energy Minimization in Vision" (PAMI 2004): search trees grow from both terminals, flow
+is pushed where they touch, and branches that lose their root are adopted by others or set free.
 """
 
 from __future__ import annotations
@@ -16,64 +15,69 @@ from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import BoolArray, IntArray
 
 _STEPS = 1e6
-"""Whole numbers that the largest weight is counted in: sums of flow are then exact, in whatever order they are made."""
+"""Integer that the largest cost is scaled to: sums of integers are exact in any order."""
 _FREE, _ROOT, _ORPHAN = -1, -2, -3
 _jit = numba.njit(cache=CACHE, nogil=True)
 
 
-def min_cut(pulls: NDArray[np.floating], pairs: IntArray, weights: NDArray[np.floating]) -> BoolArray:
-    """Which nodes are on the first side of the cheapest division, (N,).
+def min_cut(
+    unaries: NDArray[np.floating], edges: IntArray, weights: NDArray[np.floating]
+) -> BoolArray:  # fmt: skip
+    """Which nodes of a graph are object in the labelling of least cost, (N,).
 
-    Cheapest is the division with the least sum of |pull| over nodes on the side that they are not drawn to, plus the
-    weights of edges whose ends are on different sides. What nothing draws to the first side is not on it.
+    The cost is the sum of positive unary terms over background nodes, of the absolute values of negative ones over
+    object nodes, and of the weights of edges between object and background. Nodes that nothing draws to the object are
+    background.
 
     Args:
-        pulls: how much each node is drawn to the first side, or, below zero, to the second, (N,); infinite values
-            put it there.
-        pairs: the ends of each edge, (E, 2).
-        weights: what it costs to part them, (E,), at least zero; the same edge may be given several times.
+        unaries: unary terms, (N,); infinite ones are constraints.
+        edges: both nodes of each edge, (E, 2); the same pair may occur several times.
+        weights: the edges' weights, at least zero, (E,).
 
     >>> line = np.array([[0, 1], [1, 2], [2, 3]])
     >>> min_cut(np.array([np.inf, 0, 0, -np.inf]), line, np.array([1.0, 0.5, 1.0])).tolist()
     [True, True, False, False]
     """
-    n, weights = len(pulls), np.asarray(weights, np.float64)
-    finite = np.abs(pulls[np.isfinite(pulls)])
-    largest = max(float(weights.max(initial=0)), float(finite.max(initial=0)), 1e-300)
-    arcs = np.round(weights * (_STEPS / largest)).astype(np.int64)
-    limit = int(arcs.sum()) + round(float(finite.sum()) * (_STEPS / largest)) + 1
-    ends = np.round(np.nan_to_num(pulls * (_STEPS / largest), posinf=limit, neginf=-limit)).astype(np.int64)
-    starts, heads, reverse, capacity = _arcs(n, np.asarray(pairs, np.int64), arcs)
-    return np.asarray(_cut(ends, starts, heads, reverse, capacity))
+    weights = np.asarray(weights, np.float64)
+    finite = np.abs(unaries[np.isfinite(unaries)])
+    scale = _STEPS / max(float(weights.max(initial=0)), float(finite.max(initial=0)), 1e-300)
+    capacities = np.round(weights * scale).astype(np.int64)
+    constraint = int(capacities.sum()) + round(float(finite.sum()) * scale) + 1
+    terminals = np.round(np.nan_to_num(unaries * scale, posinf=constraint, neginf=-constraint)).astype(np.int64)
+    return np.asarray(_cut(terminals, *_arcs(len(unaries), np.asarray(edges, np.int64), capacities)))
 
 
-def _arcs(n: int, pairs: IntArray, capacity: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Both directions of every edge, sorted by the node that they leave: where each node's begin (N + 1,), the node
-    that each reaches, the place of its opposite, and its capacity, (2 E,) each."""
-    tails, heads = np.concatenate([pairs[:, 0], pairs[:, 1]]), np.concatenate([pairs[:, 1], pairs[:, 0]])
+def _arcs(n: int, edges: IntArray, capacities: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Both directions of every edge, sorted by the node that they leave.
+
+    Returns where each node's arcs begin (N + 1,), and of each arc (2 E,) the node that it reaches, the place of its
+    reverse and its capacity.
+    """
+    tails, heads = np.concatenate([edges[:, 0], edges[:, 1]]), np.concatenate([edges[:, 1], edges[:, 0]])
     order = np.argsort(tails, kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    opposite = np.concatenate([place[len(pairs) :], place[: len(pairs)]])[order]
+    reverse = np.concatenate([place[len(edges) :], place[: len(edges)]])[order]
     starts = np.concatenate([[0], np.cumsum(np.bincount(tails, minlength=n))])
-    return starts, heads[order], opposite, np.concatenate([capacity, capacity])[order]
+    return starts, heads[order], reverse, np.concatenate([capacities, capacities])[order]
 
 
 @_jit
-def _cut(pulls, starts, heads, reverse, capacity):  # type: ignore[no-untyped-def]
-    """Push flow until the search trees no longer touch; the first tree is then the first side.
+def _cut(terminals, starts, heads, reverse, capacity):  # type: ignore[no-untyped-def]
+    """Push flow until the search trees no longer touch; the object's tree then holds the object.
 
-    `pulls` (N,) and `capacity` (A,) are used up: they hold what can still flow.
+    `terminals` (N,), positive for arcs from the object's terminal and negative for arcs to the background's, and
+    `capacity` (A,) are changed: they hold what can still flow.
     """
-    n = len(pulls)
-    parent = np.full(n, _FREE)  # The arc that leads to the parent.
-    second = np.zeros(n, np.bool_)  # Which of the two trees a node is in.
+    n = len(terminals)
+    parent = np.full(n, _FREE)  # The arc to the parent.
+    second = np.zeros(n, np.bool_)  # Which nodes are in the background's tree.
     queue, waiting, first, count = np.empty(n, np.int64), np.zeros(n, np.bool_), 0, 0
     stamp, distance, time = np.zeros(n, np.int64), np.zeros(n, np.int64), 0
     orphans = np.empty(n, np.int64)
     for i in range(n):
-        if pulls[i] != 0:
-            parent[i], second[i], distance[i] = _ROOT, pulls[i] < 0, 1
+        if terminals[i] != 0:
+            parent[i], second[i], distance[i] = _ROOT, terminals[i] < 0, 1
             queue[(first + count) % n], waiting[i] = i, True
             count += 1
     while count > 0:
@@ -101,7 +105,7 @@ def _cut(pulls, starts, heads, reverse, capacity):  # type: ignore[no-untyped-de
             first, count, waiting[i] = (first + 1) % n, count - 1, False
             continue
         time += 1
-        n_orphans = _push(bridge, parent, pulls, heads, reverse, capacity, orphans)
+        n_orphans = _push(bridge, parent, terminals, heads, reverse, capacity, orphans)
         while n_orphans > 0:
             n_orphans -= 1
             node = orphans[n_orphans]
@@ -137,20 +141,20 @@ def _cut(pulls, starts, heads, reverse, capacity):  # type: ignore[no-untyped-de
 
 
 @_jit
-def _push(bridge, parent, pulls, heads, reverse, capacity, orphans):  # type: ignore[no-untyped-def]
-    """Push what can flow over a bridge from first to second tree; cut-off nodes become orphans. Their number."""
+def _push(bridge, parent, terminals, heads, reverse, capacity, orphans):  # type: ignore[no-untyped-def]
+    """Push what can flow over a bridge between the trees; the number of nodes that are cut off and become orphans."""
     flow = capacity[bridge]
     a, b = heads[reverse[bridge]], heads[bridge]
     i = a
     while parent[i] != _ROOT:
         flow = min(flow, capacity[reverse[parent[i]]])
         i = heads[parent[i]]
-    flow = min(flow, pulls[i])
+    flow = min(flow, terminals[i])
     i = b
     while parent[i] != _ROOT:
         flow = min(flow, capacity[parent[i]])
         i = heads[parent[i]]
-    flow = min(flow, -pulls[i])
+    flow = min(flow, -terminals[i])
 
     capacity[bridge] -= flow
     capacity[reverse[bridge]] += flow
@@ -164,8 +168,8 @@ def _push(bridge, parent, pulls, heads, reverse, capacity, orphans):  # type: ig
             orphans[n_orphans] = i
             n_orphans += 1
         i = heads[arc]
-    pulls[i] -= flow
-    if pulls[i] == 0:
+    terminals[i] -= flow
+    if terminals[i] == 0:
         parent[i] = _ORPHAN
         orphans[n_orphans] = i
         n_orphans += 1
@@ -179,8 +183,8 @@ def _push(bridge, parent, pulls, heads, reverse, capacity, orphans):  # type: ig
             orphans[n_orphans] = i
             n_orphans += 1
         i = heads[arc]
-    pulls[i] += flow
-    if pulls[i] == 0:
+    terminals[i] += flow
+    if terminals[i] == 0:
         parent[i] = _ORPHAN
         orphans[n_orphans] = i
         n_orphans += 1

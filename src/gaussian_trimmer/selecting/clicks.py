@@ -1,8 +1,8 @@
 """From a click or a box in one view to a rough selection of the object there.
 
-The pixel's Gaussians say where in the scene it is. What stands there on a surface is found in 3D, from all around.
-Where nothing does, what a box means is what comes off in it; around a click, the view is segmented by colour. Either is
-carried on to the sides that the view does not show.
+The Gaussians that show at the pixel give its position in the scene. An object that stands on a plane there is found in
+3D, from all around. If there is none, a box is segmented in 3D too, and around a click the view is segmented by colour
+and the mask propagated to the object's other sides.
 """
 
 from __future__ import annotations
@@ -19,18 +19,16 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
-from gaussian_trimmer.selecting.box_cut import best_in_box, box_overlap
 from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
-from gaussian_trimmer.selecting.propagation import carry_on
+from gaussian_trimmer.selecting.propagation import propagate_mask
+from gaussian_trimmer.selecting.segment_in_box import CONTRIBUTORS, box_overlap, segment_in_box, surface_depths
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
 from gaussian_trimmer.views import Box, bounding_box
 
 Way = Literal["piece", "part", "colour"]
 
 _MAX_SIDE = 640
-_CONTRIBUTORS = 10
 _VISIBILITY_SCALE = 0.5
-_MIN_ALPHA = 0.3
 _AROUND = 8
 _PITCH_DEGREES = (10.0, 60.0)
 _BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
@@ -46,8 +44,8 @@ class Pick:
     selection: BoolArray
     """The rough selection, (N,)."""
     ways: tuple[Way, ...]
-    """For each click how it was understood: a `piece` that stands on a surface, or what has its `colour`. A box may
-    also mean a `part`: what comes off in it."""
+    """How each click was understood: as a `piece` that stands on a plane, or as a region of its `colour`. A box may
+    also be a `part`, which stands on nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ def select_by_clicks(
 
     Args:
         up: the scene's up vector, (3,).
-        seen_from: training cameras, if known: a thing is not followed to where they did not see it.
+        seen_from: training cameras, if known: objects are not looked at from other sides.
 
     Raises:
         InputError: there is no click, one is outside the picture, or nothing is seen there.
@@ -92,13 +90,13 @@ def select_by_box(
     gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer,
     seen_from: Sequence[Camera] = (),
 ) -> Pick:  # fmt: skip
-    """The thing that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+    """The object or part that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
 
-    What of the box lies outside the picture is cut off.
+    The box is clipped to the picture; on sides where it reaches the picture's edge, the object may go on beyond it.
 
     Args:
         up: the scene's up vector, (3,).
-        seen_from: training cameras, if known: a thing is not followed to where they did not see it.
+        seen_from: training cameras, if known: objects are not looked at from other sides.
 
     Raises:
         InputError: the box is empty or wholly outside the picture, or nothing is seen in it.
@@ -107,20 +105,21 @@ def select_by_box(
     box = _rescaled_box(_clipped(box, camera), camera, small)
     overlap, piece = 0.0, None
     for standing in _pieces_in_box(gaussians, small, box, up, renderer):
-        fits = box_overlap(_visible_box(gaussians, small, standing, renderer), box)
-        if fits > overlap:
-            overlap, piece = fits, standing
+        fit = box_overlap(_visible_box(gaussians, small, standing, renderer), box)
+        if fit > overlap:
+            overlap, piece = fit, standing
         if overlap >= _GOOD_BOX_OVERLAP:
             return Pick(standing, ("piece",))
-    part = best_in_box(gaussians, small, box, up, renderer, seen_from)
-    if part is not None and part.overlap >= max(overlap, _MIN_BOX_OVERLAP):
-        return Pick(part.selection, ("part",))
+    segment = segment_in_box(gaussians, small, box, up, renderer, seen_from)
+    if segment is not None and segment.overlap >= max(overlap, _MIN_BOX_OVERLAP):
+        return Pick(segment.selection, ("part",))
     if piece is not None and overlap >= _MIN_BOX_OVERLAP:
         return Pick(piece, ("piece",))
     picture = renderer.render(gaussians, small)
-    return Pick(
-        _of_mask(gaussians, small, picture, cut_out_box(_shown(picture), box), up, renderer, seen_from), ("colour",)
-    )
+    if not (picture.alpha[box[1] : box[3], box[0] : box[2]] > 0.5).any():
+        raise InputError(f"Nothing is seen in the box {box}; choose another one or another view.")
+    mask = cut_out_box(_shown(picture), box)
+    return Pick(_object_in_mask(gaussians, small, picture, mask, up, renderer, seen_from), ("colour",))
 
 
 def _click(
@@ -134,15 +133,15 @@ def _click(
         return pieces[0], "piece"
     picture = renderer.render(gaussians, camera)
     mask = cut_out_around_click(_shown(picture), x, y)
-    return _of_mask(gaussians, camera, picture, mask, up, renderer, seen_from), "colour"
+    return _object_in_mask(gaussians, camera, picture, mask, up, renderer, seen_from), "colour"
 
 
-def _of_mask(
+def _object_in_mask(
     gaussians: Gaussians, camera: Camera, picture: Rendering, mask: BoolArray, up: Float64Array, renderer: Renderer,
     seen_from: Sequence[Camera],
 ) -> BoolArray:  # fmt: skip
-    """What a mask shows, on all of its sides; what shows it, where nothing can be followed."""
-    whole = carry_on(gaussians, camera, picture, mask, up, renderer, seen_from)
+    """The object that a mask shows, on all of its sides; without a surface to follow, the Gaussians that show it."""
+    whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
     selection = whole if whole.any() else lift_visible(gaussians, camera, picture, mask, renderer)
     if not selection.any():
         raise InputError("Nothing could be told apart there; choose another pixel, or draw a box around the object.")
@@ -162,7 +161,7 @@ def _pieces_in_box(
         except InputError:
             continue
     if not targets:
-        raise InputError(f"Nothing is seen in the middle of the box {box}; choose another one or another view.")
+        return
     middle = sorted(targets, key=lambda target: target.depth)[len(targets) // 2]
     visible = _visible_around(gaussians, camera, middle, up, renderer)
     for target in targets:
@@ -179,19 +178,13 @@ def _pieces_at(
 
 def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> _Target:
     """The surface point at a pixel, at the weighted median depth of the Gaussians that show there."""
-    rows, weights = (
-        found[0] for found in renderer.top_contributors(gaussians, camera, np.array([[x, y]]), _CONTRIBUTORS)
-    )
-    rows, weights = rows[rows >= 0], weights[rows >= 0]
-    if weights.sum() < _MIN_ALPHA:
+    rows, weights = renderer.top_contributors(gaussians, camera, np.array([[x, y]]), CONTRIBUTORS)
+    depth = float(surface_depths(gaussians, camera, rows, weights)[0])
+    if not np.isfinite(depth):
         raise InputError(f"Nothing is seen at the pixel ({x}, {y}); choose another one, or another view.")
-    depths = camera.project(gaussians.means[rows].astype(np.float64))[1]
-    order = np.argsort(depths)
-    cumulative = np.cumsum(weights[order])
-    depth = float(depths[order][np.searchsorted(cumulative, cumulative[-1] / 2)])
     ray = camera.ray_directions(np.array([[x + 0.5, y + 0.5]]))[0]
     seeds = np.zeros(len(gaussians), np.float32)
-    seeds[rows] = weights
+    seeds[rows[rows >= 0]] = weights[rows >= 0]
     return _Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
 
 
@@ -236,7 +229,7 @@ def _rescaled(pixel: tuple[int, int], camera: Camera, small: Camera) -> tuple[in
 
 
 def _clipped(box: Box, camera: Camera) -> Box:
-    """The part of a box that is within a view."""
+    """A box without what is outside the view."""
     x0, y0, x1, y1 = box
     inside = max(x0, 0), max(y0, 0), min(x1, camera.width), min(y1, camera.height)
     if not (inside[0] < inside[2] and inside[1] < inside[3]):

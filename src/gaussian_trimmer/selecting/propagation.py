@@ -1,10 +1,9 @@
-"""What one view shows of a thing, carried on to the sides that it does not show.
+"""From the mask of one view to the object on all of its sides.
 
-A click or a mask tells what is meant in one view. Seen from all around, the surface goes on from there, and is divided
-where that costs least: along grooves, where the colour changes, far from what the view shows to be the object and close
-to what it shows not to be. What lies behind the object but beside its outline in the view would have been seen if it
-belonged to it. What the view hides is drawn to neither side, but a little to the surroundings, so that a thing that
-hardly touches the object does not come along.
+The surface graph around the object goes on where the view ends. What is visible in the view is object or background by
+the mask. What is hidden cannot be object where it lies behind the background beside the mask: it would have been
+visible. Everything else is decided by the minimum cut: a short boundary along concave edges and changes of colour. A
+small unary term for the background keeps out what is hidden and hardly touches the object.
 """
 
 from __future__ import annotations
@@ -15,113 +14,134 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.rendering import Renderer, Rendering
-from gaussian_trimmer.selecting.surface import Surface, look_around
+from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
+from gaussian_trimmer.views import bounding_box
 
+MIN_NODES = 20
+"""Smallest number of nodes of a surface graph that can be cut."""
 HIDDEN = -0.05
-"""Pull of what the first view hides, by area in squared radii."""
+"""Unary term of surface that is hidden in the user's view, by area in squared radii."""
 COLOUR_ROUNDS = 3
-"""How often colours are learnt from the division and the division made with them."""
-GAP = 0.2
-"""Widest gap within one thing, in radii."""
-_SHOWN = 15.0
-"""Pull of what the view shows, by area in squared radii."""
+"""How often colour models are learnt from a cut and the cut repeated with them."""
+_VISIBLE = 15.0
+"""Unary term of surface that is visible in the user's view, by area in squared radii."""
 _COLOUR = 0.3
-"""Pull of colours that tell object and surroundings apart, by area in squared radii and log-ratio."""
+"""Weight of the colours' log-likelihood ratio, by area in squared radii."""
 _IN_FRONT = 0.2
-"""What is nearer than the mask beside it, by this many radii, may hide parts of the object."""
+"""Depth difference, in radii, from which something beside the mask may hide a part of the object."""
 _MARGIN = 1.0
-"""How far beside the mask the surroundings are looked at, in radii."""
-LEAST_SURFACE = 20
-"""Gaussians that a surface must have."""
+"""Width of the surroundings that are looked at, in radii."""
+_MIN_PIECE = 0.01
+"""Smallest share of the visible object that a piece of it must hold."""
+_MAX_REMNANT, _MIN_ATTACHED = 0.1, 0.5
+"""Area of a remnant relative to the object's, and length of its boundary with it relative to the root of its area."""
 
 
-def carry_on(
+def propagate_mask(
     gaussians: Gaussians, camera: Camera, picture: Rendering, mask: BoolArray, up: Float64Array, renderer: Renderer,
     seen_from: Sequence[Camera] = (),
 ) -> BoolArray:  # fmt: skip
-    """The Gaussians (N,) of the thing that a view's mask (H, W) shows, on all of its sides; none for an empty mask.
+    """The object that a view's mask shows, on all of its sides, (N,); nothing where the mask shows no surface.
 
     Args:
-        picture: what the view shows.
+        camera: the view.
+        picture: its rendering.
+        mask: the object in it, (H, W).
         up: the scene's up vector, (3,).
-        seen_from: training cameras, if known: the thing is not looked at from where they were not.
+        seen_from: training cameras, if known: the surface is not looked at from other sides.
     """
     nothing = np.zeros(len(gaussians), np.bool_)
     solid = mask & (picture.alpha > 0.5)
     if not solid.any():
         return nothing
-    centre, radius = _place_of(camera, picture, solid)
+    box, depth = bounding_box(solid), float(np.median(picture.depth[solid]))
+    radius = max(box[2] - box[0], box[3] - box[1]) / 2 * depth / camera.K[0, 0]
+    ray = camera.ray_directions(np.array([[box[0] + box[2], box[1] + box[3]]]) / 2)[0]
+    centre = camera.centre + ray * depth / (ray @ camera.forward)
     pixels, depths = camera.project(gaussians.means.astype(np.float64))
-    spot = np.clip(np.nan_to_num(pixels), 0, (camera.width - 1, camera.height - 1)).astype(np.int64)
-    wanted = (depths > 0) & _near(mask, pixels, _MARGIN * radius * camera.K[0, 0] / np.median(picture.depth[solid]))
-    surface = look_around(gaussians, camera, centre, radius, wanted, up, renderer, seen_from)
-    if len(surface.rows) < LEAST_SURFACE:
+    margin = _MARGIN * radius / depth * camera.K[0, 0]
+    candidates = (depths > 0) & ((pixels > np.array(box[:2]) - margin) & (pixels < np.array(box[2:]) + margin)).all(1)
+    graph = build_surface_graph(gaussians, camera, centre, radius, candidates, up, renderer, seen_from)
+    if len(graph.rows) < MIN_NODES:
         return nothing
-    behind = _visible_beside(picture, mask, _IN_FRONT * radius)
-    allowed = mask[spot[:, 1], spot[:, 0]] | ~behind[spot[:, 1], spot[:, 0]]
 
-    outside, inside = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2)[surface.rows].T
+    possible = ~_visible_background(picture, mask, _IN_FRONT * radius)
+    allowed = _at(possible, pixels)
+    rows = np.concatenate([graph.rows, graph.hidden])
+    for ends in axis_ends(gaussians.select(rows)):
+        allowed[rows] &= _at(possible, camera.project(ends)[0])
+    outside, inside = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2)[graph.rows].T
     share = inside / np.maximum(inside + outside, 1e-12)
-    unseen = np.where(allowed[surface.rows], HIDDEN, -_SHOWN)
-    pulls = surface.areas * np.where(surface.in_first, _SHOWN * (2 * share - 1), unseen)
-    undecided = surface.areas * (~surface.in_first & allowed[surface.rows])
-    part = surface.divide(pulls)
-    for _ in range(COLOUR_ROUNDS):
-        ratio, told = surface.colour_evidence(part)
-        part = surface.divide(pulls + _COLOUR * colour_trust(told) * undecided * ratio)
-    part = _connected_to_seen(surface, part, surface.in_first & (share > 0.5))
-    return surface.with_hidden(gaussians, part, allowed)
+    part = _cut(graph, share, allowed[graph.rows])
+    part = _with_remnants(graph, _without_specks(graph, part, graph.visible_in_view & (share > 0.5)))
+    return graph.with_hidden(gaussians, part, allowed)
 
 
-def colour_trust(told: float) -> float:
-    """Weight of colours that tell this share of both sides right, 0 to 1.
+def colour_weight(accuracy: float) -> float:
+    """Weight of colour models by their balanced accuracy, 0 to 1.
 
-    >>> colour_trust(0.5), colour_trust(1.0)
+    >>> colour_weight(0.5), colour_weight(1.0)
     (0.0, 1.0)
     """
-    return float(np.clip((told - 0.6) / 0.35, 0, 1)) ** 2
+    return float(np.clip((accuracy - 0.6) / 0.35, 0, 1)) ** 2
 
 
-def _place_of(camera: Camera, picture: Rendering, mask: BoolArray) -> tuple[Float64Array, float]:
-    """World point in the middle of what a mask shows, and half of its larger side there."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    depth = float(np.median(picture.depth[mask]))
-    middle = np.array([[columns[0] + columns[-1] + 1, rows[0] + rows[-1] + 1]]) / 2
-    ray = camera.ray_directions(middle)[0]
-    half = max(columns[-1] + 1 - columns[0], rows[-1] + 1 - rows[0]) / 2
-    return camera.centre + ray * depth / (ray @ camera.forward), float(half * depth / camera.K[0, 0])
+def _cut(graph: SurfaceGraph, share: Float64Array, allowed: BoolArray) -> BoolArray:
+    """The minimum cut by the share of each node in the mask (S,), and by which hidden ones can be object, (S,)."""
+    hidden = np.where(allowed, HIDDEN, -_VISIBLE)
+    unaries = graph.areas * np.where(graph.visible_in_view, _VISIBLE * (2 * share - 1), hidden)
+    undecided = graph.areas * (~graph.visible_in_view & allowed)
+    part = graph.cut(unaries)
+    for _ in range(COLOUR_ROUNDS):
+        ratio, accuracy = graph.colour_evidence(part)
+        part = graph.cut(unaries + _COLOUR * colour_weight(accuracy) * undecided * ratio)
+    return part
 
 
-def _near(mask: BoolArray, pixels: Float64Array, margin: float) -> BoolArray:
-    """Which pixel coordinates (N, 2) lie within the mask's bounding box and a margin around it, (N,)."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    low = np.array([columns[0], rows[0]]) - margin
-    high = np.array([columns[-1], rows[-1]]) + 1 + margin
-    return np.asarray(((pixels > low) & (pixels < high)).all(axis=1))
+def _at(mask: BoolArray, pixels: Float64Array) -> BoolArray:
+    """Values of a mask (H, W) at pixel coordinates (N, 2), outside the image those of the nearest pixels, (N,)."""
+    x, y = np.clip(np.nan_to_num(pixels), 0, (mask.shape[1] - 1, mask.shape[0] - 1)).astype(np.int64).T
+    return np.asarray(mask[y, x])
 
 
-def _visible_beside(picture: Rendering, mask: BoolArray, tolerance: float) -> BoolArray:
-    """Pixels (H, W) outside a mask that show what is not clearly nearer than the mask beside them: no part of the
-    object can hide there."""
-    _, labels = cv2.distanceTransformWithLabels(
+def _visible_background(picture: Rendering, mask: BoolArray, tolerance: float) -> BoolArray:
+    """Pixels outside a mask at which nothing clearly nearer than the nearest part of the mask can hide it, (H, W)."""
+    _, nearest_pixel = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    depths = np.zeros(labels.max() + 1, np.float32)
-    depths[labels[mask]] = picture.depth[mask]
-    clear: FloatArray = depths[labels]
-    return np.asarray(~mask & ((picture.depth > clear - tolerance) | (picture.alpha < 0.5)))
+    depths = np.zeros(nearest_pixel.max() + 1, np.float32)
+    depths[nearest_pixel[mask]] = picture.depth[mask]
+    in_front = (picture.alpha > 0.5) & (picture.depth < depths[nearest_pixel] - tolerance)
+    return np.asarray(~mask & ~in_front)
 
 
-def _connected_to_seen(surface: Surface, part: BoolArray, seen: BoolArray) -> BoolArray:
-    """The pieces of a part (S,) in which something is seen, (S,)."""
+def _without_specks(graph: SurfaceGraph, part: BoolArray, visible: BoolArray) -> BoolArray:
+    """The connected pieces of a part (S,) that hold enough of what is visible of it, (S,)."""
     rows = np.flatnonzero(part)
     if len(rows) == 0:
         return part
-    piece = connected_points(surface.places[rows].astype(np.float64), GAP * surface.radius)
-    kept = np.bincount(piece, seen[rows])[piece] > 0
+    piece = connected_points(graph.means[rows].astype(np.float64), graph.gap)
+    areas = np.bincount(piece, graph.areas[rows] * visible[rows])
     found = np.zeros(len(part), np.bool_)
-    found[rows[kept]] = True
+    found[rows] = (areas > _MIN_PIECE * areas.sum())[piece]
+    return found
+
+
+def _with_remnants(graph: SurfaceGraph, part: BoolArray) -> BoolArray:
+    """A part (S,) and the small connected pieces of the rest that are attached to it and to nothing else, (S,)."""
+    rows = np.flatnonzero(~part)
+    if len(rows) == 0 or not part.any():
+        return part
+    piece = np.zeros(len(part), np.int64)
+    piece[rows] = connected_points(graph.means[rows].astype(np.float64), graph.gap)
+    across = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
+    outer = graph.edges[across][~part[graph.edges[across]]]
+    areas = np.bincount(piece[rows], graph.areas[rows], len(part))
+    attached = np.bincount(piece[outer], graph.lengths[across], len(part))
+    remnant = (areas < _MAX_REMNANT * graph.areas[part].sum()) & (attached > _MIN_ATTACHED * np.sqrt(areas))
+    found = part.copy()
+    found[rows] = remnant[piece[rows]]
     return found
