@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -30,7 +31,11 @@ from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote,
 from gaussian_trimmer.selecting.overview import plan_overview
 from gaussian_trimmer.settings import Range, Share, Vector, check_settings
 
-_WAYS = {"piece": "an object that stands on a surface", "colour": "what has its colour in that view"}
+_WAYS = {
+    "piece": "an object that stands on a surface",
+    "part": "the part that fills the box, on all of its sides",
+    "colour": "what has its colour in that view, on all of its sides",
+}
 
 
 @dataclass(frozen=True)
@@ -145,15 +150,17 @@ class Select:
         renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
         views, rows = _views(scene, cameras, up)
         camera, drawn = self._view(views), scene.select(rows)
-        pick = self._understand(drawn, camera, up, renderer)
+        pick = self._understand(drawn, camera, up, renderer, _training_cameras(cameras))
         selection = np.zeros(len(scene), np.bool_)
         selection[rows[pick.selection]] = True
         return selection, ", ".join(_WAYS[way] for way in pick.ways)
 
-    def _understand(self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer) -> Pick:
+    def _understand(
+        self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer, seen_from: Sequence[Camera]
+    ) -> Pick:
         if self.box is not None:
-            return select_by_box(drawn, camera, self.box, up.direction, renderer)
-        return select_by_clicks(drawn, camera, self.click, up.direction, renderer)
+            return select_by_box(drawn, camera, self.box, up.direction, renderer, seen_from)
+        return select_by_clicks(drawn, camera, self.click, up.direction, renderer, seen_from)
 
     def _view(self, views: list[Camera]) -> Camera:
         """The view that clicks and box refer to."""
@@ -188,6 +195,11 @@ class Select:
         if self.object_ids:
             parts += ["--selection.object-id", "ID"]
         return shlex.join(parts)
+
+
+def _training_cameras(cameras: CameraSet | None) -> list[Camera]:
+    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
+    return [camera for camera, train in listed if train]
 
 
 def _views(scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> tuple[list[Camera], IntArray]:
