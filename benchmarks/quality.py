@@ -218,7 +218,9 @@ def _trim(
     if variant.training_views:
         n = len(scene.training_cameras)
         views = [scene.training_cameras[i * n // variant.training_views] for i in range(variant.training_views)]
-    return trim(scene.gaussians, coarse, config, segmenter=variant.segmenter, cameras=cameras, views=views)
+    return trim(
+        scene.gaussians, coarse, config=config, segmenter=variant.segmenter, cameras=cameras, view_cameras=views
+    )
 
 
 def _render(gaussians: Gaussians, view: TestView) -> Any:

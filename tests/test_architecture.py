@@ -16,14 +16,18 @@ from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SE
 PACKAGE = Path(gaussian_trimmer.__file__).parent
 STAGES = ("planning", "segmentation", "decomposition")
 FILES = ("formats", "camera_files", "selection_files")
-BASE = ("errors", "compiling", "atomic", "gaussians", "cameras", "label_assignment", "sample")
+BASE = (
+    "settings", "errors", "compiling", "atomic", "reading", "zip_members", "picture_headers", "gaussians", "cameras",
+    "label_assignment", "sample",
+)  # fmt: skip
 LAYERS = (
     BASE,
     ("geometry", "rendering"),
     ("views",),
     FILES,
     STAGES,
-    ("config", "result"),
+    ("config", "plugin_checks"),
+    ("arguments", "result"),
     ("pipeline",),
     ("output", "evaluation", "selecting"),
     ("commands", "app", "batch"),
@@ -35,6 +39,7 @@ each is one file, also from each other."""
 
 EXCEPTIONS = {
     ("selection_files", "formats"): "a splat file can be a selection: its rows are read with the scene's own reader",
+    ("result", "output"): "a result saves itself as the command line does; what writes is loaded when it is asked to",
 }
 """Imports between rooms that the layers would forbid, with the reason."""
 
@@ -176,6 +181,8 @@ def test_what_is_loaded_with_a_module(source: str, found: set[str]) -> None:
         ("selection_files", "formats", True),
         ("formats", "selection_files", False),
         ("output", "evaluation", False),
+        ("result", "output", True),
+        ("result", "pipeline", False),
         ("commands", "output", True),
         ("segmentation", "segmentation", True),
     ],

@@ -124,9 +124,9 @@ def test_cut_out_of_another_scene(ball, tmp_path, capsys):
     ("options", "said"),
     [
         (["--up", 0, 0, 0], "up vector"),
-        (["--up", "nan", 0, 1], "up vector"),
-        (["--views", 0], "at least one"),
-        (["--views", -3], "at least one"),
+        (["--up", "nan", 0, 1], "up is nan; it must be a number from"),
+        (["--views", 0], "plan.views is 0; it must be a whole number from 1 to 1000"),
+        (["--views", -3], "plan.views is -3"),
         (["--segmenter", "sam9"], "available: silhouette"),
         (["--renderer", "opengl"], "available: auto"),
         (["--segmenter", "mask-files"], "--mask-files.folder"),

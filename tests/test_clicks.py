@@ -259,7 +259,7 @@ def test_benchmark_click_then_trim(where, name, view):
     pick = select_by_clicks(scene.gaussians, camera, [(int(x), int(y))], scene.up, RENDERER)
     kept = tuple(camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train)
     training = replace(cameras, cameras=kept, train=(True,) * len(kept))
-    result = trim(scene.gaussians, pick.selection, TrimConfig(up=(0, 0, 1)), cameras=training)
+    result = trim(scene.gaussians, pick.selection, config=TrimConfig(up=(0, 0, 1)), cameras=training)
     overlaps = [
         foreground_iou(RENDERER.render(result.object, test.camera).alpha, test.coverage, test.valid)
         for test in scene.test_views(name)

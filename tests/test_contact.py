@@ -27,7 +27,7 @@ def trimmed(enabled=True, recover=True, **needle):
     scene, selection = with_needle(**needle)
     contact = SupportPlaneSplitConfig(enabled=enabled)
     evidence = EvidenceConfig(recover=recover)
-    return trim(scene, selection, small_config(split=SplitConfig(at_support_plane=contact), evidence=evidence))
+    return trim(scene, selection, config=small_config(split=SplitConfig(at_support_plane=contact), evidence=evidence))
 
 
 def needle_labels(result):
@@ -81,14 +81,15 @@ def test_other_needles_stay_whole(case):
     assert len(needle_labels(trimmed(**case))) == 1
 
 
-def test_no_rule_of_splitting_means_no_cut_at_the_floor():
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_cut_at_the_floor_has_its_own_switch(enabled):
     scene, selection = with_needle()
-    split = SplitConfig("none", SupportPlaneSplitConfig(enabled=True))
-    assert trim(scene, selection, small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == 0
+    split = SplitConfig("none", SupportPlaneSplitConfig(enabled=enabled))
+    assert trim(scene, selection, config=small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == int(enabled)
 
 
 def test_every_rule_keeps_the_lower_part():
     scene, selection = with_needle()
     split = SplitConfig("sagd", SupportPlaneSplitConfig(enabled=True))
-    result = trim(scene, selection, small_config(split=split))
+    result = trim(scene, selection, config=small_config(split=split))
     assert needle_labels(result) == [RowLabel.SPLIT_INSIDE, RowLabel.SPLIT_OUTSIDE]

@@ -28,7 +28,14 @@ def test_trim_one_object(printed):
     selected, kept = numbers(line)[:2]
     assert selected == SELECTED and 2100 < kept < SELECTED
     picture = Path(line.partition("see ")[2].rstrip("."))
-    assert {path.name for path in picture.parent.iterdir()} == {"object.ply", "background.ply", "before_after.png"}
+    assert {path.name for path in picture.parent.iterdir()} == {
+        "object.ply",
+        "background.ply",
+        "before_after.png",
+        "labels.npz",
+        "report.json",
+        "views",
+    }
 
 
 @pytest.mark.parametrize("printed", ["02_lift_masks_and_trim.py"], indirect=True)

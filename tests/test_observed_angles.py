@@ -92,7 +92,7 @@ def test_one_training_camera_is_enough_for_a_trim(position):
     seen_from = camera(position, up=(0.3, 1, 0.1))
     config = toy.small_config(plan=PlanConfig(size=96))
     rough = toy.dilated(SCENE, TRUTH)
-    result = trim(SCENE, rough, config, cameras=CameraSet((seen_from,), None, (True,), False))
+    result = trim(SCENE, rough, config=config, cameras=CameraSet((seen_from,), None, (True,), False))
     assert smallest_turn([view.view.camera for view in result.views]) > 2
     kept = np.zeros(len(SCENE), np.bool_)
     kept[result.source_index[: len(result.object)]] = True
@@ -104,7 +104,8 @@ def test_where_no_training_camera_sees_the_object_it_is_probed_as_without_camera
     config = toy.small_config(plan=PlanConfig(size=64))
     with toy.one_thread():
         given, without = (
-            trim(SCENE, TRUTH, config, cameras=cameras) for cameras in (CameraSet((away,), None, (True,), False), None)
+            trim(SCENE, TRUTH, config=config, cameras=cameras)
+            for cameras in (CameraSet((away,), None, (True,), False), None)
         )
     poses = [[view.view.camera.world_to_camera for view in result.views] for result in (given, without)]
     np.testing.assert_array_equal(*poses)

@@ -28,7 +28,7 @@ class Silhouettes:
 
 @toy.one_thread()
 def trimmed(segmenter="silhouette", renderer="numba"):
-    return trim(SCENE, toy.dilated(SCENE, TRUTH), CONFIG, renderer=renderer, segmenter=segmenter)
+    return trim(SCENE, toy.dilated(SCENE, TRUTH), config=CONFIG, renderer=renderer, segmenter=segmenter)
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ CONFIG = toy.small_config()
 def trimmed():
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
-    return trim(scene, selection, CONFIG, RENDERER), selection
+    return trim(scene, selection, config=CONFIG, renderer=RENDERER), selection
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_settings_and_reasons_of_a_refused_trim_are_reported(tmp_path):
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
     config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
-    result = trim(scene, selection, config, RENDERER)
+    result = trim(scene, selection, config=config, renderer=RENDERER)
     report = describe(result, selection, config, {}, segmenter="a better name")
     write_results(result, selection, report, tmp_path, RENDERER)
     assert "0 of 5 views" in report["refused"]
@@ -104,7 +104,7 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     ball = scene.select(truth)
     config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
     everything = np.ones(len(ball), np.bool_)
-    result = trim(ball, everything, config, RENDERER)
+    result = trim(ball, everything, config=config, renderer=RENDERER)
     write_results(result, everything, {}, tmp_path, RENDERER, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
 

@@ -179,7 +179,7 @@ def test_forcing_a_kind_that_the_file_is_not(tmp_path, kind):
 
 
 def test_unknown_names(tmp_path):
-    with pytest.raises(InputError, match="Unknown kind of selection 'maks'; available: auto, mask"):
+    with pytest.raises(InputError, match=r"selection\.kind is 'maks'; available: auto, mask"):
         select(save(tmp_path / "m.npy", rows_mask(N, 2)), kind="maks")
     with pytest.raises(InputError, match="There is no file"):
         select(tmp_path / "absent.npy")
@@ -200,7 +200,7 @@ class TestHostileFiles:
     def test_text_and_damage(self, tmp_path):
         for name in ("m.npy", "m.npz"):
             (tmp_path / name).write_bytes(b"nonsense")
-            with pytest.raises(InputError, match="damaged or no NumPy"):
+            with pytest.raises(InputError, match="damaged"):
                 select(tmp_path / name)
         (tmp_path / "m.txt").write_text("1 two")
         with pytest.raises(InputError, match="no list of whole numbers"):

@@ -160,7 +160,7 @@ class TestSimilarity:
         columns = identity_columns(list(self.IDS))
         columns["obj_dc_3"] = np.full(N, np.nan, np.float32)
         scene = make_scene(N, extras=columns)
-        with pytest.raises(InputError, match="NaN or infinite"):
+        with pytest.raises(InputError, match="NaN, infinite or huge"):
             select(save_ply(tmp_path / "scene.ply", scene), scene, query_row=1)
 
     def test_cut_out_of_a_scene_with_features_is_a_subset(self, tmp_path):

@@ -117,7 +117,7 @@ def test_gaussians_on_one_side_are_no_straddlers():
 
 @pytest.mark.parametrize("band", [0, -3])
 def test_a_band_narrower_than_a_pixel_is_refused(band):
-    with pytest.raises(InputError, match=f"band is {band} pixels; at least one is needed"):
+    with pytest.raises(InputError, match=f"boundary.band is {band}; it must be a whole number from 1"):
         straddlers(needle(), band=band)
 
 

@@ -196,6 +196,27 @@ def test_a_piece_of_which_little_is_selected_is_not_attached():
     assert attached(thing, little, min_selected=0.1)[thing.of(ARM)].all()
 
 
+def test_a_piece_within_the_bounds_of_a_few_selected_ends_is_attached_and_one_beyond_them_is_not():
+    thing = desk()
+    block = thing.of(BLOCK, ARM)
+    positions = thing.scene.means
+    low, high = positions[block].min(axis=0), positions[block].max(axis=0)
+    ends = block & ((positions <= low + 0.15) | (positions >= high - 0.15)).any(axis=1)
+    few = ends & (np.arange(len(ends)) % 3 == 0)
+    assert weights(thing)[few].sum() < 0.5 * weights(thing)[block].sum()
+    above = support(thing, few).above
+    assert attached(thing, few, min_selected=0.99)[block & ~few & above].all()
+    left = few & (positions[:, 0] < np.median(positions[block, 0]))
+    assert not attached(thing, left, min_selected=0.99, bounds_margin=0.0).any()
+
+
+def test_a_selection_of_the_surface_itself_stands_on_nothing():
+    thing = desk()
+    part = thing.of(TABLE) & (thing.scene.means[:, 0] < 0)
+    assert support(thing, part) is None
+    assert support(thing, part | thing.of(BLOCK), max_selected_within=1.0) is not None
+
+
 def test_a_wider_gap_joins_what_stands_apart():
     thing = desk()
     assert attached(thing, thing.of(BLOCK), gap=0.8)[thing.of(POST) & (thing.scene.means[:, 2] > -0.5)].all()

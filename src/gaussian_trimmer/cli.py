@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import warnings
@@ -11,7 +12,7 @@ from importlib import import_module
 from typing import Protocol, cast
 
 from gaussian_trimmer import __version__
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, printable
 
 PROGRAM = "gaussian-trimmer"
 
@@ -25,6 +26,7 @@ COMMANDS = {
 }
 
 USER_ERROR, INTERRUPTED = 2, 130
+_MESSAGE_LENGTH = 1000
 
 
 class Command(Protocol):
@@ -42,6 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     130. Other exceptions are defects of the program and keep their traceback.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        # A name with an umlaut must not end in a traceback where the terminal knows ASCII alone.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     # Threads that spin while they wait for each other halve the speed where another program keeps a core busy.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     with warnings.catch_warnings():
@@ -98,5 +104,5 @@ def _overview() -> str:
 
 
 def _fail(message: str) -> int:
-    print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
+    print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
     return USER_ERROR

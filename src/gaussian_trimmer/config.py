@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
-from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
+from gaussian_trimmer.settings import Range, Vector, check_settings
 
 __all__ = [
     "CONTEXT_RADIUS", "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig",
@@ -28,7 +26,7 @@ CONTEXT_RADIUS = 1.8
 class SplitConfig:
     """What is done with Gaussians that straddle the boundary."""
 
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
     """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
     child; `none`: no Gaussian is split."""
     at_support_plane: SupportPlaneSplitConfig = field(default_factory=SupportPlaneSplitConfig)
@@ -38,10 +36,10 @@ class SplitConfig:
 class TrimConfig:
     """Every setting of the trimmer, by stage."""
 
-    up: tuple[float, float, float] | None = None
+    up: Vector | None = None
     """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     plan: PlanConfig = field(default_factory=PlanConfig)
-    context_radius: float = CONTEXT_RADIUS
+    context_radius: Annotated[float, Range(0, 100)] = CONTEXT_RADIUS
     """Gaussians within this many object radii of the object's centre are rendered with it as background (eq. 7); 0:
     none."""
     label_crf: LabelCrfConfig = field(default_factory=LabelCrfConfig)
@@ -75,32 +73,4 @@ def check_config(config: TrimConfig) -> None:
     Raises:
         InputError: a setting is out of its range; the message names it as the command line does.
     """
-    if config.split.rule not in (*SPLIT_RULES, "none"):
-        raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
-    crf, support, acceptance = config.label_crf, config.label_crf.support_plane, config.acceptance
-    _check_at_least(1, {
-        "label-crf.passes": crf.passes, "label-crf.iterations": crf.iterations,
-        "label-crf.k-neighbours": crf.k_neighbours, "label-crf.k-hidden-neighbours": crf.k_hidden_neighbours,
-        "boundary.contributors": config.boundary.contributors,
-    })  # fmt: skip
-    _check_at_least(1e-6, {
-        "label-crf.position-sigma": crf.position_sigma, "label-crf.colour-sigma": crf.colour_sigma,
-        "label-crf.boundary-distance": crf.boundary_distance, "label-crf.support-plane.gap": support.gap,
-        "label-crf.support-plane.thickness": support.thickness,
-        "plan.lambda-1": config.plan.lambda_1, "plan.lambda-2": config.plan.lambda_2,
-    })  # fmt: skip
-    _check_at_least(0, {
-        "context-radius": config.context_radius, "label-crf.smoothness": crf.smoothness,
-        "label-crf.support-plane.gap-spacing": support.gap_spacing,
-        "evidence.prior": config.evidence.prior, "acceptance.min-overlap": acceptance.min_overlap,
-        "acceptance.min-views": acceptance.min_views, "acceptance.min-remaining": acceptance.min_remaining,
-    })  # fmt: skip
-    for name, share in (("overlap", acceptance.min_overlap), ("views", acceptance.min_views)):
-        if share > 1:
-            raise InputError(f"acceptance.min-{name} is {share}; a share is at most 1.")
-
-
-def _check_at_least(minimum: float, settings: dict[str, float]) -> None:
-    for name, value in settings.items():
-        if not (math.isfinite(value) and value >= minimum):
-            raise InputError(f"{name} is {value}; it must be a number of at least {minimum}.")
+    check_settings(config)

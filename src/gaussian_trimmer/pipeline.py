@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from gaussian_trimmer.arguments import check_scene, mask_of_selection, settings
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import (
     CONTEXT_RADIUS,
@@ -24,19 +26,18 @@ from gaussian_trimmer.config import (
     paper_config,
 )
 from gaussian_trimmer.decomposition.contact import split_at_support_plane
-from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo
+from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
-from gaussian_trimmer.rendering import Renderer, get_renderer
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
@@ -51,44 +52,56 @@ __all__ = [
 
 _OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+_CONNECTING_STEPS = 8
+"""Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
+_LOG = logging.getLogger("gaussian_trimmer")
 
 
 def trim(
     scene: Gaussians,
-    selection: BoolArray,
+    selection: ArrayLike,
+    *,
     config: TrimConfig | None = None,
-    renderer: Renderer | str = "numba",
+    renderer: Renderer | str = DEFAULT_RENDERER,
     segmenter: Segmenter | str = DEFAULT_SEGMENTER,
     cameras: CameraSet | None = None,
-    views: Sequence[Camera] | None = None,
+    views: int | None = None,
+    view_cameras: Sequence[Camera] | None = None,
+    up: str | ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> TrimResult:
-    """Sharpen a rough selection of one object.
+    """Sharpen a rough selection of one object. Each stage is also logged to "gaussian_trimmer" when it begins.
 
     Args:
-        scene: all Gaussians; the object alone also works, without background augmentation.
-        selection: the coarse object, (N,) bool.
+        scene: all N Gaussians; the object alone also works, without background augmentation.
+        selection: the rough object: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
+            the object's rows, from 0, each once.
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
         cameras: the cameras that the scene was trained with, if known: they give the up vector and the range of
             angles from which the object was observed.
-        views: cameras to use instead of virtual ones: the "no virtual cameras" ablation, or those of given masks.
+        views: number of virtual views, in place of `config.plan.views`.
+        view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
+            given masks.
+        up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
         progress: called with the name of each stage when it begins.
 
     Raises:
-        InputError: the selection has the wrong length or is empty, a setting is out of its range, or a renderer or
-            segmenter of the caller's gives something else than its contract says.
+        InputError: the selection does not fit the scene, is empty or can be understood in two ways; a setting is out
+            of its range; or a renderer or segmenter of the caller's gives something else than its contract says.
     """
-    config = config or TrimConfig()
+    check_scene(scene, cameras)
+    config = settings(config, views, up, view_cameras)
     check_config(config)
-    selection = _checked(selection, len(scene))
-    renderer = CheckedRenderer(get_renderer(renderer) if isinstance(renderer, str) else renderer)
-    segmenter = CheckedSegmenter(get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter)
-    clock = _Clock(progress)
+    selection = mask_of_selection(selection, len(scene))
+    given_renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
+    given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
+    renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
+    clock = _Clock(_logged(progress))
     with clock("plan"):
-        scope = _plan(scene, selection, config, renderer, cameras, views)
+        scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
         visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
@@ -106,10 +119,22 @@ def trim(
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts)
     floaters = int(selection.sum() - scope.coarse.sum())
+    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
+    _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
-        segmenter.name,
+        segmenter.name, how, selection, config, given_renderer,
     )  # fmt: skip
+
+
+def _logged(progress: Progress) -> Progress:
+    """`progress`, which also tells the log."""
+
+    def report(stage: str) -> None:
+        _LOG.info("stage: %s", stage)
+        progress(stage)
+
+    return report
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,17 +166,6 @@ class _Decomposition:
     """Their parts outside it."""
 
 
-def _checked(selection: BoolArray, n: int) -> BoolArray:
-    selection = np.asarray(selection)
-    if selection.dtype != np.bool_ or selection.shape != (n,):
-        raise InputError(
-            f"The selection has shape {selection.shape} and type {selection.dtype}; {n} booleans are needed."
-        )
-    if not selection.any():
-        raise InputError("The selection is empty: no Gaussian of the scene belongs to the object.")
-    return selection
-
-
 def _plan(
     scene: Gaussians, selection: BoolArray, config: TrimConfig, renderer: Renderer, cameras: CameraSet | None,
     views: Sequence[Camera] | None,
@@ -177,15 +191,30 @@ def _surroundings(
 ) -> tuple[IntArray, BoolArray]:
     """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
-    Selected Gaussians far from the object, floaters, are neither.
+    Selected Gaussians far from the object that nothing connects with it, floaters, are neither.
     """
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
     coarse = selection & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
     if not coarse.any():
         coarse = selection
+    coarse = _with_connected(scene, selection, coarse)
     rows = np.flatnonzero(coarse | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, coarse[rows]
+
+
+def _with_connected(scene: Gaussians, selection: BoolArray, coarse: BoolArray) -> BoolArray:
+    """The coarse object with those of the other selected Gaussians that hang together with it, (N,)."""
+    rows = np.flatnonzero(selection)
+    selected, member = scene.select(rows), coarse[rows]
+    for _ in range(_CONNECTING_STEPS):
+        found = touching(selected, member) if not member.all() else np.zeros(0, np.bool_)
+        if not found.any():
+            break
+        member = member | found
+    connected = np.zeros(len(scene), np.bool_)
+    connected[rows[member]] = True
+    return connected
 
 
 def _decompose(
@@ -202,15 +231,17 @@ def _decompose(
         weights = _weigh_isolated(isolated, accepted, scope.bounds.radius, renderer) if len(rows) else []
         if config.evidence.second_evidence and len(rows):
             plane = _support_plane(scope, keep, inside + outside, config)
-            free = plane.above[rows] if plane else np.zeros(len(rows), np.bool_)
-            halo = find_halo(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
-            keep[rows[halo]] = False
+            free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
+            alone, widths = np.sum(weights, axis=0), np.exp(isolated.log_scales.max(axis=1)) / scope.bounds.radius
+            seen = alone, inside[rows], outside[rows]
+            wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
+            keep[rows[wrong]] = False
     if not keep.any():
         return _Decomposition(keep, np.zeros(0, np.int64), None, None)
     with clock("split"):
         cut, inner, outer = _split(isolated, keep[rows], accepted, weights, renderer, config)
         parts = _Decomposition(keep, rows[cut], inner, outer)
-        if config.split.rule != "none" and config.split.at_support_plane.enabled and config.evidence.recover:
+        if config.split.at_support_plane.enabled and config.evidence.recover:
             parts = _with_splits_at_support_plane(scope, parts, inside + outside, accepted, renderer, config)
     return parts
 

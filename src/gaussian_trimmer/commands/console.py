@@ -40,7 +40,7 @@ def open_console(*, quiet: bool) -> Console:
 def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     """Give a function to call with the name of each stage as it begins; nothing is shown outside a terminal."""
     bar = Progress(
-        SpinnerColumn(),
+        SpinnerColumn("dots" if console.encoding.startswith("utf") else "line"),
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),

@@ -18,6 +18,8 @@ class Info:
 
     files: Positional[tuple[Path, ...]]
     """Files, or folders with cameras."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
 
     def run(self) -> None:
         """Print a paragraph on every file.
@@ -29,4 +31,4 @@ class Info:
             raise InputError("Name at least one file.")
         console = open_console(quiet=False)
         for path in self.files:
-            console.print(describe_file(path))
+            console.print(describe_file(path, trust_paths=self.trust_paths))

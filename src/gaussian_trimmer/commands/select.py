@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,13 +24,18 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import RENDERER_CHOICES, Renderer, get_renderer
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
 from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.settings import Range, Share, Vector, check_settings
 
-_WAYS = {"piece": "an object that stands on a surface", "colour": "what has its colour in that view"}
+_WAYS = {
+    "piece": "an object that stands on a surface",
+    "part": "the part that fills the box, on all of its sides",
+    "colour": "what has its colour in that view, on all of its sides",
+}
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,9 @@ class Select:
     """Folder of masks; the object is bright."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They are required with --masks."""
-    up: Annotated[tuple[float, float, float] | None, arg(metavar="X Y Z")] = None
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    up: Annotated[Vector | None, arg(metavar="X Y Z")] = None
     """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
     """File for the selection: .npy with booleans, or with object numbers if --object-ids is given."""
@@ -65,13 +73,13 @@ class Select:
     """Also trim the selection, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
     """How masks select Gaussians: by the pixels that a Gaussian contributes to, or by votes for its centre."""
-    gamma: float = 0.0
+    gamma: Annotated[float, Range(-1, 1)] = 0.0
     """For `assignment`: bias towards the background, -1 to 1."""
-    threshold: float = 0.7
+    threshold: Share = 0.7
     """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
     overwrite: bool = False
     """Replace the output if it exists."""
@@ -87,7 +95,7 @@ class Select:
         console = open_console(quiet=self.quiet)
         self._check()
         scene = formats.read(self.scene)
-        cameras = read_camera_set(self.cameras) if self.cameras else None
+        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         if self.list_views is not None:
             self._write_views(self.list_views, scene, cameras, console)
             return
@@ -101,12 +109,13 @@ class Select:
             console.print(f"Now: {self._next_command()}")
             return
         Trim(
-            self.scene, self.output, cameras=self.cameras, output=self.trim, overwrite=self.overwrite,
-            renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
+            self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
+            overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
         ).run((scene, selection, cameras))  # fmt: skip
 
     def _check(self) -> None:
-        """Refuse what cannot go together before anything is read."""
+        """Refuse what is not possible or cannot go together before anything is read."""
+        check_settings(self)
         ways = [bool(self.click), self.box is not None, self.masks is not None, self.list_views is not None]
         if sum(ways) != 1:
             raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")
@@ -141,15 +150,17 @@ class Select:
         renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
         views, rows = _views(scene, cameras, up)
         camera, drawn = self._view(views), scene.select(rows)
-        pick = self._understand(drawn, camera, up, renderer)
+        pick = self._understand(drawn, camera, up, renderer, _training_cameras(cameras))
         selection = np.zeros(len(scene), np.bool_)
         selection[rows[pick.selection]] = True
         return selection, ", ".join(_WAYS[way] for way in pick.ways)
 
-    def _understand(self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer) -> Pick:
+    def _understand(
+        self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer, seen_from: Sequence[Camera]
+    ) -> Pick:
         if self.box is not None:
-            return select_by_box(drawn, camera, self.box, up.direction, renderer)
-        return select_by_clicks(drawn, camera, self.click, up.direction, renderer)
+            return select_by_box(drawn, camera, self.box, up.direction, renderer, seen_from)
+        return select_by_clicks(drawn, camera, self.click, up.direction, renderer, seen_from)
 
     def _view(self, views: list[Camera]) -> Camera:
         """The view that clicks and box refer to."""
@@ -178,12 +189,17 @@ class Select:
     def _next_command(self) -> str:
         parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
         if self.cameras:
-            parts += ["--cameras", str(self.cameras)]
+            parts += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
         if self.up:
             parts += ["--up", *(f"{value:g}" for value in self.up)]
         if self.object_ids:
             parts += ["--selection.object-id", "ID"]
         return shlex.join(parts)
+
+
+def _training_cameras(cameras: CameraSet | None) -> list[Camera]:
+    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
+    return [camera for camera, train in listed if train]
 
 
 def _views(scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> tuple[list[Camera], IntArray]:

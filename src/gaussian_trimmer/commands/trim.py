@@ -16,12 +16,13 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.compiling import CACHE
-from gaussian_trimmer.config import PlanConfig, TrimConfig
+from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output import report
+from gaussian_trimmer.output.report import RESULT_FILES
+from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.pipeline import trim
-from gaussian_trimmer.rendering import RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.segmentation.segmenters import (
     DEFAULT_SEGMENTER,
     SEGMENTERS,
@@ -31,6 +32,7 @@ from gaussian_trimmer.segmentation.segmenters import (
     get_segmenter,
 )
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.settings import check_settings
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
 _COMPILING_AGAIN = (
@@ -57,6 +59,8 @@ class Trim:
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
     angles from which the object was observed."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
     """Folder for the results."""
     overwrite: bool = False
@@ -69,8 +73,9 @@ class Trim:
     """Number of virtual views; short for --plan.views."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """What segments the object in the views."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "auto"
-    """What renders the views; auto is gsplat if it is installed and finds a GPU, else numba."""
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
+    """What renders the views; auto is numba, on the CPU. gsplat, on a GPU, is for those who name it: its results
+    have not been compared with the others' on a GPU yet."""
     quiet: bool = False
     """Print nothing but errors."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
@@ -90,9 +95,10 @@ class Trim:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
         console = open_console(quiet=self.quiet)
+        self._check_settings()
         suffix, start = self._suffix(), time.perf_counter()
         with (
-            atomic_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
+            atomic_folder(self._folder(), RESULT_FILES, overwrite=self.overwrite) as folder,
             progress_over_stages(console) as stage,
         ):
             stage("read")
@@ -104,22 +110,25 @@ class Trim:
             self._refuse_unused_views(views)
             if renderer.name == "numba" and not _kernels_are_compiled():
                 console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
-            result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
+            result = trim(
+                scene, selection, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras,
+                view_cameras=views, progress=stage,
+            )  # fmt: skip
             stage("write")
-            how = segmenter.describe() if hasattr(segmenter, "describe") else segmenter.name
-            summary = report.describe(result, selection, config, self._inputs(), how, seconds)
-            report.write_results(result, selection, summary, folder, renderer, suffix)
+            summary = write_trim(result, folder, suffix, self._inputs(), seconds)
         print_summary(console, summary, time.perf_counter() - start)
         console.print(f"object{suffix}, before_after.png and the rest are in {self._folder()}.")
+
+    def _check_settings(self) -> None:
+        """Refuse settings that are not possible before anything is read, also those that this run would not use."""
+        check_config(self._config())
+        check_settings(self.selection_options, "selection")
+        check_settings(self.segmenter_options)
 
     def _suffix(self) -> str:
         if self.format is None:
             return formats.format_suffix(self.scene)
-        suffix = f".{self.format.lower().lstrip('.')}"
-        if suffix not in formats.FORMATS:
-            known = ", ".join(name.lstrip(".") for name in formats.FORMATS)
-            raise InputError(f"Unknown format '{self.format}'; available: {known}.")
-        return suffix
+        return suffix_of(self.format)
 
     def _folder(self) -> Path:
         if self.output is not None:
@@ -129,7 +138,7 @@ class Trim:
 
     def _read(self) -> Loaded:
         scene = formats.read(self.scene)
-        cameras = read_camera_set(self.cameras) if self.cameras else None
+        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         if self.selection is None:
             return scene, np.ones(len(scene), np.bool_), cameras
         return scene, load_selection(self.selection, scene, self.selection_options), cameras

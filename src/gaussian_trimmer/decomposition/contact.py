@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import TrimmedView
 
 _SCALE = 0.5
@@ -38,14 +40,14 @@ class SupportPlaneSplitConfig:
     enabled: bool = False
     """Split them, provided that Gaussians may join the object (`evidence.recover`); if off, they stay whole in the
     background."""
-    min_area: float = 4e-4
+    min_area: Share = 4e-4
     """Smallest blend weight inside the masks when the background is rendered without the object, as a share of the
     views' pixels."""
-    max_seen: float = 0.1
+    max_seen: Annotated[float, Range(0, 100)] = 0.1
     """Largest blend weight in the whole scene, relative to that in the background alone."""
-    min_inside: float = 0.9
+    min_inside: Share = 0.9
     """Smallest share of the blend weight in the background alone that lies inside the masks."""
-    max_halo: float = 0.1
+    max_halo: Annotated[float, Range(0, 100)] = 0.1
     """Largest blend weight of the upper part outside the masks when the object is rendered in isolation, relative to
     the blend weight inside the masks in the background alone."""
 

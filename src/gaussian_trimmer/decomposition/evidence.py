@@ -12,30 +12,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Share, Weight
 
 _SEEN = 1e-3
 """Blend weight in pixels, summed over the views, above which a Gaussian counts as seen."""
 _UNDECIDED = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
+_VISIBLE_WEIGHT = 3.0
+"""Weight of the share inside the masks of a Gaussian of which the scene hides nothing, relative to its label."""
+_LARGE = 0.25
+"""Largest standard deviation, in object radii, from which on that weight grows; at twice this it is doubled."""
 
 
 @dataclass(frozen=True)
 class EvidenceConfig:
     """When a Gaussian belongs to the object."""
 
-    prior: float = 1.0
+    prior: Weight = 1.0
     """Weight of the corrected label relative to the share of blend weight inside the masks; 0: the masks alone
     decide."""
     recover: bool = True
     """Allow Gaussians outside the coarse selection to join the object."""
-    recover_limit: float = 0.3
+    recover_limit: Share = 0.3
     """Smallest corrected label of a Gaussian that joins, so that what is only visible through the object stays out."""
     second_evidence: bool = True
     """Prune Gaussians by what they show outside the masks when the object is rendered in isolation."""
-    isolated_limit: float = 0.5
-    """Largest share of a Gaussian's blend weight outside the masks when the object is rendered in isolation, for
-    Gaussians that are visible in the scene."""
-    hidden_limit: float = 0.3
+    isolated_limit: Share = 0.35
+    """Largest share of a Gaussian's blend weight in the object in isolation that appears outside the masks and that the
+    scene hides, for Gaussians that are visible in the scene."""
+    hidden_limit: Share = 0.3
     """The same for Gaussians that no view of the scene shows."""
 
 
@@ -48,13 +53,15 @@ def classify_gaussians(
         inside: blend weight inside the masks, summed over the accepted views, (N,).
         outside: blend weight outside them, (N,).
         probability: the corrected label, (N,); it alone decides for Gaussians that no view shows.
-        coarse: the coarse selection, (N,).
+        coarse: the coarse selection, (N,). What is outside of it joins only if the masks show it, so that a corrected
+            label that no picture supports adds nothing.
         config: thresholds.
     """
     total = inside + outside
     share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED), where=total > 0)
-    support = share - _UNDECIDED + config.prior * (probability - _UNDECIDED)
-    supported = np.where(total > _SEEN, support, probability - _UNDECIDED) > 0
+    label = np.where(coarse, probability, _UNDECIDED * probability)
+    support = share - _UNDECIDED + config.prior * (label - _UNDECIDED)
+    supported = np.where(total > _SEEN, support, label - _UNDECIDED) > 0
     return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
 
 
@@ -64,12 +71,12 @@ def find_halo(
     """Which Gaussians show outside the masks when the object is rendered in isolation, (N,).
 
     These form the halo below and behind an object: they are hidden in the scene, so the evidence of the whole scene
-    cannot classify them. Two kinds of Gaussians are not part of it, however much they show outside the masks:
+    cannot classify them. What the scene shows outside the masks is not counted, since that evidence has seen it: large
+    Gaussians leak over every edge. Two kinds of Gaussians are not part of the halo, whatever they show outside:
 
     - Those that show more inside the masks in the scene than outside them in isolation: for example the far wall of a
       hollow object, seen through a hole in a poor selection.
-    - Those above the support plane that show mostly inside the masks in the scene: what they show outside the masks
-      where something nearer hides them in the scene does not count.
+    - Those above the support plane, where something nearer hides them in the scene: the pot behind its plant.
 
     Args:
         isolated: blend weight in the object in isolation: outside the masks, inside them, and outside them but hidden
@@ -79,8 +86,29 @@ def find_halo(
         free_standing: what lies above the plane that the object stands on, (N,).
         config: thresholds.
     """
-    excused = free_standing & (inside > outside)
-    isolated_outside = isolated[:, 0] + np.where(excused, 0, isolated[:, 2])
-    total = isolated_outside + isolated[:, 1]
+    uncovered = np.maximum(isolated[:, 0] + np.where(free_standing, 0, isolated[:, 2]) - outside, 0)
+    total = uncovered + isolated[:, 1]
     limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
-    return np.asarray((total > _SEEN) & (isolated_outside > limit * total) & (isolated_outside > inside))
+    return np.asarray((total > _SEEN) & (uncovered > limit * total) & (uncovered > inside))
+
+
+def find_outsiders(
+    isolated: FloatArray, inside: FloatArray, outside: FloatArray, probability: FloatArray, widths: FloatArray
+) -> BoolArray:
+    """Which Gaussians the scene shows so openly and so far outside the masks that no label can keep them, (N,).
+
+    A label that was corrected with certainty outweighs the masks in `classify_gaussians`, as it should where a view
+    sees little of a Gaussian. One that is in full view, and the more so a large one, is what the views show.
+
+    Args:
+        isolated: as in `find_halo`, (N, 3).
+        inside: blend weight inside the masks in the views of the whole scene, (N,).
+        outside: blend weight outside them in those views, (N,).
+        probability: the corrected label, (N,).
+        widths: largest standard deviation of each Gaussian, in object radii, (N,).
+    """
+    seen, whole = inside + outside, isolated.sum(axis=1)
+    visible = np.minimum(1, np.divide(seen, whole, out=np.zeros_like(seen), where=whole > 0))
+    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED), where=seen > 0)
+    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE, 1, 2)
+    return np.asarray((seen > 1) & (weight * (_UNDECIDED - share) > probability - _UNDECIDED))

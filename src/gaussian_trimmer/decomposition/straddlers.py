@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.settings import Range, Share, check_settings
 from gaussian_trimmer.views import TrimmedView
 
 _MAX_OFFSET = 3.0
@@ -26,17 +27,17 @@ _MIN_SLOPE = 0.1
 class BoundaryConfig:
     """Which Gaussians straddle the boundary."""
 
-    band: int = 2
+    band: Annotated[int, Range(1, 64)] = 2
     """Distance from a mask's contour, in pixels, within which contributing Gaussians are looked up."""
-    contributors: int = 10
+    contributors: Annotated[int, Range(1, 256)] = 10
     """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
-    min_weight: float = 0.01
+    min_weight: Share = 0.01
     """Smallest blend weight that counts at a pixel."""
-    min_share: float = 0.3
+    min_share: Share = 0.3
     """Smallest share of a straddler's blend weight on its minor side of the mask's contour."""
-    min_area: float = 4e-4
+    min_area: Share = 4e-4
     """Smallest blend weight on the minor side, as a share of the view's pixels; smaller straddlers are left whole."""
-    along_ray_limit: float = 0.5
+    along_ray_limit: Share = 0.5
     """Largest cosine between the direction in which the children are moved and the viewing ray; beyond it, children
     would be drawn in another order than their parent."""
 
@@ -72,10 +73,9 @@ def find_straddlers(
         config: thresholds.
 
     Raises:
-        InputError: the band is narrower than a pixel.
+        InputError: a setting is out of its range.
     """
-    if config.band < 1:
-        raise InputError(f"The contour's band is {config.band} pixels; at least one is needed.")
+    check_settings(config, "boundary")
     found = [_in_view(gaussians, view, weight, renderer, config) for view, weight in zip(views, weights, strict=True)]
     rows = np.concatenate([straddlers.rows for straddlers in found])
     normals = np.concatenate([straddlers.normals for straddlers in found])

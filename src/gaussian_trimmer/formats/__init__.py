@@ -8,6 +8,7 @@ from types import ModuleType
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
+from gaussian_trimmer.reading import is_file, reading
 
 # Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None, and perhaps write_selected as below.
 # The longest suffix wins.
@@ -41,14 +42,16 @@ def read(path: str | Path) -> Gaussians:
     """The Gaussians of a splat file, rows in the file's own order.
 
     Raises:
-        InputError: the file is missing, of no known format, damaged, or holds no Gaussians or non-finite values.
+        InputError: the file is missing, of no known format, damaged, or changes while it is read, or it holds no
+            Gaussians, or values that are not finite or extreme.
     """
     path, suffix = Path(path), format_suffix(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
-    if suffix.endswith(".ply"):
-        suffix = _kind_of_ply(path)
-    gaussians: Gaussians = _module(suffix).read(path)
+    with reading(path):
+        if suffix.endswith(".ply"):
+            suffix = _kind_of_ply(path)
+        gaussians: Gaussians = _module(suffix).read(path)
     return gaussians
 
 

@@ -2,19 +2,21 @@
 
 Rough selections are wrong most often at table tops and floors, and these are easy to find: a horizontal layer that
 holds much of what surrounds the object. With the layer taken away, what stands on it falls apart into pieces that do
-not touch each other. A piece that is mostly selected belongs to the object as a whole: an arm in the colour of the
-table, or a leaf that the selection missed.
+not touch each other. A piece that is mostly selected, or of which the selection has every end, belongs to the object as
+a whole: an arm in the colour of the table, a leaf that the selection missed, the spokes of a wheel.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.settings import Range, Share
 
 _SURROUNDINGS = 1.5
 """Horizontal distance from the object's centre within which the plane is searched, in object radii."""
@@ -33,20 +35,29 @@ class SupportPlaneConfig:
 
     enabled: bool = True
     """Look for the plane; where there is none, nothing changes."""
-    min_share: float = 0.3
+    min_share: Share = 0.3
     """Smallest share that the plane must hold of the visible Gaussians around the object near the height of its foot.
     What lies far below, such as the ground around a plinth, or far above, such as walls, does not count."""
-    min_share_of_all: float = 0.1
+    min_share_of_all: Share = 0.1
     """Smallest share that the plane must hold of all visible Gaussians around the object."""
-    thickness: float = 0.05
+    thickness: Annotated[float, Range(1e-3, 10)] = 0.05
     """Half of the plane's thickness, relative to the object's radius."""
-    gap: float = 0.1
+    gap: Annotated[float, Range(1e-3, 10)] = 0.1
     """Largest distance between neighbours in one piece of what stands on the plane, in object radii."""
-    gap_spacing: float = 2.8
+    gap_spacing: Annotated[float, Range(0, 100)] = 2.8
     """The same in units of the median distance between nearest neighbours in the selection, if that is more: large
     Gaussians touch each other although their centres lie far apart."""
-    min_selected: float = 0.5
+    max_selected_within: Share = 0.5
+    """Largest share of what the selection shows that may lie within the plane or below it. With more, the selection is
+    the surface itself, or lies on it as a rug does, and there is no plane to tell it from."""
+    min_selected: Share = 0.65
     """Smallest selected share of a piece that is taken to belong to the object."""
+    min_selected_within_bounds: Share = 0.1
+    """The same for a piece that lies within the bounds of the selection: one of which the selection has every end."""
+    min_within_bounds: Share = 0.97
+    """Smallest share of a piece within the bounds of the selection from which on it counts as lying within them."""
+    bounds_margin: Annotated[float, Range(0, 10)] = 0.1
+    """Margin around the bounds of the selection, in object radii."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +97,9 @@ def find_support_plane(
     layer = densest_layer(height[around], weights[around], float(lowest), float(highest), _BIN)
     level = weights[around & (np.abs(height - foot) < _FOOT_DISTANCE)].sum()
     if layer is None or layer[1] < max(config.min_share * level, config.min_share_of_all * total, _MIN_WEIGHT):
+        return None
+    shown = weights[selection]
+    if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():
         return None
     on_surface, above = np.abs(height - layer[0]) <= config.thickness, height > layer[0] + config.thickness
     return SupportPlane(layer[0], config.thickness, on_surface, above)

@@ -4,41 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
+from gaussian_trimmer.settings import Range, check_settings
 
 _NEAR = 0.01
 """Near plane of planned cameras in object radii, so that it works in scenes of any unit."""
+_Yaw = Annotated[float, Range(-720, 720)]
+_Lambda = Annotated[float, Range(1e-3, 1e4)]
 
 
 @dataclass(frozen=True)
 class PlanConfig:
     """Where the virtual cameras stand."""
 
-    views: int = 5
+    views: Annotated[int, Range(1, 1000)] = 5
     """Number of virtual views, n in the paper."""
     framing: Literal["fit", "paper"] = "fit"
     """`fit`: the object fills the frame; `paper`: distance by eq. 3 from the plain centroid, eq. 2."""
-    size: int = 512
+    size: Annotated[int, Range(16, 8192)] = 512
     """Width and height of the virtual views in pixels."""
-    fov_degrees: float = 60.0
+    fov_degrees: Annotated[float, Range(1, 150)] = 60.0
     """Field of view of the virtual cameras."""
-    pitch_degrees: float | None = None
+    pitch_degrees: Annotated[float, Range(-89, 89)] | None = None
     """Angle above the horizon. If it is not given: 30, moved into the range of the training cameras, if any."""
-    yaw_range_degrees: tuple[float, float] | None = None
+    yaw_range_degrees: tuple[_Yaw, _Yaw] | None = None
     """First and last yaw. If they are not given: the full circle, or the range of the training cameras."""
-    fill: float = 0.75
+    fill: Annotated[float, Range(0.05, 1)] = 0.75
     """Share of the frame's width or height that the object's robust bounds fill (`fit`)."""
-    lambda_1: float = 20.0
+    lambda_1: _Lambda = 20.0
     """Distance per horizontal extent (`paper`, eq. 3)."""
-    lambda_2: float = 6.0
+    lambda_2: _Lambda = 6.0
     """Distance per vertical extent (`paper`, eq. 3)."""
 
 
@@ -57,7 +59,7 @@ def plan_cameras(
     Raises:
         InputError: a setting is out of its range, or the up vector is zero.
     """
-    _check(config)
+    check_settings(config, "plan")
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
     yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
@@ -74,21 +76,6 @@ def plan_cameras(
     K = intrinsics(fov, config.size, config.size)
     poses = [look_at(centre + distance * direction, centre, axes[2]) for direction in outward]
     return [Camera(pose, K, config.size, config.size, near=_NEAR * bounds.radius) for pose in poses], bounds
-
-
-def _check(config: PlanConfig) -> None:
-    if config.views < 1:
-        raise InputError(f"The number of views is {config.views}; at least one is needed.")
-    if config.framing not in ("fit", "paper"):
-        raise InputError(f"Unknown framing '{config.framing}'; available: fit, paper.")
-    if not 16 <= config.size <= 8192:
-        raise InputError(f"The virtual views are {config.size} pixels wide; 16 to 8192 are possible.")
-    if not 1 <= config.fov_degrees <= 150:
-        raise InputError(f"The field of view is {config.fov_degrees} degrees; 1 to 150 are possible.")
-    if not 0.05 <= config.fill <= 1:
-        raise InputError(f"The object is to fill {config.fill} of the frame; 0.05 to 1 are possible.")
-    if config.pitch_degrees is not None and not -89 <= config.pitch_degrees <= 89:
-        raise InputError(f"The pitch is {config.pitch_degrees} degrees; -89 to 89 are possible.")
 
 
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import TrimmedView, View
 
 
@@ -15,13 +17,13 @@ from gaussian_trimmer.views import TrimmedView, View
 class AcceptanceConfig:
     """When the mask of a view is accepted, and when the trim as a whole is."""
 
-    min_overlap: float = 0.6
+    min_overlap: Share = 0.6
     """Smallest intersection over union of a mask and the silhouette of the corrected labels."""
-    min_silhouette: int = 64
+    min_silhouette: Annotated[int, Range(0, 1 << 26)] = 64
     """Smallest silhouette of the corrected labels, in pixels; a view that shows less of the object is rejected."""
-    min_views: float = 0.4
+    min_views: Share = 0.4
     """Smallest share of the views that must be accepted for the object to be trimmed."""
-    min_remaining: float = 0.4
+    min_remaining: Share = 0.4
     """Smallest share of what the selection shows that must remain in the object."""
 
 

@@ -17,9 +17,11 @@ def attached_to_object(
     plane: SupportPlane,
     config: SupportPlaneConfig,
 ) -> BoolArray:
-    """Gaussians that are not labelled as object but belong to a piece that mostly is, (N,).
+    """Gaussians that are not labelled as object but belong to a piece that is, (N,).
 
-    A piece is what lies above the plane and is connected by steps no longer than the gap.
+    A piece is what lies above the plane and is connected by steps no longer than the gap. It belongs to the object if
+    most of it is labelled so, or if some of it is and all of it lies within the bounds of what is labelled: a lawn that
+    touches a plant, or a robot of which an arm was selected, reaches beyond them.
 
     Args:
         positions: centres divided by the object's radius, (N, 3).
@@ -35,6 +37,17 @@ def attached_to_object(
         return attached
     gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
     piece = connected_points(positions[rows].astype(np.float64), gap)
+    near = _within_bounds(positions[rows], positions[labels], config.bounds_margin)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
-    attached[rows] = (selected > config.min_selected * total)[piece] & ~labels[rows]
+    within = np.bincount(piece, weights[rows] * near) >= config.min_within_bounds * total
+    belongs = selected > np.where(within, config.min_selected_within_bounds, config.min_selected) * total
+    attached[rows] = belongs[piece] & ~labels[rows]
     return attached
+
+
+def _within_bounds(positions: FloatArray, selected: FloatArray, margin: float) -> BoolArray:
+    """Which positions (N, 3) lie in the box of the selected ones (M, 3), widened by a margin, (N,)."""
+    if len(selected) == 0:
+        return np.zeros(len(positions), np.bool_)
+    low, high = selected.min(axis=0) - margin, selected.max(axis=0) + margin
+    return np.asarray(((positions >= low) & (positions <= high)).all(axis=1))

@@ -14,6 +14,7 @@ Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over position and colo
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
+from gaussian_trimmer.settings import Range, Weight
 
 _BINS = 32
 """Bins of the colour histograms in each channel."""
@@ -48,6 +50,9 @@ _MAX_DISTANCES = 1.5
 _NEIGHBOURS_TO_OWN = 2
 """Weight of the visible neighbours' probability, relative to its own label, for a hidden Gaussian."""
 
+_Neighbours = Annotated[int, Range(1, 256)]
+_Width = Annotated[float, Range(1e-3, 100)]
+
 
 @dataclass(frozen=True)
 class LabelCrfConfig:
@@ -55,32 +60,32 @@ class LabelCrfConfig:
 
     enabled: bool = True
     """Correct the labels; if off, the coarse selection alone predicts where the object is in the views."""
-    passes: int = 2
+    passes: Annotated[int, Range(1, 100)] = 2
     """Number of rounds; each starts from the labels that the one before has corrected."""
-    iterations: int = 5
+    iterations: Annotated[int, Range(1, 1000)] = 5
     """Number of mean-field updates in each round."""
-    k_neighbours: int = 32
+    k_neighbours: _Neighbours = 32
     """Number of nearest neighbours in position and colour whose labels a Gaussian follows."""
-    k_hidden_neighbours: int = 8
+    k_hidden_neighbours: _Neighbours = 8
     """Number of nearest visible Gaussians that decide the label of a hidden one."""
-    position_sigma: float = 0.12
+    position_sigma: _Width = 0.12
     """Standard deviation of the kernel over position, relative to the object's radius."""
-    colour_sigma: float = 0.08
+    colour_sigma: _Width = 0.08
     """Standard deviation of the kernel over colour, for channels in [0, 1]."""
-    smoothness: float = 4.0
+    smoothness: Weight = 4.0
     """Weight of the neighbours' mean label."""
-    colour: float = 1.3
+    colour: Weight = 1.3
     """Weight of the colour models' log-likelihood ratio where they separate object and surroundings well."""
-    trust: float = 1.0
+    trust: Weight = 1.0
     """Weight of the coarse label at the boundary of the selection."""
-    interior_trust: float = 2.0
+    interior_trust: Weight = 2.0
     """Weight that the coarse label gains away from the boundary: times the squared distance from it, measured in
     boundary distances, up to 1.5 of them."""
-    boundary_distance: float = 0.12
+    boundary_distance: _Width = 0.12
     """Unit of that distance, relative to the object's radius."""
-    attached: float = 3.0
+    attached: Weight = 3.0
     """Weight towards the object of pieces that stand on the support plane and touch the object."""
-    resting: float = 1.0
+    resting: Weight = 1.0
     """Weight away from the object of selected Gaussians that lie in the support plane."""
     support_plane: SupportPlaneConfig = field(default_factory=SupportPlaneConfig)
 

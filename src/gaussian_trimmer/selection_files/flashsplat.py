@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
@@ -17,6 +18,7 @@ from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.selection_file import SelectionFile
 
 OPTIONS = frozenset({"object_id", "gamma"})
+_LARGEST_WEIGHT = 1e30
 
 
 def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
@@ -38,6 +40,8 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
             f"'{file.path.name}' does not hold weights of shape (objects + 1, {len(gaussians)}){shape}; give the "
             "scene that they were accumulated on."
         )
+    if not (np.abs(weights) <= _LARGEST_WEIGHT).all():
+        raise InputError(f"'{file.path.name}' holds weights that are NaN, infinite or huge; accumulate them again.")
     wanted = options.object_id or ((1,) if len(weights) == 2 else ())
     return select_ids(assign_labels(weights.T, options.gamma), wanted, file.path)
 

@@ -77,7 +77,8 @@ def identity_features(columns: Columns) -> FloatArray | None:
     if not has_identity_features(columns):
         return None
     names = takewhile(columns.__contains__, (f"obj_dc_{i}" for i in count()))
-    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
+    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
+        return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
 def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:

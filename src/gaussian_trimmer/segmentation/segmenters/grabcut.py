@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Range, Share, check_settings
 from gaussian_trimmer.views import View, bounding_box, box_slices
 
 _MARGIN, _MIN_MARGIN = 0.1, 5
@@ -20,11 +22,11 @@ _MARGIN, _MIN_MARGIN = 0.1, 5
 class GrabCutConfig:
     """How GrabCut is started."""
 
-    iterations: int = 3
+    iterations: Annotated[int, Range(1, 100)] = 3
     """Alternations between fitting the colour models and cutting the graph."""
-    inner: float = 0.03
+    inner: Share = 0.03
     """Depth inside the silhouette from which on pixels are certainly object, relative to the silhouette's size."""
-    outer: float = 0.05
+    outer: Share = 0.05
     """Distance outside the silhouette from which on pixels are certainly background, relative to its size."""
 
 
@@ -38,6 +40,7 @@ class GrabCutSegmenter:
 
     def __init__(self, config: GrabCutConfig | None = None) -> None:
         self.config = config or GrabCutConfig()
+        check_settings(self.config, self.name)
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
         """One mask (H, W) for each view; empty where the silhouette is empty."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.views import View
 
 Tensor = Any  # torch is imported late, so its types have no name here.
@@ -82,6 +83,7 @@ class Sam2Segmenter:
 
     def __init__(self, config: Sam2Config | None = None) -> None:
         self.config = config or Sam2Config()
+        check_settings(self.config, self.name)
         self._torch, transformers = _import_libraries()
         self._device = _find_device(self._torch, self.config.device)
         self._dtype = _find_dtype(self._torch, self.config.dtype, self._device)
