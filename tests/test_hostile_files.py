@@ -135,6 +135,16 @@ class TestMessages:
         assert printed.count("\\x1b") >= 3
         assert "\x1b" not in printed
 
+    def test_names_of_files_do_not_either(self, tmp_path, capsys):
+        scene, target = tmp_path / f"{ESCAPES}.ply", tmp_path / f"{ESCAPES}.splat"
+        formats.write(sample(5, 0), scene)
+        assert run("convert", scene, target) == 0
+        assert run("info", scene) == 0
+        assert run("convert", scene, target) == 2
+        printed = "".join(capsys.readouterr())
+        assert printed.count("\\x1b[31mred") == 3
+        assert "\x1b" not in printed
+
     def test_a_thousand_columns_are_not_listed(self, tmp_path, capsys):
         names = [f"column_{chr(97 + i % 26)}{chr(97 + i // 26)}" for i in range(400)]
         scene = SCENE.replace(extras={name: np.zeros(N, np.float32) for name in names})

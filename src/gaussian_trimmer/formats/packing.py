@@ -70,17 +70,25 @@ def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
 
 
 def with_finite_limits(gaussians: Gaussians) -> Gaussians:
-    """The Gaussians with infinite opacity logits and scales of zero as `opacity_logits_of` and `log_scales_of` give.
+    """The Gaussians with infinite opacity logits and scales of zero as `opacity_logits_of` and `log_scales_of` give."""
+    return gaussians.replace(
+        opacity_logits=finite_opacity_logits(gaussians.opacity_logits),
+        log_scales=finite_log_scales(gaussians.log_scales),
+    )
+
+
+def finite_opacity_logits(logits: FloatArray) -> FloatArray:
+    """Opacity logits with those of opacities 0 and 1 for infinite ones."""
+    return np.where(np.isinf(logits), np.copysign(np.float32(logit(np.ones(1))[0]), logits), logits)
+
+
+def finite_log_scales(log_scales: FloatArray) -> FloatArray:
+    """Log scales with that of `SMALLEST_SCALE` for those of zero.
 
     Scales below `ZERO_LOG_SCALE` are zero in float32 too, or so near to it that nothing else can hold them.
     """
-    logits, log_scales = gaussians.opacity_logits, gaussians.log_scales
-    limit, smallest = np.float32(logit(np.ones(1))[0]), np.float32(np.log(SMALLEST_SCALE))
     with np.errstate(invalid="ignore"):
-        return gaussians.replace(
-            opacity_logits=np.where(np.isinf(logits), np.copysign(limit, logits), logits),
-            log_scales=np.where(log_scales < ZERO_LOG_SCALE, smallest, log_scales),
-        )
+        return np.where(log_scales < ZERO_LOG_SCALE, np.float32(np.log(SMALLEST_SCALE)), log_scales)
 
 
 def linear_scales(gaussians: Gaussians) -> FloatArray:
