@@ -52,6 +52,8 @@ __all__ = [
 
 _OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+_MAX_WIDTH = 4.0
+"""Largest standard deviation of a Gaussian of the object, in object radii."""
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
@@ -191,14 +193,14 @@ def _surroundings(
 ) -> tuple[IntArray, BoolArray]:
     """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
-    Selected Gaussians far from the object that nothing connects with it, floaters, are neither.
+    Selected Gaussians far from the object that nothing connects with it, floaters, are neither; nor are those that are
+    several times as wide as the whole object.
     """
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
-    coarse = selection & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
-    if not coarse.any():
-        coarse = selection
-    coarse = _with_connected(scene, selection, coarse)
+    possible = selection & (scene.log_scales.max(axis=1) < np.log(_MAX_WIDTH * bounds.radius))
+    coarse = possible & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
+    coarse = _with_connected(scene, possible, coarse) if coarse.any() else selection
     rows = np.flatnonzero(coarse | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, coarse[rows]
 
@@ -232,7 +234,10 @@ def _decompose(
         if config.evidence.second_evidence and len(rows):
             plane = _support_plane(scope, keep, inside + outside, config)
             free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
-            alone, widths = np.sum(weights, axis=0), np.exp(isolated.log_scales.max(axis=1)) / scope.bounds.radius
+            alone, widths = (
+                np.sum(weights, axis=0),
+                np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius)),
+            )
             seen = alone, inside[rows], outside[rows]
             wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
             keep[rows[wrong]] = False
