@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,14 +34,14 @@ _DOUBTFUL = 0.2
 
 def open_console(*, quiet: bool) -> Console:
     """The terminal, or standard output; errors are not written to it."""
-    return Console(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
+    return Console(quiet=quiet, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
 @contextmanager
 def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     """Give a function to call with the name of each stage as it begins; nothing is shown outside a terminal."""
     bar = Progress(
-        SpinnerColumn(),
+        SpinnerColumn("line" if console.options.ascii_only else "dots"),
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),
@@ -73,11 +74,15 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
         console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
 
 
-def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Keep a file from being replaced unasked.
+def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:
+    """Keep a file from being replaced unasked, and an input of this run from being replaced at all.
 
     Raises:
-        InputError: the file exists and may not be overwritten.
+        InputError: the file exists and may not be overwritten, or is one of the inputs, or its folder is missing.
     """
-    if path.exists() and not overwrite:
+    if not path.parent.is_dir():
+        raise InputError(f"There is no folder '{path.parent}' to write '{path.name}' to; make it first.")
+    if any(path.exists() and given.exists() and path.samefile(given) for given in inputs):
+        raise InputError(f"'{path}' is an input of this run, which would be lost; choose another name.")
+    if os.path.lexists(path) and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with --overwrite.")

@@ -22,7 +22,7 @@ class Demo:
     output: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder for the results. (default: trimmed/demo, which every run replaces)"""
     overwrite: bool = False
-    """Replace earlier results in the output folder."""
+    """Replace earlier results in the output folder; files that the program did not write stay."""
     quiet: bool = False
     """Print nothing but errors."""
 

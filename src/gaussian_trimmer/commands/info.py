@@ -10,6 +10,7 @@ from tyro.conf import Positional
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.output.printable import printable
 
 
 @dataclass(frozen=True)
@@ -29,4 +30,5 @@ class Info:
             raise InputError("Name at least one file.")
         console = open_console(quiet=False)
         for path in self.files:
-            console.print(describe_file(path))
+            lines = describe_file(path).splitlines()
+            console.print("\n".join(printable(line) for line in lines))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
+from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import whole_folder
+from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
@@ -54,7 +57,7 @@ class Trim:
     output: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder for the results. (default: trimmed/SCENE-SELECTION)"""
     overwrite: bool = False
-    """Replace earlier results in the output folder."""
+    """Replace earlier results in the output folder; files that the program did not write stay."""
     format: Annotated[str | None, arg(metavar="ENDING")] = None
     """Format of the object and the background, by its ending: ply, compressed.ply, splat, spz, sog or ksplat.
     (default: that of the scene)"""
@@ -75,32 +78,50 @@ class Trim:
     sam2: Sam2Config = field(default_factory=Sam2Config)
     mask_files: MaskFilesConfig = field(default_factory=MaskFilesConfig)
 
-    def run(self) -> None:
+    def run(self, prepare: Callable[[], None] = lambda: None) -> None:
         """Trim and write the results.
+
+        Args:
+            prepare: called when the output folder has been found to be usable, before anything is read.
 
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
         console = open_console(quiet=self.quiet)
-        suffix, start = self._suffix(), time.perf_counter()
-        with (
-            whole_folder(self._folder(), report.RESULT_FILES, overwrite=self.overwrite) as folder,
-            progress_over_stages(console) as stage,
-        ):
-            stage("read")
-            scene, selection, cameras = self._read()
-            seconds = {"read": time.perf_counter() - start}
-            config, views = self._config(), self._given_views(cameras)
-            renderer, segmenter = get_renderer(self.renderer), self._segmenter()
-            if renderer.name == "numba" and not _kernels_are_compiled():
-                console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
-            result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
-            stage("write")
-            how = segmenter.describe() if hasattr(segmenter, "describe") else segmenter.name
-            summary = report.describe(result, selection, config, self._inputs(), how, seconds)
-            report.write_results(result, selection, summary, folder, renderer, suffix)
+        with self._results() as folder:
+            prepare()
+            start = time.perf_counter()
+            with progress_over_stages(console) as stage:
+                summary = self._write(folder, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
-        console.print(f"object{suffix}, before_after.png and the rest are in {self._folder()}.")
+        console.print(f"object{self._suffix()}, before_after.png and the rest are in {self._folder()}.")
+
+    def _write(self, folder: Path, stage: Callable[[str], None], console: Console) -> dict[str, Any]:
+        """Write the results to a folder; returns the report."""
+        start = time.perf_counter()
+        stage("read")
+        scene, selection, cameras = self._read()
+        seconds = {"read": time.perf_counter() - start}
+        config, views = self._config(), self._given_views(cameras)
+        renderer, segmenter = get_renderer(self.renderer), self._segmenter()
+        if renderer.name == "numba" and not _kernels_are_compiled():
+            console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
+        result = trim(scene, selection, config, renderer, segmenter, cameras, views, stage)
+        stage("write")
+        how = segmenter.describe() if hasattr(segmenter, "describe") else segmenter.name
+        summary = report.describe(result, selection, config, self._inputs(), how, seconds)
+        report.write_results(result, selection, summary, folder, renderer, self._suffix())
+        return summary
+
+    def _results(self) -> AbstractContextManager[Path]:
+        """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
+        return atomic_folder(
+            self._folder(),
+            "trim",
+            names=report.result_files(self._suffix()),
+            inputs=self._input_paths(),
+            overwrite=self.overwrite,
+        )
 
     def _suffix(self) -> str:
         if self.format is None:
@@ -116,6 +137,13 @@ class Trim:
             return self.output
         names = [self.scene.name.split(".")[0]] + ([self.selection.name.split(".")[0]] if self.selection else [])
         return Path("trimmed") / "-".join(names)
+
+    def _input_paths(self) -> list[Path]:
+        """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
+        cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
+        given = [self.scene, self.selection, cameras, self.selection_options.classifier]
+        given += [self.mask_files.folder if self.segmenter == "mask-files" else None]
+        return [path for path in given if path is not None]
 
     def _read(self) -> tuple[Gaussians, BoolArray, CameraSet | None]:
         scene = formats.read(self.scene)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import whole_file
+from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite
 from gaussian_trimmer.formats.packing import with_finite_limits
@@ -118,10 +118,10 @@ def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
     header += "".join(property_line(name, kind) for name, kind in fields) + "end_header\n"
     row_type = np.dtype(fields)
-    with whole_file(path) as part, part.open("wb") as file:
+    with atomic_file(path) as part, part.open("wb") as file:
         file.write(header.encode("ascii"))
         for chunk in chunks:
-            _rows(chunk, row_type, len(names)).tofile(file)
+            write_array(file, _rows(chunk, row_type, len(names)))
 
 
 def _read_through(table: np.memmap[Any, Any], path: Path, names: list[str]) -> tuple[FloatArray, bool]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import whole_file
+from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_finite
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
@@ -71,7 +71,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
     if len(gaussians) == 0:
         raise InputError(f"Cannot write '{path}': a .sog file cannot hold zero Gaussians.")
     textures, meta = _encode(gaussians)
-    with whole_file(path) as part, zipfile.ZipFile(part, "w") as archive:
+    with atomic_file(path) as part, zipfile.ZipFile(part, "w") as archive:
         for name, texture in textures.items():
             archive.writestr(zipfile.ZipInfo(name), encode_webp(texture))
         archive.writestr(zipfile.ZipInfo("meta.json"), json.dumps(meta), zipfile.ZIP_DEFLATED)

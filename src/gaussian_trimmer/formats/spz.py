@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import whole_file
+from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_count, check_finite
 from gaussian_trimmer.formats.packing import (
@@ -92,7 +92,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
         raise InputError(f"Cannot write '{path}': .spz holds coordinates up to 8388607, not {reach:g}.")
     header = _HEADER.pack(_MAGIC, 3, len(gaussians), gaussians.sh_degree, bits, 0, 0)
     payload = b"".join([header, *(part.tobytes() for part in _encode(gaussians, bits))])
-    with whole_file(path) as part:
+    with atomic_file(path) as part:
         part.write_bytes(gzip.compress(payload, compresslevel=6, mtime=0))
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer import __version__, formats
+from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.formats.ply import write_selected
@@ -21,8 +22,12 @@ from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimR
 
 LABEL_NAMES = ("kept", "pruned", "recovered", "split_inside", "split_outside")
 """Names of the labels, by number."""
-RESULT_FILES = ("object.*", "background.*", "labels.npz", "report.json", "views", "before_after.png")
-"""Patterns of the names that `write_results` writes."""
+
+
+def result_files(suffix: str) -> tuple[str, ...]:
+    """Patterns of the names that `write_results` writes."""
+    splats = (f"object{suffix}", f"background{suffix}")
+    return (*splats, "labels.npz", "report.json", "before_after.png", "views/[0-9][0-9].png")
 
 
 def write_results(
@@ -47,18 +52,20 @@ def write_results(
     formats.write(result.object, folder / f"object{suffix}")
     if len(result.source_index) > len(result.object):
         _write_background(result, folder / f"background{suffix}")
-    np.savez(
-        folder / "labels.npz",
-        source_index=result.source_index.astype(np.int32),
-        label=result.label,
-        n_object=np.int64(len(result.object)),
-        label_names=np.array(LABEL_NAMES),
-    )
+    with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
+        np.savez(
+            file,
+            source_index=result.source_index.astype(np.int32),
+            label=result.label,
+            n_object=np.int64(len(result.object)),
+            label_names=np.array(LABEL_NAMES),
+        )
     (folder / "views").mkdir()
     for i, view in enumerate(result.views):
         write_picture(draw_view(view, i), folder / "views" / f"{i:02d}.png")
     write_picture(draw_before_after(result, selection, renderer), folder / "before_after.png")
-    (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with atomic_file(folder / "report.json") as part:
+        part.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _write_background(result: TrimResult, path: Path) -> None:
