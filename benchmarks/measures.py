@@ -23,7 +23,6 @@ from synthetic_scenes import KERNEL_SIZE, kernel_view
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output import report
 from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
@@ -88,7 +87,7 @@ def measure_trim(case: Case) -> Record:
         "selected": int(selection.sum()),
         "load": float(np.median(loads)),
         **medians(stages),
-        "save": _save_seconds(result, selection, case),
+        "save": _save_seconds(result),
         "peak_bytes": _peak_bytes(),
         **_device_memory(),
         "file_bytes": case.scene.stat().st_size,
@@ -102,7 +101,7 @@ def measure_host(case: Case) -> Record:
     scene = formats.read(case.scene)
     selection = load_selection(case.selection, scene)
     recorder, segmenter = Recorder(get_renderer(case.renderer)), _segmenter(case)
-    trim(scene, selection, case.config, cast(Renderer, recorder), segmenter)
+    trim(scene, selection, config=case.config, renderer=cast(Renderer, recorder), segmenter=segmenter)
     stages = []
     for _ in range(case.runs):
         replay = recorder.replayed()
@@ -116,7 +115,7 @@ def _timed_trim(
 ) -> tuple[TrimResult, dict[str, float]]:
     """A trim, and its seconds by stage and in all."""
     start = time.perf_counter()
-    result = trim(scene, selection, config, renderer, segmenter)
+    result = trim(scene, selection, config=config, renderer=renderer, segmenter=segmenter)
     return result, {**result.seconds, "trim": time.perf_counter() - start}
 
 
@@ -202,12 +201,11 @@ def _seconds(step: Callable[[], Any]) -> float:
     return time.perf_counter() - start
 
 
-def _save_seconds(result: TrimResult, selection: BoolArray, case: Case) -> float:
+def _save_seconds(result: TrimResult) -> float:
     """All that the command writes: object and background, labels, pictures and report."""
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
-        summary = report.describe(result, selection, case.config, {})
-        report.write_results(result, selection, summary, Path(folder), get_renderer(case.renderer))
+        result.save(folder)
         return time.perf_counter() - start
 
 

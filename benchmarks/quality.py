@@ -2,8 +2,12 @@
 
     python benchmarks/quality.py ROOT [--variants default paper sagd ...] [--without-cameras] [--output DIR]
 
-ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`). No ground truth reaches the trimmer: it gets
-the scene, the coarse selection and, where the scene has them, the up vector and the training cameras.
+ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`), for example `benchmarks/data`. No ground
+truth reaches the trimmer: it gets the scene, the coarse selection and, where the scene has them, the up vector and the
+training cameras.
+
+A selection with fewer than a tenth of the Gaussians that the kind `exact` has is left out, and said to be: nobody
+would start from it.
 """
 
 from __future__ import annotations
@@ -23,15 +27,20 @@ from rich.table import Table
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.evaluation import metrics
-from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
+from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, find_scenes, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.pipeline import SplitConfig, TrimConfig, TrimResult, paper_config, trim
+from gaussian_trimmer.pipeline import RowLabel, SplitConfig, TrimConfig, TrimResult, paper_config, trim
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER
 
 _HIGHEST_PSNR = 100.0  # dB; a view that does not show the object would have an infinite one.
+_LOSS = 0.3
+"""Points of foreground IoU; a trim that loses more has done harm."""
+_SMALLEST_SELECTION = 0.1
+"""Share of the Gaussians of `exact`; selections with fewer are left out."""
 METRICS = ("iou", "accuracy", "boundary_iou", "soft_iou", "psnr")
 Scores = dict[str, float]
 
@@ -41,7 +50,7 @@ class Variant:
     """One way of running the trimmer."""
 
     config: TrimConfig = field(default_factory=TrimConfig)
-    segmenter: str = "label-field"
+    segmenter: str = DEFAULT_SEGMENTER
     training_views: int = 0
     """Use this many training cameras instead of virtual ones."""
 
@@ -52,19 +61,20 @@ def variants() -> dict[str, Variant]:
     def with_views(n: int) -> Variant:
         return Variant(replace(base, plan=replace(base.plan, views=n)))
 
-    no_background = replace(base, neighbours=0.0)
+    no_background = replace(base, context_radius=0.0)
+    at_support_plane = SplitConfig(at_support_plane=SupportPlaneSplitConfig(enabled=True))
     named = {
         "default": Variant(),
         "grabcut": Variant(segmenter="grabcut"),
-        "paper": Variant(paper, "grabcut"),
-        "sagd": Variant(replace(paper, split=SplitConfig("sagd")), "grabcut"),
+        "paper": Variant(paper, PAPER_SEGMENTER),
+        "sagd": Variant(replace(paper, split=SplitConfig("sagd")), PAPER_SEGMENTER),
         "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
         "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
         "no-split": Variant(replace(base, split=SplitConfig("none"))),
-        "contact": Variant(replace(base, split=SplitConfig(contact=ContactConfig(enabled=True)))),
+        "support-plane-split": Variant(replace(base, split=at_support_plane)),
         "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
-        "no-label-field": Variant(replace(base, labels=replace(base.labels, enabled=False))),
+        "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
         "no-virtual-cameras": Variant(training_views=5),
         "no-background": Variant(no_background),
         "neither": Variant(no_background, training_views=5),
@@ -109,40 +119,47 @@ class Row:
     refused: str
     counts: dict[str, int]
 
+    @property
+    def iou_change(self) -> float:
+        """Points of foreground IoU that the trim gained."""
+        return self.after["iou"] - self.before["iou"]
+
+    @property
+    def loses(self) -> bool:
+        """Whether the trim did harm."""
+        return self.iou_change < -_LOSS
+
 
 def main() -> None:
     arguments = tyro.cli(Arguments)
     console = Console(width=160)
     chosen = list(variants()) if "ablations" in arguments.variants else list(arguments.variants)
     rows = []
-    for scene in _scenes(arguments.root):
-        for row in _measure_scene(scene, chosen, arguments):
+    for folder in find_scenes(arguments.root):
+        for row in _measure_scene(open_scene(folder), chosen, arguments, console):
             rows.append(row)
-            loss = "  LOSS" if row.after["iou"] < row.before["iou"] - 0.3 else ""
+            loss = "  LOSS" if row.loses else ""
             shown = "  ".join(
                 f"{m} {row.before[m]:5.1f} -> {row.after[m]:5.1f}" for m in ("iou", "boundary_iou", "psnr")
             )
             run = f"{row.variant:18s} {row.kind:12s} {row.scene}/{row.object:12s}"
             tail = f"fidelity {row.fidelity:4.1f}  {row.seconds:4.1f} s{loss} {row.refused}"
             console.print(f"{run} {shown}  {tail}", highlight=False, soft_wrap=True)
+    if not rows:
+        raise SystemExit(f"Nothing to measure in '{arguments.root}': no scene has such objects and selections.")
     for variant in chosen:
-        console.print(_table(variant, [row for row in rows if row.variant == variant]))
+        of_variant = [row for row in rows if row.variant == variant]
+        console.print(_table(variant, of_variant))
+        console.print(_scene_table(variant, of_variant))
     if arguments.output:
         arguments.output.mkdir(parents=True, exist_ok=True)
         (arguments.output / "results.json").write_text(json.dumps([row.__dict__ for row in rows], indent=1))
 
 
-def _scenes(root: Path) -> Iterator[BenchmarkScene]:
-    folders = (
-        [root] if (root / "cameras.json").is_file() else sorted(path.parent for path in root.glob("*/cameras.json"))
-    )
-    for folder in folders:
-        if (folder / "coarse").is_dir():
-            yield open_scene(folder)
-
-
-def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Arguments) -> Iterator[Row]:
-    cameras = None if arguments.without_cameras else _training_cameras(scene.folder)
+def _measure_scene(
+    scene: BenchmarkScene, chosen: Sequence[str], arguments: Arguments, console: Console
+) -> Iterator[Row]:
+    cameras = None if arguments.without_cameras else _training_cameras(scene.cameras_file)
     for name in scene.objects:
         if arguments.objects and name not in arguments.objects:
             continue
@@ -150,6 +167,9 @@ def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Argu
         untouched = [_render(scene.gaussians, view).rgb for view in views] if arguments.fidelity else []
         for kind in arguments.kinds or scene.coarse_kinds(name):
             coarse = _box(scene, name) if kind == "box" else scene.coarse(name, kind)
+            if _too_few(scene, name, kind, coarse):
+                console.print(f"left out: {scene.name}/{name} {kind}, {coarse.sum()} Gaussians", highlight=False)
+                continue
             before, before_sheet = _score(scene.gaussians.select(coarse), views)
             for variant in chosen:
                 start = time.perf_counter()
@@ -161,23 +181,29 @@ def _measure_scene(scene: BenchmarkScene, chosen: Sequence[str], arguments: Argu
                     _write_sheet(
                         arguments.output / variant / f"{scene.name}_{name}_{kind}.png", views, before_sheet, after_sheet
                     )
-                labels = ("kept", "pruned", "recovered", "split_inside", "split_outside")
-                counts = {label: result.count(i) for i, label in enumerate(labels)}
+                counts = {label.name.lower(): result.count(label) for label in RowLabel}
                 yield Row(scene.name, name, kind, variant, before, after, fidelity, seconds, result.refused, counts)
+
+
+def _too_few(scene: BenchmarkScene, name: str, kind: str, coarse: BoolArray) -> bool:
+    """Whether the selection holds less than a tenth of what the kind `exact` holds."""
+    if kind == "exact" or "exact" not in scene.coarse_kinds(name):
+        return False
+    return bool(coarse.sum() < _SMALLEST_SELECTION * scene.coarse(name, "exact").sum())
 
 
 def _box(scene: BenchmarkScene, name: str, margin: float = 0.1) -> BoolArray:
     """What an upright box around the object holds: percentiles 1 to 99 of its centres, and a margin in radii."""
     axes = up_frame(scene.up if scene.up is not None else np.array([0.0, -1.0, 0.0]))
-    places = scene.gaussians.means @ axes.T
-    low, high = np.percentile(places[scene.coarse(name, "exact")], [1, 99], axis=0)
+    positions = scene.gaussians.means @ axes.T
+    low, high = np.percentile(positions[scene.coarse(name, "exact")], [1, 99], axis=0)
     reach = margin * np.linalg.norm(high - low) / 2
-    return np.asarray(((places > low - reach) & (places < high + reach)).all(axis=1))
+    return np.asarray(((positions > low - reach) & (positions < high + reach)).all(axis=1))
 
 
-def _training_cameras(folder: Path) -> CameraSet:
+def _training_cameras(path: Path) -> CameraSet:
     """The training cameras alone: held-out views are ground truth."""
-    listed = read_camera_set(folder / "cameras.json")
+    listed = read_camera_set(path)
     kept = tuple(camera for camera, train in zip(listed.cameras, listed.train, strict=True) if train)
     return replace(listed, cameras=kept, train=(True,) * len(kept))
 
@@ -192,7 +218,9 @@ def _trim(
     if variant.training_views:
         n = len(scene.training_cameras)
         views = [scene.training_cameras[i * n // variant.training_views] for i in range(variant.training_views)]
-    return trim(scene.gaussians, coarse, config, segmenter=variant.segmenter, cameras=cameras, views=views)
+    return trim(
+        scene.gaussians, coarse, config=config, segmenter=variant.segmenter, cameras=cameras, view_cameras=views
+    )
 
 
 def _render(gaussians: Gaussians, view: TestView) -> Any:
@@ -208,7 +236,7 @@ def _score(gaussians: Gaussians, views: Sequence[TestView]) -> tuple[Scores, lis
         scores.append((
             100 * metrics.foreground_iou(*silhouettes), 100 * metrics.pixel_accuracy(*silhouettes),
             100 * metrics.boundary_iou(*silhouettes), 100 * metrics.soft_iou(*silhouettes),
-            min(metrics.extraction_psnr(shown.rgb, view.image, view.coverage, valid=view.valid), _HIGHEST_PSNR),
+            min(metrics.extraction_psnr(shown.rgb, view.image, view.coverage, valid=view.picture_valid), _HIGHEST_PSNR),
         ))  # fmt: skip
     return dict(zip(METRICS, np.mean(scores, axis=0).tolist(), strict=True)), renderings
 
@@ -232,16 +260,35 @@ def _table(variant: str, rows: Sequence[Row]) -> Table:
         table.add_column(column, justify="left" if column == "coarse" else "right")
     for kind in [*sorted({row.kind for row in rows}), "all"]:
         chosen = [row for row in rows if kind in (row.kind, "all")]
-        cells = []
-        for metric in METRICS:
-            before, after = (np.mean([getattr(row, side)[metric] for row in chosen]) for side in ("before", "after"))
-            cells.append(f"{before:.2f} -> {after:.2f}")
-        worst = min(chosen, key=lambda row: row.after["iou"] - row.before["iou"])
+        cells = [_before_after(chosen, metric) for metric in METRICS]
+        worst = min(chosen, key=lambda row: row.iou_change)
         table.add_row(
-            kind, *cells, f"{worst.after['iou'] - worst.before['iou']:+.2f} {worst.object}",
+            kind, *cells, f"{worst.iou_change:+.2f} {worst.object}",
             f"{np.mean([row.fidelity for row in chosen]):.1f}", f"{np.median([row.seconds for row in chosen]):.2f}",
         )  # fmt: skip
     return table
+
+
+def _scene_table(variant: str, rows: Sequence[Row]) -> Table:
+    """Means of each scene folder, before -> after, its worst trim, and how many trims did harm or were refused."""
+    table = Table(title=f"{variant}: scenes; a loss is more than {_LOSS} points of IoU")
+    for column in ("scene", "trims", *METRICS, "worst iou change", "losses", "refused"):
+        table.add_column(column, justify="left" if column == "scene" else "right")
+    for scene in [*sorted({row.scene for row in rows}), "all"]:
+        chosen = [row for row in rows if scene in (row.scene, "all")]
+        worst = min(chosen, key=lambda row: row.iou_change)
+        table.add_row(
+            scene, str(len(chosen)), *(_before_after(chosen, metric) for metric in METRICS),
+            f"{worst.iou_change:+.2f} {worst.object} {worst.kind}",
+            str(sum(row.loses for row in chosen)), str(sum(bool(row.refused) for row in chosen)),
+        )  # fmt: skip
+    return table
+
+
+def _before_after(rows: Sequence[Row], metric: str) -> str:
+    """Means of one metric over the trims."""
+    before, after = (np.mean([getattr(row, side)[metric] for row in rows]) for side in ("before", "after"))
+    return f"{before:.2f} -> {after:.2f}"
 
 
 def _write_sheet(path: Path, views: Sequence[TestView], before: Sequence[Any], after: Sequence[Any]) -> None:

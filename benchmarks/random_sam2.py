@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config, Sam2Segmenter
-from gaussian_trimmer.segmentation.segmenters.silhouette import LabelFieldSegmenter
+from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteSegmenter
 from gaussian_trimmer.views import View
 
 # Where SAM2.1's large model differs from the smallest, which is what Transformers makes if nothing is said.
@@ -43,7 +43,7 @@ class RandomSam2Segmenter:
     name = "sam2 with random weights"
 
     def __init__(self, folder: Path) -> None:
-        self._sam2, self._masks = Sam2Segmenter(Sam2Config(model=str(folder))), LabelFieldSegmenter()
+        self._sam2, self._masks = Sam2Segmenter(Sam2Config(model=str(folder))), SilhouetteSegmenter()
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
         self._sam2.segment(views)

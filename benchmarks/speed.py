@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -36,11 +36,14 @@ from measures import (
 from rich.console import Console
 from rich.table import Table
 from synthetic_scenes import tiled, with_object_of
+from tyro.conf import arg
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.rendering import RENDERER_CHOICES
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.selection_files import load_selection
 
 Section = Literal["warm", "cold", "sizes", "objects", "views", "resolutions", "kernel", "threads", "avx2", "host"]
@@ -74,11 +77,11 @@ class Arguments:
     """Widths of the views in pixels."""
     threads: tuple[int, ...] = (1, 2, 8)
     """Numbers of threads."""
-    renderer: Literal["numba", "gsplat", "reference"] = "numba"
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = "numba"
     """What renders the views."""
     pixels: int = PlanConfig.size
     """Width of the views in pixels, where the section does not vary it."""
-    segmenter: Literal["label-field", "grabcut", "sam2"] = "label-field"
+    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """What segments the views."""
     sam2_model: str = ""
     """With `sam2`: a model on the hub or a local folder. Not given: SAM2.1 large with random weights, which costs as

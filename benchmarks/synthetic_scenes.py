@@ -79,7 +79,7 @@ def kernel_view() -> tuple[Gaussians, Camera, int]:
     while True:
         middle = (low + high) / 2
         scaled = gaussians.replace(log_scales=gaussians.log_scales + np.float32(middle))
-        pairs = len(project_view(scaled, camera).tile_lists)
+        pairs = int(project_view(scaled, camera).tile_starts[-1])
         if abs(pairs - KERNEL_PAIRS) < 0.01 * KERNEL_PAIRS:
             return scaled, camera, pairs
         low, high = (middle, high) if pairs < KERNEL_PAIRS else (low, middle)

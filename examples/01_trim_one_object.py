@@ -3,20 +3,12 @@
 import tempfile
 from pathlib import Path
 
-from gaussian_trimmer import formats, sample
-from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.output.pictures import draw_before_after, write_picture
-from gaussian_trimmer.pipeline import trim
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selection_files import load_selection
+import gaussian_trimmer as gt
+from gaussian_trimmer import sample
 
-scene = formats.read(sample.SCENE)
-rough = load_selection(sample.SELECTION, scene)
-renderer = get_renderer("auto")
-result = trim(scene, rough, renderer=renderer, cameras=read_camera_set(sample.CAMERAS))
+scene = gt.read(sample.SCENE)
+rough = gt.read_selection(sample.SELECTION, scene)
+result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS))
 
-folder = Path(tempfile.mkdtemp(prefix="lighthouse-"))
-formats.write(result.object, folder / "object.ply")
-formats.write(result.background, folder / "background.ply")
-write_picture(draw_before_after(result, rough, renderer), folder / "before_after.png")
+folder = result.save(Path(tempfile.mkdtemp(prefix="lighthouse-")))
 print(f"{rough.sum()} Gaussians selected, {len(result.object)} after trimming; see {folder / 'before_after.png'}.")

@@ -4,9 +4,8 @@ The ten masks are those of the lighthouse in some of the pictures that the sampl
 line the first half is `gaussian-trimmer select --masks`.
 """
 
-from gaussian_trimmer import formats, sample
-from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.pipeline import trim
+import gaussian_trimmer as gt
+from gaussian_trimmer import sample
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import (
     MaskFilesConfig,
@@ -16,19 +15,19 @@ from gaussian_trimmer.segmentation.segmenters.mask_files import (
 )
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 
-scene = formats.read(sample.SCENE)
-cameras = read_camera_set(sample.CAMERAS)
+scene = gt.read(sample.SCENE)
+cameras = gt.read_cameras(sample.CAMERAS)
 renderer = get_renderer("auto")
 
-seen_from = cameras_with_masks(cameras.pinhole_cameras(), sample.MASKS)
-masks = [mask_of(camera, sample.MASKS) for camera in seen_from]
-rough = lift_by_assignment(scene, seen_from, masks, renderer)
+training_cameras = cameras_with_masks(cameras.pinhole_cameras(), sample.MASKS)
+masks = [mask_of(camera, sample.MASKS) for camera in training_cameras]
+rough = lift_by_assignment(scene, training_cameras, masks, renderer)
 print(f"{rough.sum()} of {len(scene)} Gaussians lifted from {len(masks)} masks")
 
-result = trim(scene, rough, renderer=renderer, cameras=cameras)
+result = gt.trim(scene, rough, renderer=renderer, cameras=cameras)
 print(f"virtual views: {len(result.object)} Gaussians in the object")
 
 # The masks themselves may stand in for the segmented virtual views.
 by_masks = MaskFilesSegmenter(MaskFilesConfig(sample.MASKS))
-result = trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, views=seen_from)
+result = gt.trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, view_cameras=training_cameras)
 print(f"the masks' own views: {len(result.object)} Gaussians in the object")

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from gaussian_trimmer import formats, sample
+import gaussian_trimmer as gt
+from gaussian_trimmer import sample
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.pipeline import TrimConfig, trim
-from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.views import View
 
 
@@ -28,9 +27,9 @@ class WatershedSegmenter:
         return masks
 
 
-scene = formats.read(sample.SCENE)
-rough = load_selection(sample.SELECTION, scene)
-for segmenter in ("label-field", WatershedSegmenter()):
-    result = trim(scene, rough, TrimConfig(up=(0, 0, 1)), segmenter=segmenter)
+scene = gt.read(sample.SCENE)
+rough = gt.read_selection(sample.SELECTION, scene)
+for segmenter in ("silhouette", WatershedSegmenter()):
+    result = gt.trim(scene, rough, up="z", segmenter=segmenter)
     believed = sum(not view.rejected for view in result.views)
     print(f"{result.segmenter}: {believed} masks believed, {len(result.object)} of {rough.sum()} Gaussians kept")

@@ -6,13 +6,12 @@ view mislead GrabCut, which goes by colour.
 
 import numpy as np
 
-from gaussian_trimmer import formats, sample
+import gaussian_trimmer as gt
+from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
-from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.selection_files import load_selection
 
 
 class MatteRenderer(NumbaRenderer):
@@ -25,9 +24,9 @@ class MatteRenderer(NumbaRenderer):
         return super().render(matte, camera, background, weights)
 
 
-scene = formats.read(sample.SCENE)
-rough = load_selection(sample.SELECTION, scene)
+scene = gt.read(sample.SCENE)
+rough = gt.read_selection(sample.SELECTION, scene)
 for renderer in ("numba", MatteRenderer()):
-    result = trim(scene, rough, TrimConfig(up=(0, 0, 1)), renderer, "grabcut")
-    unexpected = np.mean([np.mean(seen.mask != (seen.view.expected > 0.5)) for seen in result.views])
+    result = gt.trim(scene, rough, up="z", renderer=renderer, segmenter="grabcut")
+    unexpected = np.mean([np.mean(seen.mask != (seen.view.object_prior > 0.5)) for seen in result.views])
     print(f"{result.renderer}: {len(result.object)} Gaussians kept, masks unexpected in {unexpected:.2%} of the pixels")

@@ -7,13 +7,13 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import benchmark_data
 import numpy as np
 import pytest
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 
-REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
 ATTRIBUTES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
 
@@ -69,9 +69,7 @@ def splat_transform(source: Path, target: Path) -> None:
 
 def real(name: str) -> Path:
     """A real capture, or skip the test where there is none."""
-    if not (REAL / name).is_file():
-        pytest.skip(f"no {name}: the real captures are not part of the project")
-    return REAL / name
+    return benchmark_data.find(f"real/{name}")
 
 
 def round_trip(gaussians: Gaussians, path: Path) -> Gaussians:

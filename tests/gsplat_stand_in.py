@@ -59,7 +59,7 @@ class Kernels:
         inverse = torch.linalg.inv(covariance)
         extent = (2 * (opacities / CUT_OFF).clamp(min=1).log()).sqrt()[:, None]
         radii = (extent * covariance.diagonal(dim1=1, dim2=2).sqrt()).ceil().int()
-        radii[(local[:, 2] < near_plane) | (opacities < CUT_OFF)] = 0
+        radii[(local[:, 2] < near_plane) | (local[:, 2] > far_plane) | (opacities < CUT_OFF)] = 0
         conics = torch.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], dim=1)
         means2d = slopes * focal + principal
         # The kernel leaves what it culls unwritten; nobody may look at it.
@@ -230,6 +230,17 @@ class StandIn(ModuleType):
         )  # fmt: skip
         image[..., 3:] /= alpha.clamp(min=1e-10)
         return image, alpha, info
+
+    def fully_fused_projection(
+        self, means, covars, quats, scales, viewmats, Ks, width, height, eps2d=0.3, near_plane=0.01, far_plane=1e10,
+        radius_clip=0.0, packed=False, sparse_grad=False, calc_compensations=False, camera_model="pinhole",
+        opacities=None,
+    ):  # fmt: skip
+        assert camera_model == "pinhole" and not packed
+        return self.kernels.projection_ewa_3dgs_fused_fwd(
+            means, covars, quats, scales, opacities, viewmats, Ks, width, height, eps2d, near_plane, far_plane,
+            radius_clip, calc_compensations, self.kernels.PINHOLE,
+        )  # fmt: skip
 
     def rasterize_to_pixels(
         self, means2d, conics, colors, opacities, image_width, image_height, tile_size, isect_offsets, flatten_ids,

@@ -7,6 +7,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import benchmark_data
 import cv2
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from gaussian_trimmer.camera_files import read_camera_set, read_cameras
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -333,8 +333,8 @@ def test_impossible_cameras(change: dict[str, Any], message: str, tmp_path: Path
         ({"frames": [{"transform_matrix": np.eye(4).tolist()}]}, "image size"),
         ({"frames": [{"transform_matrix": np.eye(4).tolist()}], "w": 9, "h": 9}, "no focal length"),
         ({"frames": [{"transform_matrix": np.eye(4).tolist()}], "w": 9, "h": 9, "camera_angle_x": 4}, "between 0"),
-        ({"up": [0, 0, 0], "frames": [matrix_frame(random_cameras(1)[0])]}, "length zero"),
-        ({"up": [0, 1], "frames": [matrix_frame(random_cameras(1)[0])]}, "3 finite numbers"),
+        ({"up": [0, 0, 0], "frames": [matrix_frame(random_cameras(1)[0])]}, "not all zero"),
+        ({"up": [0, 1], "frames": [matrix_frame(random_cameras(1)[0])]}, "three finite numbers"),
     ],
 )
 def test_wrong_documents(document: Any, message: str, tmp_path: Path) -> None:
@@ -366,10 +366,13 @@ def test_nothing_there_and_too_much_there(tmp_path: Path) -> None:
         read_cameras(tmp_path)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the benchmark data is not beside the project")
-def test_benchmark_cameras() -> None:
-    found = read_camera_set(DATA / "scene0" / "cameras.json")
-    assert len(found.cameras) == 72 and sum(found.train) == 60
+@pytest.mark.parametrize(("name", "cameras", "train"), [("scene0", 72, 60), ("tabletop", 48, 40)])
+def test_benchmark_cameras(name: str, cameras: int, train: int) -> None:
+    found = read_camera_set(benchmark_data.find(name) / "cameras.json")
+    assert len(found.cameras) == cameras and sum(found.train) == train
     assert found.up is not None and found.up.tolist() == [0, 0, 1]
-    assert found.cameras[60].name == "060.png"
-    assert read_camera_set(DATA / "flower" / "cameras.json").up is None
+    assert found.cameras[train].name == f"{train:03d}.png"
+
+
+def test_benchmark_cameras_without_up_vector() -> None:
+    assert read_camera_set(benchmark_data.find("flower") / "cameras.json").up is None

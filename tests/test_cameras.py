@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scenes import CAMERA_POSITION, SCENE_CENTRE, front_camera
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at, unit_up
+from gaussian_trimmer.errors import InputError
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -107,3 +108,22 @@ def test_resized_leaves_the_original_and_at_least_a_pixel():
     tiny = camera.resized(0.01)
     assert (tiny.width, tiny.height, tiny.name) == (1, 1, "a.jpg")
     np.testing.assert_array_equal(camera.K, before)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1.0, 7.0, 1e160, 1e300])
+def test_an_up_vector_of_any_length_is_brought_to_one(scale):
+    up = unit_up(scale * np.array([1.0, -2.0, 2.0]))
+    np.testing.assert_allclose(up, np.array([1, -2, 2]) / 3, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "vector", [(0, 0, 0), (0, 1), (1, np.nan, 0), (np.inf, 0, 0), "up", None, [[0, 0, 1]], [{}] * 3]
+)
+def test_what_has_no_direction_is_no_up_vector(vector):
+    with pytest.raises(InputError, match=r"^The up vector.* must be three finite numbers that are not all zero\.$"):
+        unit_up(vector)
+
+
+def test_the_message_names_the_vector_as_the_caller_calls_it():
+    with pytest.raises(InputError, match=r"^'a.json': the up vector \[0.0, 0.0, 0.0\] must be"):
+        unit_up([0, 0, 0], "'a.json': the up vector")

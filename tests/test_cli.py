@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -76,8 +77,8 @@ def test_selection_options_choose_among_several_objects(ball, tmp_path):
 
 
 def test_preset_changes_the_defaults_and_nothing_else():
-    paper, fit = paper_config(), TrimConfig()
-    assert cli._parse("trim", ["a.ply", "b.npy"]).config == fit
+    paper, default = paper_config(), TrimConfig()
+    assert cli._parse("trim", ["a.ply", "b.npy"]).config == default
     assert cli._parse("trim", ["a.ply", "b.npy", "--preset", "paper"]).config == paper
     mixed = cli._parse("trim", ["a.ply", "--split.rule", "plane", "--preset", "paper", "--plan.fill", "0.5"])
     assert (mixed.config.split.rule, mixed.config.plan.fill) == ("plane", 0.5)
@@ -101,6 +102,16 @@ def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
     report = report_of(tmp_path)
     assert [view["name"] for view in report["views"]] == ["0.png", "1.png", "2.png", "3.png"]
     assert report["up"]["source"] == "camera file"
+
+
+@pytest.mark.parametrize("option", [["--views", 3], ["--views", 5], ["--plan.views", 4]])
+def test_a_number_of_virtual_views_is_refused_where_own_masks_take_their_place(ball, tmp_path, capsys, option):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *option]
+    command += ["--segmenter", "mask-files", "--mask-files.folder", folder / "masks"]
+    assert run(*command, "--cameras", folder / "cameras.json") == 2
+    assert f"cameras of its 4 masks, so {option[1]} virtual views" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_output_goes_to_a_folder_named_after_the_inputs(ball, tmp_path, monkeypatch):
@@ -217,6 +228,14 @@ def test_convert_and_info(ball, tmp_path, capsys):
 def test_every_command_explains_itself(command, capsys):
     assert run(command, "--help") == 0
     assert f"usage: gaussian-trimmer {command}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [*cli.COMMANDS])
+def test_help_gives_one_default_for_an_option(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")  # one panel of options below the other
+    run(command, "--help")
+    printed = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"\(default: [^()]*\)[ │]*\(default:", printed) is None
 
 
 def test_overview_names_every_command_and_the_version(capsys):

@@ -1,27 +1,25 @@
 """Tests of picking an object by a click or a box."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import toy
+from benchmark_data import benchmark_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.datasets import open_scene
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.view_rendering import bounding_box
-from gaussian_trimmer.selecting.clicks import select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.clicks import _Target, _views_around, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.overview import plan_overview
-from gaussian_trimmer.selecting.segment_on_plane import standing_pieces
+from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
+from gaussian_trimmer.views import bounding_box
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 RENDERER = get_renderer("numba")
 
 
@@ -74,11 +72,11 @@ def test_permuted_gaussians_give_the_permuted_answer(ball):
     np.testing.assert_array_equal(straight[order], permuted)
 
 
-def two_balls():
-    """The ball, another one 2.7 radii beside it, and more floor: the scene, and the rows of either ball."""
+def two_balls(apart=2.7):
+    """The ball, another one some radii beside it, and more floor: the scene, and the rows of either ball."""
     scene, first = toy.ball_on_floor(n_ball=1500)
     ball, floor = scene.select(first), scene.select(scene.means[:, 2] < 0)
-    ball = ball.replace(means=ball.means + np.float32([0, 2.7, 0]))
+    ball = ball.replace(means=ball.means + np.float32([0, apart, 0]))
     floor = floor.replace(means=floor.means + np.float32([0, 6, 0]))
     part = np.repeat([0, 1, 2], [len(scene), len(ball), len(floor)])
     return concatenate([scene, ball, floor]), np.pad(first, (0, len(ball) + len(floor))), part == 1
@@ -93,6 +91,49 @@ def test_neighbours_stay_apart_and_several_clicks_add_up():
     both = select_by_clicks(scene, camera, [one, two], toy.UP, RENDERER)
     assert both.ways == ("piece", "piece")
     assert toy.jaccard(both.selection, first | second) > 0.9
+
+
+@pytest.mark.parametrize("apart", [2.16, 2.2, 2.24, 2.28])
+def test_seeds_all_over_a_ball_mean_the_same_things(apart):
+    """Some of the gaps that are tried join the balls: all seeds on one of them find it alone, or all find both."""
+    rng = np.random.default_rng(0)
+    outward = rng.normal(size=(2, 1500, 3))
+    outward /= np.linalg.norm(outward, axis=2, keepdims=True)
+    floor = np.stack(np.meshgrid(np.arange(-4, 7, 0.2), np.arange(-4, 7, 0.2), [-0.05], indexing="ij"), -1)
+    positions = np.concatenate([outward[0] + [0, 0, 1], outward[1] + [0, apart, 1], floor.reshape(-1, 3)])
+    second = slice(1500, 3000)
+    visible = np.full(len(positions), 10, np.float32)
+    shares = []
+    for row in np.flatnonzero(positions[:1500, 0] > 0.9)[:10]:
+        seeds = np.zeros(len(positions), np.float32)
+        seeds[row] = 1
+        pieces = pieces_on_plane(positions - positions[row], seeds, visible, 3.5 - 0.6 * positions[row, 0])
+        shares.append(pieces[0][second].mean())
+    assert max(shares) < 0.1 or min(shares) > 0.9
+
+
+def test_neighbouring_clicks_agree():
+    scene, first, second = two_balls(2.2)
+    camera = camera_at((6, 1, 4), (0, 1.3, 1))
+    x, y = pixel_of(camera, toy.CENTRE)
+    steps = [(0, 0), (8, 0), (-8, 0), (0, 8), (0, -8), (-8, -8), (-8, 8)]
+    found = [select_by_clicks(scene, camera, [(x + dx, y + dy)], toy.UP, RENDERER).selection for dx, dy in steps]
+    assert all(toy.jaccard(selection, found[0]) > 0.95 for selection in found)
+    assert max(toy.jaccard(found[0], truth) for truth in (first, first | second)) > 0.9
+
+
+@pytest.mark.parametrize("position", [(5, 0, 3), (0.5, -4, 9), (0, 0, 9), (5, 0, 0.5)])
+def test_no_view_of_a_click_repeats_another(position):
+    camera = camera_at(position) if position[:2] != (0, 0) else replace(
+        camera_at((0, 0.5, 9)), world_to_camera=look_at(np.array([0.0, 0, 9]), toy.CENTRE, np.array([0.0, 1, 0]))
+    )  # fmt: skip
+    offset = camera.centre - toy.CENTRE
+    views = _views_around(camera, _Target(toy.CENTRE, float(np.linalg.norm(offset)), np.zeros(0, np.float32)), toy.UP)
+    assert len(views) == 8
+    directions = np.array([view.centre for view in views]) - toy.CENTRE
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert (directions @ directions.T - 2 * np.eye(8)).max() < np.cos(np.radians(15))
+    np.testing.assert_allclose([view.forward for view in views], -directions, atol=1e-9)
 
 
 def test_box_finds_the_thing_that_fills_it():
@@ -142,19 +183,19 @@ def test_nearer_surface_comes_first():
     walls = [np.insert(side, axis, end, axis=1) for axis in (0, 1) for end in (-2.0, 2.0)]
     plinth = np.concatenate([top, *walls])
     floor = scene.means[~truth] * [2, 2, 1] - [0, 0, 2]
-    places = np.concatenate([scene.means[truth], plinth, floor])
+    positions = np.concatenate([scene.means[truth], plinth, floor])
     n, parts = truth.sum(), np.repeat([0, 1, 2], [truth.sum(), len(plinth), len(floor)])
-    visible = np.full(len(places), 10, np.float32)
+    visible = np.full(len(positions), 10, np.float32)
 
     def asked(row):
-        seeds = np.zeros(len(places), np.float32)
+        seeds = np.zeros(len(positions), np.float32)
         seeds[row] = 1
-        return standing_pieces(places - places[row], seeds, visible, 5.0)
+        return pieces_on_plane(positions - positions[row], seeds, visible, 5.0)
 
-    on_ball = asked(int(np.argmin(np.linalg.norm(places[:n] - [1, 0, 1], axis=1))))
+    on_ball = asked(int(np.argmin(np.linalg.norm(positions[:n] - [1, 0, 1], axis=1))))
     assert toy.jaccard(on_ball[0], parts == 0) > 0.9
     assert any(toy.jaccard(piece, parts <= 1) > 0.9 for piece in on_ball[1:])
-    on_plinth = asked(int(np.argmin(np.linalg.norm(places - [2, 0, -1], axis=1))))
+    on_plinth = asked(int(np.argmin(np.linalg.norm(positions - [2, 0, -1], axis=1))))
     assert toy.jaccard(on_plinth[0], parts <= 1) > 0.9
 
 
@@ -203,11 +244,14 @@ def test_overview_looks_at_the_detail_and_leaves_the_walls_out():
     assert overview.rows.max() < len(scene)
 
 
-@pytest.mark.skipif(not (DATA / "scene0").is_dir(), reason="the benchmark's scenes are not here")
-@pytest.mark.parametrize(("name", "view"), [("avocado", "012.png"), ("lantern", "003.png")])
-def test_benchmark_click_then_trim(name, view):
+@pytest.mark.parametrize(
+    ("where", "name", "view"),
+    [("scene0", "avocado", "012.png"), ("scene0", "lantern", "003.png"), ("tabletop", "robot", "012.png")],
+)
+def test_benchmark_click_then_trim(where, name, view):
     """One click in a training view, then the trimmer: the object in views that nobody trained on."""
-    scene, cameras = open_scene(DATA / "scene0"), read_camera_set(DATA / "scene0" / "cameras.json")
+    scene = benchmark_scene(where)
+    cameras = read_camera_set(scene.cameras_file)
     camera = next(camera for camera in scene.training_cameras if camera.name == view)
     mask = np.pad(scene.coverage(name, view) > 0.5, 1).astype(np.uint8)
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
@@ -215,7 +259,7 @@ def test_benchmark_click_then_trim(name, view):
     pick = select_by_clicks(scene.gaussians, camera, [(int(x), int(y))], scene.up, RENDERER)
     kept = tuple(camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train)
     training = replace(cameras, cameras=kept, train=(True,) * len(kept))
-    result = trim(scene.gaussians, pick.selection, TrimConfig(up=(0, 0, 1)), cameras=training)
+    result = trim(scene.gaussians, pick.selection, config=TrimConfig(up=(0, 0, 1)), cameras=training)
     overlaps = [
         foreground_iou(RENDERER.render(result.object, test.camera).alpha, test.coverage, test.valid)
         for test in scene.test_views(name)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from toy import BLUE, CENTRE, ball_on_floor, check_parts, dilated, gaussians, small_config
 
-from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.pipeline import SPLIT_INSIDE, SPLIT_OUTSIDE, SplitConfig, trim
+from gaussian_trimmer.pipeline import RowLabel, SplitConfig, trim
 from gaussian_trimmer.rendering import get_renderer
 
 BALL, TRUTH = ball_on_floor()
@@ -25,9 +25,9 @@ def with_needle(x=0.0, height=0.0, upwards=0.4):
 @cache
 def trimmed(enabled=True, recover=True, **needle):
     scene, selection = with_needle(**needle)
-    contact = ContactConfig(enabled=enabled)
+    contact = SupportPlaneSplitConfig(enabled=enabled)
     evidence = EvidenceConfig(recover=recover)
-    return trim(scene, selection, small_config(split=SplitConfig(contact=contact), evidence=evidence))
+    return trim(scene, selection, config=small_config(split=SplitConfig(at_support_plane=contact), evidence=evidence))
 
 
 def needle_labels(result):
@@ -48,10 +48,10 @@ def ghost(result):
 def test_a_hidden_needle_is_cut_at_the_floor():
     result = trimmed()
     assert result.refused == ""
-    assert needle_labels(result) == [SPLIT_INSIDE, SPLIT_OUTSIDE]
+    assert needle_labels(result) == [RowLabel.SPLIT_INSIDE, RowLabel.SPLIT_OUTSIDE]
     part = {label: np.flatnonzero((result.source_index == len(BALL)) & (result.label == label)) for label in (3, 4)}
-    upper = result.object.means[part[SPLIT_INSIDE][0]]
-    lower = result.background.means[part[SPLIT_OUTSIDE][0] - len(result.object)]
+    upper = result.object.means[part[RowLabel.SPLIT_INSIDE][0]]
+    lower = result.background.means[part[RowLabel.SPLIT_OUTSIDE][0] - len(result.object)]
     assert 0.1 < upper[2] < CENTRE[2] and lower[2] < -0.1
     check_parts(result, with_needle()[1])
 
@@ -81,14 +81,15 @@ def test_other_needles_stay_whole(case):
     assert len(needle_labels(trimmed(**case))) == 1
 
 
-def test_no_rule_of_splitting_means_no_cut_at_the_floor():
+@pytest.mark.parametrize("enabled", [True, False])
+def test_the_cut_at_the_floor_has_its_own_switch(enabled):
     scene, selection = with_needle()
-    split = SplitConfig("none", ContactConfig(enabled=True))
-    assert trim(scene, selection, small_config(split=split)).count(SPLIT_INSIDE) == 0
+    split = SplitConfig("none", SupportPlaneSplitConfig(enabled=enabled))
+    assert trim(scene, selection, config=small_config(split=split)).count(RowLabel.SPLIT_INSIDE) == int(enabled)
 
 
 def test_every_rule_keeps_the_lower_part():
     scene, selection = with_needle()
-    split = SplitConfig("sagd", ContactConfig(enabled=True))
-    result = trim(scene, selection, small_config(split=split))
-    assert needle_labels(result) == [SPLIT_INSIDE, SPLIT_OUTSIDE]
+    split = SplitConfig("sagd", SupportPlaneSplitConfig(enabled=True))
+    result = trim(scene, selection, config=small_config(split=split))
+    assert needle_labels(result) == [RowLabel.SPLIT_INSIDE, RowLabel.SPLIT_OUTSIDE]

@@ -6,7 +6,7 @@ from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved,
 
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.planning.coverage import _longest_arc, restrict_to_seen
+from gaussian_trimmer.planning.coverage import _longest_arc, limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
@@ -33,7 +33,7 @@ def with_wall(yaw_degrees, distance=1.5, half=2.5, opacity=0.95):
 
 @one_thread()
 def restricted(scene, selection, config=None, up=UP):
-    return restrict_to_seen(scene, selection, up, config or PlanConfig(), RENDERER)
+    return limit_yaw_to_observed(scene, selection, up, config or PlanConfig(), RENDERER)
 
 
 def test_an_object_free_all_around_leaves_the_plan_as_it_is():

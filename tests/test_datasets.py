@@ -8,7 +8,7 @@ import pytest
 from toy import gaussians
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.datasets import open_scene
+from gaussian_trimmer.evaluation.datasets import find_scenes, open_scene
 from gaussian_trimmer.formats import write
 
 HEIGHT, WIDTH = 6, 8
@@ -107,3 +107,75 @@ def test_coarse_selections_are_never_unpickled(folder):
     np.save(folder / "coarse" / "cup" / "evil.npy", np.array([{"a": 1}], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle"):
         open_scene(folder).coarse("cup", "evil")
+
+
+def test_an_alone_mask_is_the_truth_and_every_pixel_counts(folder):
+    alone = COVERAGE.copy()
+    alone[2:5, 4:7] = 255  # the part that the other object hides
+    (folder / "alone" / "cup").mkdir(parents=True)
+    cv2.imwrite(str(folder / "alone" / "cup" / "a.png"), alone)
+    view, far = open_scene(folder).test_views("cup")
+    np.testing.assert_allclose(view.coverage, alone / 255, rtol=1e-6)
+    assert view.valid.all()
+    np.testing.assert_array_equal(view.picture_valid, alone == COVERAGE)  # elsewhere the picture shows the other object
+    np.testing.assert_allclose(far.coverage, COVERAGE / 255, rtol=1e-6)  # this view has no such mask
+    np.testing.assert_array_equal(far.valid, OTHER <= 127)
+    np.testing.assert_array_equal(far.picture_valid, far.valid)
+
+
+def test_selections_may_be_packed_in_one_file_for_an_object(folder):
+    wide, narrow = np.array([True, True, False]), np.array([False, True, False])
+    np.savez_compressed(folder / "coarse" / "ant.npz", wide=wide, narrow=narrow)
+    scene = open_scene(folder)
+    assert scene.coarse_kinds("ant") == ["narrow", "wide"]
+    np.testing.assert_array_equal(scene.coarse("ant", "wide"), wide)
+    np.testing.assert_array_equal(scene.coarse("ant", "narrow"), narrow)
+    with pytest.raises(InputError, match="'other'"):
+        scene.coarse("ant", "other")
+    with pytest.raises(InputError, match="'plate'"):
+        scene.coarse("plate", "wide")
+
+
+@pytest.mark.parametrize("wrong", [np.zeros(4, bool), np.zeros(3, np.uint8), np.zeros((3, 1), bool)])
+@pytest.mark.parametrize("packed", [False, True])
+def test_selections_of_another_shape_or_type_are_refused(folder, wrong, packed):
+    if packed:
+        np.savez_compressed(folder / "coarse" / "ant.npz", wrong=wrong)
+    else:
+        np.save(folder / "coarse" / "ant" / "wrong.npy", wrong)
+    with pytest.raises(InputError, match=r"bool \(3,\) is needed"):
+        open_scene(folder).coarse("ant", "wrong")
+
+
+def test_packed_selections_cannot_hide_a_huge_array(folder):
+    np.savez_compressed(folder / "coarse" / "ant.npz", huge=np.zeros(100_000, bool))
+    with pytest.raises(InputError, match="larger than the scene of 3"):
+        open_scene(folder).coarse("ant", "huge")
+
+
+def test_several_sets_of_objects_may_share_one_scene(folder):
+    handles = folder.parent / "handles"
+    (handles / "masks" / "handle").mkdir(parents=True)
+    (handles / "coarse" / "handle").mkdir(parents=True)
+    for view in ("a.png", "far.png"):
+        cv2.imwrite(str(handles / "masks" / "handle" / view), COVERAGE)
+    np.save(handles / "coarse" / "handle" / "exact.npy", np.array([True, False, False]))
+    (handles / "meta.json").write_text(json.dumps({"scene_folder": "../kitchen"}))
+    scene = open_scene(handles)
+    assert (scene.name, scene.objects, len(scene.gaussians)) == ("handles", ["handle"], 3)
+    assert scene.cameras_file.samefile(folder / "cameras.json")
+    assert [camera.name for camera in scene.training_cameras] == ["t1.png", "t2.png"]
+    view = next(scene.test_views("handle"))
+    np.testing.assert_array_equal(view.image[0, 0], [1, 0, 0])
+    assert view.valid.all()  # the other folder's objects hide nothing here: they are another set
+    assert find_scenes(folder.parent) == [handles, folder]
+    assert find_scenes(handles) == [handles]
+
+
+def test_a_shared_scene_that_is_missing_is_named(folder):
+    (folder / "meta.json").write_text(json.dumps({"scene_folder": "../nowhere"}))
+    with pytest.raises(InputError, match="nowhere"):
+        open_scene(folder)
+    (folder / "meta.json").write_text(json.dumps({"scene_folder": 3}))
+    with pytest.raises(InputError, match="scene_folder"):
+        open_scene(folder)

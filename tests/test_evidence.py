@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
-from gaussian_trimmer.decomposition.evidence import EvidenceConfig, judge, shows_outside
-from gaussian_trimmer.pipeline import RECOVERED, PlanConfig, SplitConfig, trim
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians, find_halo, find_outsiders
+from gaussian_trimmer.pipeline import PlanConfig, RowLabel, SplitConfig, trim
 
 COARSE, OTHER = True, False
 FREE, RESTING = True, False
@@ -20,8 +20,10 @@ FREE, RESTING = True, False
         (0, 10, 0.5, COARSE, {}, False),
         (6, 4, 0.8, COARSE, {}, True),
         (6, 4, 0.3, COARSE, {}, False),  # 0.1 by the masks, -0.2 by the label
-        (4, 6, 0.7, OTHER, {}, True),  # -0.1 by the masks, 0.2 by the label
-        (4, 6, 0.7, OTHER, {"recover": False}, False),
+        (4, 6, 1.0, OTHER, {}, False),  # what joins must be shown inside, however sure its label is
+        (6, 4, 0.9, OTHER, {}, True),
+        (6, 4, 0.7, OTHER, {}, False),
+        (6, 4, 0.9, OTHER, {"recover": False}, False),
         (4, 6, 0.7, COARSE, {"recover": False}, True),
         (6, 4, 0.0, COARSE, {"prior": 0.0}, True),  # the masks alone
         (4, 6, 1.0, COARSE, {"prior": 0.0}, False),
@@ -37,7 +39,7 @@ FREE, RESTING = True, False
 )
 def test_judgement(inside, outside, probability, coarse, config, kept):
     arrays = [np.array([value], np.float32) for value in (inside, outside, probability)]
-    assert judge(*arrays, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
+    assert classify_gaussians(*arrays, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
 
 
 @pytest.mark.parametrize(
@@ -49,21 +51,37 @@ def test_judgement(inside, outside, probability, coarse, config, kept):
         ((2, 8, 0), 0, 0, RESTING, False),
         ((0, 0, 0), 0, 0, RESTING, False),
         ((5e-4, 0, 0), 0, 0, RESTING, False),
-        ((5, 5, 0), 0, 1, RESTING, False),  # a limit is the largest share that is allowed
-        ((6, 4, 0), 5, 4, RESTING, True),
-        ((6, 4, 0), 6, 4, RESTING, False),  # the scene shows as much of it inside as the object alone does outside
+        ((6, 5, 0), 0, 1, RESTING, False),  # a limit is the largest share that is allowed
+        ((12, 4, 0), 5, 4, RESTING, True),
+        ((6, 4, 0), 5, 4, RESTING, False),  # the scene shows most of what lies outside: it has been counted already
+        ((14, 4, 0), 10, 4, RESTING, False),  # the scene shows as much of it inside as it hides outside
         ((6, 0, 0), 7, 0, RESTING, False),
-        ((0, 4, 6), 5, 4, RESTING, True),
-        ((0, 4, 6), 5, 4, FREE, False),  # behind something nearer, and mostly inside from elsewhere
-        ((0, 4, 6), 4, 5, FREE, True),
-        ((6, 4, 0), 5, 4, FREE, True),  # nothing stands before it
-        ((0, 4, 6), 0, 0, FREE, True),  # no view speaks for it
+        ((0, 4, 12), 5, 4, RESTING, True),
+        ((0, 4, 12), 5, 4, FREE, False),  # behind something nearer, above the plane
+        ((12, 4, 0), 5, 4, FREE, True),  # nothing stands before it
+        ((0, 4, 6), 0, 0, FREE, False),  # no view can tell
     ],
 )
 def test_what_shows_outside_when_alone(alone, inside, outside, free, shown):
     arrays = [np.array([value], np.float32) for value in (alone, inside, outside)]
-    config = EvidenceConfig(alone_limit=0.5, hidden_limit=0.3)
-    assert shows_outside(*arrays, np.array([free]), config).tolist() == [shown]
+    config = EvidenceConfig(isolated_limit=0.5, hidden_limit=0.3)
+    assert find_halo(*arrays, np.array([free]), config).tolist() == [shown]
+
+
+@pytest.mark.parametrize(
+    ("isolated", "inside", "outside", "probability", "width", "found"),
+    [
+        ((8, 2, 0), 2, 8, 1.0, 0.1, True),  # in full view and four fifths outside
+        ((8, 2, 0), 8, 2, 0.9, 0.1, False),
+        ((6, 4, 0), 4, 6, 1.0, 0.1, False),  # leaks as rims do
+        ((6, 4, 0), 4, 6, 1.0, 0.5, True),  # as wide as the object
+        ((80, 20, 0), 2, 8, 1.0, 0.1, False),  # the views see a tenth of it: its label decides
+        ((0, 0, 0), 0, 0, 1.0, 0.1, False),
+    ],
+)
+def test_what_the_scene_shows_openly_outside(isolated, inside, outside, probability, width, found):
+    arrays = [np.array([value], np.float32) for value in (isolated, inside, outside, probability, width)]
+    assert find_outsiders(*arrays).tolist() == [found]
 
 
 def some_evidence(n=2000):
@@ -83,8 +101,8 @@ def shown_evidence(n=2000):
 @pytest.mark.parametrize("prior", [0.0, 1.0, 5.0])
 def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
     inside, outside, probability, coarse = some_evidence()
-    free = judge(inside, outside, probability, coarse, EvidenceConfig(prior=prior))
-    bound = judge(inside, outside, probability, coarse, EvidenceConfig(prior=prior, recover=False))
+    free = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(prior=prior))
+    bound = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(prior=prior, recover=False))
     assert (free & ~coarse).any()
     np.testing.assert_array_equal(bound, free & coarse)
 
@@ -92,8 +110,8 @@ def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
 @pytest.mark.parametrize("limit", [0.1, 0.3, 0.6])
 def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit):
     inside, outside, probability, coarse = some_evidence()
-    free = judge(inside, outside, probability, coarse, EvidenceConfig(recover_limit=0.0))
-    kept = judge(inside, outside, probability, coarse, EvidenceConfig(recover_limit=limit))
+    free = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(recover_limit=0.0))
+    kept = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(recover_limit=limit))
     assert (free & ~kept).any()
     np.testing.assert_array_equal(kept, free & (coarse | (probability > limit)))
 
@@ -101,28 +119,30 @@ def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit)
 def test_more_weight_inside_or_a_likelier_label_never_prunes():
     inside, outside, probability, coarse = some_evidence()
     seen = inside + outside > 1e-3
-    kept = judge(inside, outside, probability, coarse, EvidenceConfig())
-    assert judge(inside + 1, outside, probability, coarse, EvidenceConfig())[kept & seen].all()
-    assert judge(inside, outside, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
+    kept = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig())
+    assert classify_gaussians(inside + 1, outside, probability, coarse, EvidenceConfig())[kept & seen].all()
+    assert classify_gaussians(inside, outside, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
 
 
 def test_judgements_do_not_depend_on_the_size_of_the_pictures():
     inside, outside, probability, coarse = some_evidence()
-    keep = judge(inside, outside, probability, coarse, EvidenceConfig())
-    np.testing.assert_array_equal(keep, judge(4 * inside, 4 * outside, probability, coarse, EvidenceConfig()))
+    keep = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig())
+    np.testing.assert_array_equal(
+        keep, classify_gaussians(4 * inside, 4 * outside, probability, coarse, EvidenceConfig())
+    )
 
 
 def test_looser_limits_show_less():
     evidence = shown_evidence()
-    strict = shows_outside(*evidence, EvidenceConfig(alone_limit=0.3, hidden_limit=0.1))
-    loose = shows_outside(*evidence, EvidenceConfig(alone_limit=0.6, hidden_limit=0.4))
+    strict = find_halo(*evidence, EvidenceConfig(isolated_limit=0.3, hidden_limit=0.1))
+    loose = find_halo(*evidence, EvidenceConfig(isolated_limit=0.6, hidden_limit=0.4))
     assert np.count_nonzero(loose) < np.count_nonzero(strict)
     assert not (loose & ~strict).any()
 
 
 def test_the_more_the_scene_shows_inside_the_less_shows_outside():
     alone, inside, outside, free = shown_evidence()
-    answers = [shows_outside(alone, inside + more, outside + 1, free, EvidenceConfig()) for more in (0, 1, 5)]
+    answers = [find_halo(alone, inside + more, outside + 1, free, EvidenceConfig()) for more in (0, 1, 5)]
     assert np.count_nonzero(answers[0]) > np.count_nonzero(answers[1]) > np.count_nonzero(answers[2])
     assert not (answers[1] & ~answers[0]).any()
     assert not (answers[2] & ~answers[1]).any()
@@ -131,17 +151,16 @@ def test_the_more_the_scene_shows_inside_the_less_shows_outside():
 def test_what_stands_free_shows_outside_no_more_than_what_rests():
     alone, inside, outside, free = shown_evidence()
     standing, resting = (
-        shows_outside(alone, inside, outside, np.full_like(free, one), EvidenceConfig()) for one in (FREE, RESTING)
+        find_halo(alone, inside, outside, np.full_like(free, one), EvidenceConfig()) for one in (FREE, RESTING)
     )
     assert not (standing & ~resting).any()
     assert (resting & ~standing).any()
-    assert (inside > outside)[resting & ~standing].all()
 
 
 def test_nothing_in_nothing_out():
     none, mask = np.zeros(0, np.float32), np.zeros(0, np.bool_)
-    assert judge(none, none, none, mask, EvidenceConfig()).shape == (0,)
-    assert shows_outside(none.reshape(0, 3), none, none, mask, EvidenceConfig()).shape == (0,)
+    assert classify_gaussians(none, none, none, mask, EvidenceConfig()).shape == (0,)
+    assert find_halo(none.reshape(0, 3), none, none, mask, EvidenceConfig()).shape == (0,)
 
 
 @cache
@@ -154,7 +173,7 @@ def trimmed(selection, n_ball, seed, views=5, **evidence):
     config = small_config(
         split=SplitConfig("none"), plan=PlanConfig(size=160, views=views), evidence=EvidenceConfig(**evidence)
     )
-    return trim(sparse_ball(n_ball, seed)[0], selection, config)
+    return trim(sparse_ball(n_ball, seed)[0], selection, config=config)
 
 
 @pytest.mark.parametrize("views", [3, 5])
@@ -162,8 +181,8 @@ def trimmed(selection, n_ball, seed, views=5, **evidence):
 def test_what_is_only_seen_through_the_object_is_not_recovered(n_ball, seed, views):
     truth = sparse_ball(n_ball, seed)[1]
     result, eager = trimmed(truth, n_ball, seed, views), trimmed(truth, n_ball, seed, views, recover_limit=0.0)
-    assert eager.count(RECOVERED) > 0  # floor behind the gaps of the ball, which the masks alone take for it
-    assert result.count(RECOVERED) == 0
+    assert eager.count(RowLabel.RECOVERED) > 0  # floor behind the gaps of the ball, which the masks alone take for it
+    assert result.count(RowLabel.RECOVERED) == 0
     assert jaccard(object_rows(result), truth) >= 0.98
 
 
@@ -182,8 +201,8 @@ def test_each_part_of_the_evidence_can_be_left_out(seed):
     both, no_recovery, first_only = (
         trimmed(rough, 700, seed, **part) for part in ({}, {"recover": False}, {"second_evidence": False})
     )
-    assert both.count(RECOVERED) > 0
-    assert no_recovery.count(RECOVERED) == 0
+    assert both.count(RowLabel.RECOVERED) > 0
+    assert no_recovery.count(RowLabel.RECOVERED) == 0
     assert not (object_rows(no_recovery) & ~rough).any()
     assert not (object_rows(both) & ~object_rows(first_only)).any()
     assert (object_rows(first_only) & ~object_rows(both)).any()

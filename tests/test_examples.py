@@ -28,7 +28,14 @@ def test_trim_one_object(printed):
     selected, kept = numbers(line)[:2]
     assert selected == SELECTED and 2100 < kept < SELECTED
     picture = Path(line.partition("see ")[2].rstrip("."))
-    assert {path.name for path in picture.parent.iterdir()} == {"object.ply", "background.ply", "before_after.png"}
+    assert {path.name for path in picture.parent.iterdir()} == {
+        "object.ply",
+        "background.ply",
+        "before_after.png",
+        "labels.npz",
+        "report.json",
+        "views",
+    }
 
 
 @pytest.mark.parametrize("printed", ["02_lift_masks_and_trim.py"], indirect=True)
@@ -42,7 +49,7 @@ def test_lift_masks_and_trim(printed):
 @pytest.mark.parametrize("printed", ["03_bring_your_own_segmenter.py"], indirect=True)
 def test_bring_your_own_segmenter(printed):
     builtin, own = printed
-    assert builtin.startswith("label-field: 5 masks") and own.startswith("watershed: 5 masks")
+    assert builtin.startswith("silhouette: 5 masks") and own.startswith("watershed: 5 masks")
     kept = [numbers(line)[1] for line in printed]
     assert all(2000 < n < SELECTED for n in kept) and kept[0] != kept[1]
 

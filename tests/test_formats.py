@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS, compressed_ply, ply
 from gaussian_trimmer.formats.morton import morton_order
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selection_files import load_selection
 
 SUFFIXES = list(FORMATS)
@@ -174,3 +175,12 @@ def test_the_fields_converter_reads_what_we_write(tmp_path: Path, suffix: str) -
         assert error(ours, theirs, attribute) < 1e-5
     assert error(ours, theirs, "opacities") < 1e-5
     assert rotation_error(ours, theirs) < (0.01 if suffix == ".splat" else 1e-3)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_rows_of_a_scene_and_others_after_them_are_written_as_one_file(tmp_path: Path, suffix: str) -> None:
+    scene, others = sample(700, 1), sample(40, 1)
+    rows = np.flatnonzero(np.arange(700) % 3)
+    formats.write_selected(scene, rows, others, tmp_path / f"parts{suffix}")
+    formats.write(concatenate([scene.select(rows), others]).replace(extras={}), tmp_path / f"whole{suffix}")
+    assert (tmp_path / f"parts{suffix}").read_bytes() == (tmp_path / f"whole{suffix}").read_bytes()

@@ -5,9 +5,9 @@ import pytest
 from toy import BLUE, RED, gaussians
 
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig, correct_labels
+from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
 
-CONFIG = LabelFieldConfig()
+CONFIG = LabelCrfConfig()
 
 
 def patch(seed=0, n=900, noise=0.01):
@@ -74,7 +74,7 @@ def test_what_no_view_shows_follows_what_surrounds_it_and_is_a_third_its_own():
     np.testing.assert_allclose(probability[deep & ~red], 1 / 3, atol=0.01)
     assert (probability[hidden] >= rough[hidden] / 3 - 1e-6).all()
     assert (probability[hidden] <= (2 + rough[hidden]) / 3 + 1e-6).all()
-    one = corrected(thing, rough, seen, config=LabelFieldConfig(hidden_neighbours=1))[hidden]
+    one = corrected(thing, rough, seen, config=LabelCrfConfig(k_hidden_neighbours=1))[hidden]
     np.testing.assert_allclose(np.minimum(one % (1 / 3), 1 / 3 - one % (1 / 3)), 0, atol=0.05)
 
 
@@ -100,7 +100,7 @@ def test_without_visible_gaussians_labels_stay():
 def test_disabled_it_returns_the_selection():
     thing, red = patch()
     rough = red ^ (np.arange(len(red)) % 7 == 0)
-    np.testing.assert_array_equal(corrected(thing, rough, config=LabelFieldConfig(enabled=False)), rough)
+    np.testing.assert_array_equal(corrected(thing, rough, config=LabelCrfConfig(enabled=False)), rough)
 
 
 @pytest.mark.parametrize("label", [True, False])

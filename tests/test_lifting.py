@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
+from typing import ClassVar
 
-import cv2
+import benchmark_data
 import numpy as np
 import pytest
 
-from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats import read
+from gaussian_trimmer.evaluation.datasets import BenchmarkScene
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting import lifting
 from gaussian_trimmer.selecting.lifting import (
-    assign_labels,
     lift_by_assignment,
     lift_by_vote,
     lift_objects_by_assignment,
+    sum_label_weights,
 )
 
-SCENE = Path(__file__).parents[2] / "shared" / "data" / "scene0"
 REFERENCE = get_renderer("reference")
 
 # Seven Gaussians: three at the left, two at the right, one behind the left ones, one that no camera has in its frame.
@@ -95,27 +96,55 @@ def test_several_objects_in_one_pass() -> None:
     assert found.tolist() == [1, 1, 1, 7, 7, 1, 0]
 
 
+def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
+    """Gaussians in two layers, and label images whose 40 objects are small squares of one number each, up to 255."""
+    places = np.stack(np.meshgrid(np.linspace(-0.9, 0.9, 12), np.linspace(-0.8, 0.8, 10), [0.0, 0.4]), -1)
+    n = places.size // 3
+    cloud = Gaussians(
+        places.reshape(-1, 3).astype(np.float32), np.full((n, 3), np.log(0.06), np.float32),
+        np.tile(np.float32([1, 0, 0, 0]), (n, 1)), np.full(n, 1.0, np.float32),
+        np.zeros((n, 3), np.float32), np.zeros((n, 3, 0), np.float32),
+    )  # fmt: skip
+    numbers = np.array([*range(1, 77, 2), 200, 255], np.uint8)
+    squares = np.kron(numbers.reshape(5, 8), np.ones((8, 6), np.uint8))
+    squares[:3] = 0
+    return cloud, cameras(), [squares] * 3
+
+
+@pytest.mark.parametrize("gamma", [-0.6, 0.0, 0.3])
+def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud, views, labels = many_objects()
+    weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)
+    at_once = assign_labels(weights, gamma)
+    assert len(np.unique(at_once)) > 20
+    for objects, held in ((16, 1 << 25), (7, 1 << 25), (16, 3 * len(cloud)), (16, 1)):
+        monkeypatch.setattr(lifting, "_OBJECTS_PER_PASS", objects)
+        monkeypatch.setattr(lifting, "_WEIGHTS_PER_PASS", held)
+        found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
+        np.testing.assert_array_equal(found, at_once)
+
+
+def test_one_object_of_a_large_number_costs_no_more_than_the_number_one() -> None:
+    class Counting:
+        """Renders, and notes for how many labels it was asked."""
+
+        asked: ClassVar[list[int]] = []
+
+        def blend_weights(self, gaussians, camera, labels, n_labels):
+            self.asked.append(n_labels)
+            return REFERENCE.blend_weights(gaussians, camera, labels, n_labels)
+
+    labels = [np.where(mask, 255, 0).astype(np.uint8) for mask in left_masks()]
+    found = lift_objects_by_assignment(scene(), cameras(), labels, Counting())
+    assert found.tolist() == [255, 255, 255, 0, 0, 255, 0]
+    assert Counting.asked == [2, 2, 2]
+
+
 def test_one_object_in_one_pass_equals_the_single_assignment() -> None:
     labels = [mask.astype(np.uint8) for mask in left_masks()]
     for gamma in (-0.7, 0.0, 0.4):
         many = lift_objects_by_assignment(scene(0), cameras(), labels, REFERENCE, gamma)
         assert ((many == 1) == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE, gamma)).all()
-
-
-@pytest.mark.parametrize(
-    ("row", "gamma", "label"),
-    [
-        ([2.0, 2.0], 0.0, 0),  # a tie is background
-        ([0.0, 5.0, 5.0], 0.0, 1),  # a tie of two objects goes to the lower number
-        ([3.0, 4.0], 0.19, 1),  # 0.6 + gamma against 0.8
-        ([3.0, 4.0], 0.21, 0),
-        ([300.0, 400.0], 0.19, 1),  # the same however much it is seen
-        ([0.0, 1e-30], 0.9, 1),
-        ([0.0, 0.0], -1.0, 0),
-    ],
-)
-def test_assignment_of_one_row(row: list[float], gamma: float, label: int) -> None:
-    assert assign_labels(np.array([row]), gamma).tolist() == [label]
 
 
 def test_vote_counts_centres_whether_seen_or_not() -> None:
@@ -173,39 +202,27 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum() / (a | b).sum())
 
 
-needs_benchmark = pytest.mark.skipif(not SCENE.is_dir(), reason="the benchmark data is not beside the project")
+def masks_of(bench: BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
+    return [(255 * bench.coverage(name, view.name)).round().astype(np.uint8) for view in views]
 
 
-def training_views(step: int = 1) -> list[Camera]:
-    found = read_camera_set(SCENE / "cameras.json")
-    return [camera for camera, train in zip(found.pinhole_cameras(), found.train, strict=True) if train][::step]
-
-
-def masks_of(name: str, views: list[Camera]) -> list[np.ndarray]:
-    return [cv2.imread(str(SCENE / "masks" / name / view.name), cv2.IMREAD_GRAYSCALE) for view in views]
-
-
-def coarse(name: str, kind: str) -> np.ndarray:
-    return np.load(SCENE / "coarse" / name / f"{kind}.npy", allow_pickle=False)
-
-
-@needs_benchmark
-@pytest.mark.parametrize("name", ["plant", "avocado"])
-def test_benchmark_votes(name: str) -> None:
-    gaussians, views = read(SCENE / "scene.ply"), training_views()
+@pytest.mark.parametrize(("where", "name"), [("scene0", "plant"), ("scene0", "avocado"), ("tabletop", "mug")])
+def test_benchmark_votes(where: str, name: str) -> None:
+    bench = benchmark_data.benchmark_scene(where)
+    views = bench.training_cameras
     # The benchmark let every view vote, with a threshold of a half.
-    voted = lift_by_vote(gaussians, views, masks_of(name, views), 0.5, every_view_votes=True)
-    assert overlap(voted, coarse(name, "centre_vote")) == 1.0
+    voted = lift_by_vote(bench.gaussians, views, masks_of(bench, name, views), 0.5, every_view_votes=True)
+    assert overlap(voted, bench.coarse(name, "centre_vote")) == 1.0
 
 
-@needs_benchmark
-def test_benchmark_assignment() -> None:
-    gaussians, views = read(SCENE / "scene.ply"), training_views(step=2)  # half of the views, to be quick
-    objects = sorted(folder.name for folder in (SCENE / "masks").iterdir())
+@pytest.mark.parametrize("where", ["scene0", "tabletop"])
+def test_benchmark_assignment(where: str) -> None:
+    bench = benchmark_data.benchmark_scene(where)
+    views = bench.training_cameras[::2]  # half of the views, to be quick
     labels = [np.zeros((camera.height, camera.width), np.uint8) for camera in views]
-    for number, name in enumerate(objects, 1):
-        for image, mask in zip(labels, masks_of(name, views), strict=True):
+    for number, name in enumerate(bench.objects, 1):
+        for image, mask in zip(labels, masks_of(bench, name, views), strict=True):
             image[mask > 127] = number
-    assigned = lift_objects_by_assignment(gaussians, views, labels, get_renderer("numba"))
-    for number, name in enumerate(objects, 1):
-        assert overlap(assigned == number, coarse(name, "exact")) >= 0.99
+    assigned = lift_objects_by_assignment(bench.gaussians, views, labels, get_renderer("numba"))
+    for number, name in enumerate(bench.objects, 1):
+        assert overlap(assigned == number, bench.coarse(name, "exact")) >= 0.99

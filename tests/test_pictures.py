@@ -91,7 +91,7 @@ def test_before_after_has_a_column_for_every_view_up_to_five():
     config = toy.small_config()
     widths = []
     for n in (2, 7):
-        result = trim(scene, selection, replace(config, plan=replace(config.plan, views=n)), renderer)
+        result = trim(scene, selection, config=replace(config, plan=replace(config.plan, views=n)), renderer=renderer)
         picture = draw_before_after(result, selection, renderer)
         widths.append(picture.shape[1])
         cell = 320

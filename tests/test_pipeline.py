@@ -28,13 +28,10 @@ from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import (
-    KEPT,
-    RECOVERED,
-    SPLIT_INSIDE,
-    SPLIT_OUTSIDE,
     BoundaryConfig,
-    LabelFieldConfig,
+    LabelCrfConfig,
     PlanConfig,
+    RowLabel,
     SplitConfig,
     TrimConfig,
     paper_config,
@@ -50,7 +47,7 @@ SELECTIONS = {
     "with floaters": with_floaters(SCENE, TRUTH),
     "speckled": SPECKLED,
 }
-WHOLE = SplitConfig("none")
+WHOLE, CUT = SplitConfig("none"), SplitConfig("plane")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -61,12 +58,12 @@ def few_pixels_need_one_thread():
 
 @cache
 def trimmed(kind):
-    return trim(SCENE, SELECTIONS[kind], small_config(split=WHOLE))
+    return trim(SCENE, SELECTIONS[kind], config=small_config(split=WHOLE))
 
 
 def splitting_config(rule):
     """Limits low enough for the small views of the ball."""
-    return small_config(boundary=BoundaryConfig(least_share=0.1, least_area=1e-5), split=SplitConfig(rule))
+    return small_config(boundary=BoundaryConfig(min_share=0.1, min_area=1e-5), split=SplitConfig(rule))
 
 
 @pytest.mark.parametrize("kind", SELECTIONS)
@@ -80,7 +77,7 @@ def test_rough_selections_of_the_ball_are_mended(kind):
 def test_both_pieces_of_a_selection_are_kept(apart, n_second):
     second = moved(SCENE.select(np.flatnonzero(TRUTH)[:n_second]), np.eye(3), 1.0, (apart, 0, 0))
     truth = np.append(TRUTH, np.ones(n_second, np.bool_))
-    result = trim(concatenate([SCENE, second]), truth, small_config(split=WHOLE))
+    result = trim(concatenate([SCENE, second]), truth, config=small_config(split=WHOLE))
     assert (result.refused, result.floaters) == ("", 0)
     assert object_rows(result)[len(SCENE) :].mean() > 0.98
     assert jaccard(object_rows(result), truth) > 0.97
@@ -101,18 +98,18 @@ def test_without_splits_object_and_background_are_the_scene(kind):
 
 @pytest.mark.parametrize("rule", SPLIT_RULES)
 def test_split_gaussians_have_their_parts_on_both_sides(rule):
-    result = trim(SCENE, SPECKLED, splitting_config(rule), segmenter=TightMasks())
-    assert result.count(SPLIT_INSIDE) > 5
-    assert result.count(SPLIT_OUTSIDE) == len(result.outside_parts)
-    assert len(result.outside_parts) == (0 if rule == "sagd" else result.count(SPLIT_INSIDE))
+    result = trim(SCENE, SPECKLED, config=splitting_config(rule), segmenter=TightMasks())
+    assert result.count(RowLabel.SPLIT_INSIDE) > 5
+    assert result.count(RowLabel.SPLIT_OUTSIDE) == len(result.outside_parts)
+    assert len(result.outside_parts) == (0 if rule == "sagd" else result.count(RowLabel.SPLIT_INSIDE))
     check_parts(result, SPECKLED)
 
 
 def test_the_report_of_a_run():
     stages = []
-    result = trim(SCENE, TRUTH, small_config(split=WHOLE), progress=stages.append)
+    result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), progress=stages.append)
     assert {"plan", "render", "segment", "weigh"} <= set(stages) == set(result.seconds)
-    assert (result.renderer, result.segmenter) == ("numba", "label-field")
+    assert (result.renderer, result.segmenter) == ("numba", "silhouette")
     assert len(result.views) == 5
     np.testing.assert_array_equal(result.up.direction, UP)
     assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
@@ -122,7 +119,7 @@ def test_the_report_of_a_run():
 
 def test_permuting_the_scene_permutes_the_answer():
     order = np.random.default_rng(7).permutation(len(SCENE))
-    result = trim(SCENE.select(order), SPECKLED[order], small_config(split=WHOLE))
+    result = trim(SCENE.select(order), SPECKLED[order], config=small_config(split=WHOLE))
     np.testing.assert_array_equal(object_rows(result), object_rows(trimmed("speckled"))[order])
 
 
@@ -130,8 +127,8 @@ def test_runs_are_equal_bit_by_bit_on_any_number_of_threads():
     results = []
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
         numba.set_num_threads(threads)
-        results.append(trim(SCENE, SPECKLED, splitting_config("plane"), segmenter=TightMasks()))
-    assert results[0].count(SPLIT_INSIDE) > 5
+        results.append(trim(SCENE, SPECKLED, config=splitting_config("plane"), segmenter=TightMasks()))
+    assert results[0].count(RowLabel.SPLIT_INSIDE) > 5
     for other in results[1:]:
         np.testing.assert_array_equal(other.source_index, results[0].source_index)
         np.testing.assert_array_equal(other.label, results[0].label)
@@ -146,14 +143,14 @@ def test_runs_are_equal_bit_by_bit_on_any_number_of_threads():
 def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
     rotation = any_rotation(turn) if turn else np.eye(3)
     scene = moved(SCENE, rotation, scale, shift)
-    result = trim(scene, SPECKLED, small_config(split=WHOLE, up=tuple(rotation @ UP)))
+    result = trim(scene, SPECKLED, config=small_config(split=WHOLE, up=tuple(rotation @ UP)))
     # The yaws start elsewhere after a turn, and coordinates are rounded: a few Gaussians at the rim may differ.
     assert jaccard(object_rows(result), object_rows(trimmed("speckled"))) > 0.98
 
 
 def test_an_object_without_its_scene_stays_whole():
     ball = SCENE.select(TRUTH)
-    result = trim(ball, np.ones(len(ball), np.bool_), small_config(split=WHOLE))
+    result = trim(ball, np.ones(len(ball), np.bool_), config=small_config(split=WHOLE))
     assert result.refused == ""
     assert len(result.object) > 0.98 * len(ball)
     assert len(result.object) + len(result.background) == len(ball)
@@ -162,17 +159,17 @@ def test_an_object_without_its_scene_stays_whole():
 @pytest.mark.parametrize("segmenter", [EmptyMasks(), OppositeMasks()])
 @pytest.mark.parametrize("kind", ["dilated", "with floaters"])
 def test_masks_that_contradict_the_selection_leave_it_as_it_is(segmenter, kind):
-    result = trim(SCENE, SELECTIONS[kind], small_config(), segmenter=segmenter)
+    result = trim(SCENE, SELECTIONS[kind], config=small_config(), segmenter=segmenter)
     assert "0 of 5 views" in result.refused
     assert all(view.rejected for view in result.views)
     np.testing.assert_array_equal(object_rows(result), SELECTIONS[kind])
-    assert set(result.label) == {KEPT}
+    assert set(result.label) == {RowLabel.KEPT}
     check_parts(result, SELECTIONS[kind])
 
 
 def test_cameras_that_do_not_see_the_object_leave_it_as_it_is():
     away = Camera(look_at(np.array([0, -5.0, 1]), np.array([0, -9.0, 1]), UP), intrinsics(1.0, 64, 64), 64, 64)
-    result = trim(SCENE, SPECKLED, small_config(), views=[away])
+    result = trim(SCENE, SPECKLED, config=small_config(), view_cameras=[away])
     assert "0 pixels" in result.refused
     np.testing.assert_array_equal(object_rows(result), SPECKLED)
 
@@ -180,9 +177,9 @@ def test_cameras_that_do_not_see_the_object_leave_it_as_it_is():
 def test_given_views_replace_planned_ones():
     K = intrinsics(0.8, 120, 90)
     yaws = np.radians([10, 80, 150, 220, 290])
-    places = np.stack([5 * np.cos(yaws), 5 * np.sin(yaws), np.full(5, 3.5)], axis=1)
-    views = [Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 120, 90) for place in places]
-    result = trim(SCENE, SPECKLED, small_config(split=WHOLE), views=views)
+    positions = np.stack([5 * np.cos(yaws), 5 * np.sin(yaws), np.full(5, 3.5)], axis=1)
+    views = [Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 120, 90) for place in positions]
+    result = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), view_cameras=views)
     assert [view.view.camera for view in result.views] == views
     assert result.views[0].mask.shape == (90, 120)
     assert jaccard(object_rows(result), TRUTH) > 0.97
@@ -190,10 +187,10 @@ def test_given_views_replace_planned_ones():
 
 def test_training_cameras_limit_where_the_trimmer_looks_from():
     K = intrinsics(0.8, 64, 64)
-    places = [np.array([x, -5.0, 2.0]) for x in (-0.6, 0, 0.6)] + [np.array([0, 5.0, 2.0])]
-    cameras = tuple(Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 64, 64) for place in places)
+    positions = [np.array([x, -5.0, 2.0]) for x in (-0.6, 0, 0.6)] + [np.array([0, 5.0, 2.0])]
+    cameras = tuple(Camera(look_at(place, np.array([0, 0, 1.0]), UP), K, 64, 64) for place in positions)
     known = CameraSet(cameras, None, (True, True, True, False), False)  # the one behind took no training image
-    result = trim(SCENE, TRUTH, small_config(split=WHOLE), cameras=known)
+    result = trim(SCENE, TRUTH, config=small_config(split=WHOLE), cameras=known)
     assert all(view.view.camera.centre[1] < -1 for view in result.views)
 
 
@@ -201,38 +198,38 @@ def test_the_papers_choices_run():
     config = paper_config(small_config())
     assert (config.plan.framing, config.split.rule, config.up) == ("paper", "principal_axis", (0.0, 0.0, 1.0))
     selection = dilated(SCENE, TRUTH, 0.3)
-    result = trim(SCENE, selection, paper_config(TrimConfig(up=(0.0, 0.0, 1.0))))
-    assert result.count(RECOVERED) == 0
+    result = trim(SCENE, selection, config=paper_config(TrimConfig(up=(0.0, 0.0, 1.0))))
+    assert result.count(RowLabel.RECOVERED) == 0
     check_parts(result, selection)
 
 
 def test_names_and_objects_of_renderers_and_segmenters_are_the_same():
-    by_object = trim(SCENE, SPECKLED, small_config(split=WHOLE), renderer=NumbaRenderer(), segmenter="grabcut")
+    by_object = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), renderer=NumbaRenderer(), segmenter="grabcut")
     assert by_object.segmenter == "grabcut"
     assert jaccard(object_rows(by_object), TRUTH) > 0.97
 
 
-@pytest.mark.parametrize("selection", [TRUTH[:3], TRUTH[:, None], TRUTH.astype(np.uint8)])
+@pytest.mark.parametrize("selection", [TRUTH[:3], TRUTH[:, None], TRUTH.astype(np.float32)])
 def test_selections_that_do_not_fit_are_refused(selection):
     with pytest.raises(InputError, match=f"{len(SCENE)} booleans are needed"):
-        trim(SCENE, selection, small_config())
+        trim(SCENE, selection, config=small_config())
 
 
 def test_empty_selections_are_refused():
     with pytest.raises(InputError, match="selection is empty"):
-        trim(SCENE, np.zeros_like(TRUTH), small_config())
+        trim(SCENE, np.zeros_like(TRUTH), config=small_config())
 
 
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
         ({"renderer": "numbar"}, "Unknown renderer 'numbar'; available: .*numba"),
-        ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*label-field"),
+        ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*silhouette"),
         ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
-        ({"config": small_config(plan=PlanConfig(views=0))}, "number of views is 0; at least one is needed"),
-        ({"config": small_config(labels=LabelFieldConfig(passes=0))}, "labels.passes is 0"),
-        ({"config": small_config(boundary=BoundaryConfig(band=0))}, "band is 0 pixels; at least one is needed"),
-        ({"config": small_config(split=SplitConfig("plain"))}, "rule of splitting 'plain'; available: .*sagd, none"),
+        ({"config": small_config(plan=PlanConfig(views=0))}, r"plan\.views is 0; it must be a whole number from 1"),
+        ({"config": small_config(label_crf=LabelCrfConfig(passes=0))}, r"label-crf\.passes is 0"),
+        ({"config": small_config(boundary=BoundaryConfig(band=0))}, r"boundary\.band is 0; it must be a whole number"),
+        ({"config": small_config(split=SplitConfig("plain"))}, r"split\.rule is 'plain'; available: .*sagd, none"),
     ],
 )
 def test_wrong_names_and_settings_are_refused_in_one_sentence(wrong, sentence):
@@ -245,6 +242,6 @@ def test_wrong_names_and_settings_are_refused_in_one_sentence(wrong, sentence):
 def test_objects_too_small_to_be_judged_are_left_as_they_are(count):
     tiny = np.zeros(len(SCENE), np.bool_)
     tiny[np.flatnonzero(TRUTH)[:count]] = True
-    result = trim(SCENE, tiny, small_config())
+    result = trim(SCENE, tiny, config=small_config())
     assert result.refused
     np.testing.assert_array_equal(object_rows(result), tiny)

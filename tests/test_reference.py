@@ -179,7 +179,8 @@ def test_of_equal_contributors_the_nearer_comes_first(monkeypatch):
     # Rounding hardly ever lets two weights be equal, so blending is replaced: rows 3, 1 and 2 from near to far.
     def equal_weights(gaussians, camera):
         for row in (3, 1, 2):
-            yield reference._Splat(row, np.zeros(2), np.eye(2), 0.5), (slice(0, 1), slice(0, 1)), np.array([[0.25]])
+            splat = reference._Splat(row, np.zeros(2), np.eye(2), np.eye(2), 0.5)
+            yield splat, (slice(0, 1), slice(0, 1)), np.array([[0.25]])
 
     monkeypatch.setattr(reference, "_blend", equal_weights)
     ids, _ = RENDERER.top_contributors(random_scene(0, 5), CAMERA, np.array([[0, 0]]), 2)

@@ -190,12 +190,12 @@ def test_no_pixels(fast):
 def reference_trim():
     scene, truth = toy.ball_on_floor()
     coarse = toy.dilated(scene, truth)
-    return scene, coarse, truth, trim(scene, coarse, SMALL_VIEWS, "reference")
+    return scene, coarse, truth, trim(scene, coarse, config=SMALL_VIEWS, renderer="reference")
 
 
 def test_a_whole_trim(fast, reference_trim):
     scene, coarse, truth, expected = reference_trim
-    result = trim(scene, coarse, SMALL_VIEWS, fast)
+    result = trim(scene, coarse, config=SMALL_VIEWS, renderer=fast)
     assert (result.renderer, result.refused) == (fast.name, "")
     wrong_before, wrong = np.count_nonzero(coarse != truth), np.count_nonzero(object_rows(result) != truth)
     assert wrong < 0.1 * wrong_before

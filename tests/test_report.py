@@ -9,7 +9,7 @@ import toy
 
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
-from gaussian_trimmer.pipeline import AcceptConfig, trim
+from gaussian_trimmer.pipeline import AcceptanceConfig, trim
 from gaussian_trimmer.rendering import get_renderer
 
 RENDERER = get_renderer("numba")
@@ -20,7 +20,7 @@ CONFIG = toy.small_config()
 def trimmed():
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
-    return trim(scene, selection, CONFIG, RENDERER), selection
+    return trim(scene, selection, config=CONFIG, renderer=RENDERER), selection
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert report["inputs"] == {"scene": "ball.ply"}
     assert report["configuration"]["plan"]["size"] == 160
     assert report["up"] == {"direction": [0.0, 0.0, 1.0], "source": "given", "confidence": 1.0}
-    assert (report["renderer"], report["segmenter"], report["refused"]) == ("numba", "label-field", "")
+    assert (report["renderer"], report["segmenter"], report["refused"]) == ("numba", "silhouette", "")
     assert report["seconds"]["read"] == 0.25
     assert set(report["seconds"]) > {"plan", "render", "segment", "weigh", "split"}
     assert len(report["views"]) == 5
@@ -89,8 +89,8 @@ def test_there_is_a_picture_of_every_view_and_one_of_before_and_after(written):
 def test_settings_and_reasons_of_a_refused_trim_are_reported(tmp_path):
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
-    config = toy.small_config(accept=AcceptConfig(least_silhouette=10**6))
-    result = trim(scene, selection, config, RENDERER)
+    config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
+    result = trim(scene, selection, config=config, renderer=RENDERER)
     report = describe(result, selection, config, {}, segmenter="a better name")
     write_results(result, selection, report, tmp_path, RENDERER)
     assert "0 of 5 views" in report["refused"]
@@ -102,8 +102,12 @@ def test_settings_and_reasons_of_a_refused_trim_are_reported(tmp_path):
 def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     scene, truth = toy.ball_on_floor()
     ball = scene.select(truth)
-    config = toy.small_config(accept=AcceptConfig(least_silhouette=10**6))
+    config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
     everything = np.ones(len(ball), np.bool_)
-    result = trim(ball, everything, config, RENDERER)
+    result = trim(ball, everything, config=config, renderer=RENDERER)
     write_results(result, everything, {}, tmp_path, RENDERER, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
+
+
+def test_numbers_of_labels_in_files_stay_what_they_are():
+    assert LABEL_NAMES == ("kept", "pruned", "recovered", "split_inside", "split_outside")

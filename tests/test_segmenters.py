@@ -1,4 +1,4 @@
-"""The table of segmenters, the label field's silhouettes, and GrabCut on drawn pictures."""
+"""The table of segmenters, the silhouettes of corrected labels, and GrabCut on drawn pictures."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,9 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, get_segmenter
-from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter
+from gaussian_trimmer.segmentation import segmenters
+from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, all_options, get_segmenter
+from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter, grab_cut
 from gaussian_trimmer.views import View
 
 HEIGHT, WIDTH = 96, 128
@@ -39,13 +40,13 @@ def overlap(a, b):
 
 
 def test_every_segmenter_of_the_table_that_needs_no_download_can_be_made():
-    for name in ("label-field", "grabcut"):
+    for name in ("silhouette", "grabcut"):
         assert name in SEGMENTERS
         assert get_segmenter(name).name == name
 
 
 def test_unknown_segmenters_are_refused_with_the_choices():
-    with pytest.raises(InputError, match=r"'grapcut'.*label-field.*grabcut.*sam2"):
+    with pytest.raises(InputError, match=r"'grapcut'.*silhouette.*grabcut.*sam2"):
         get_segmenter("grapcut")
 
 
@@ -53,9 +54,9 @@ def test_a_segmenter_takes_its_configuration():
     assert get_segmenter("grabcut", GrabCutConfig(iterations=7)).config.iterations == 7
 
 
-def test_label_field_masks_are_where_more_than_half_is_expected():
+def test_silhouettes_are_where_the_object_contributes_more_than_half():
     expected = np.array([[0.0, 0.49, 0.51], [1.0, 0.2, 0.8]])
-    masks = get_segmenter("label-field").segment([view(expected), view(1 - expected)])
+    masks = get_segmenter("silhouette").segment([view(expected), view(1 - expected)])
     assert masks[0].tolist() == [[False, False, True], [True, False, True]]
     assert masks[1].tolist() == [[True, True, False], [False, True, False]]
     assert masks[0].dtype == np.bool_
@@ -117,3 +118,22 @@ def test_grabcut_accepts_colours_out_of_range():
     rgb = 3 * picture(truth) - 0.5
     (mask,) = GrabCutSegmenter().segment([view(disc(radius=24), rgb)])
     assert overlap(mask, truth) > 0.97
+
+
+def test_options_of_segmenters_come_from_their_own_dataclasses(monkeypatch):
+    options = all_options()()
+    assert options.grabcut == GrabCutConfig()
+    assert set(vars(options)) == {"silhouette", "grabcut", "sam2", "mask_files"}
+    row = ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig")
+    monkeypatch.setitem(segmenters.SEGMENTERS, "another-one", row)
+    assert all_options()().another_one == GrabCutConfig()
+
+
+def test_grab_cut_leaves_the_trimap_as_it_was():
+    mask = disc()
+    trimap = np.where(mask, 3, 2).astype(np.uint8)
+    trimap[0] = 0
+    before = trimap.copy()
+    assert overlap(grab_cut(picture(mask), trimap, 3), mask) > 0.95
+    np.testing.assert_array_equal(trimap, before)
+    assert grab_cut(picture(mask), np.full_like(trimap, 3), 3).all()

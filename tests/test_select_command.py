@@ -1,11 +1,15 @@
 """Tests of `gaussian-trimmer select` on the command line."""
 
+import shlex
+import shutil
+
 import cv2
 import numpy as np
 import pytest
 import toy
-from command_line import run, save_ball
+from command_line import SMALL, run, save_ball
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras
 
 
@@ -43,6 +47,44 @@ def test_box_then_trim(ball, tmp_path):
     assert (tmp_path / "out" / "object.ply").is_file()
     assert run(*command, "--output", tmp_path / "b.npy") == 2
     assert not (tmp_path / "b.npy").exists()
+
+
+def test_commands_to_copy_quote_paths_with_spaces(ball, tmp_path, capsys):
+    folder, _, _ = ball
+    spaced = tmp_path / "my scans"
+    shutil.copytree(folder, spaced)
+    command = ["select", spaced / "scene.ply", "--cameras", spaced / "cameras.json", "--click", *middle_of(folder)]
+    assert run(*command, "--view", "0", "--output", spaced / "the ball.npy") == 0
+    suggested = capsys.readouterr().out.splitlines()[-1].removeprefix("Now: ")
+    paths = [str(spaced / name) for name in ("scene.ply", "the ball.npy", "cameras.json")]
+    words = shlex.split(suggested)
+    assert words == ["gaussian-trimmer", "trim", *paths[:2], "--cameras", paths[2]]
+    assert run(*words[1:], "--output", tmp_path / "out", *SMALL, "--quiet") == 0
+
+
+def test_select_then_trim_reads_the_scene_once(ball, tmp_path, monkeypatch):
+    folder, _, _ = ball
+    opened, read = [], formats.read
+    monkeypatch.setattr(formats, "read", lambda path: opened.append(path) or read(path))
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--click", *middle_of(folder)]
+    command += ["--view", "0", "--output", tmp_path / "a.npy", "--trim", tmp_path / "out", "--quiet"]
+    assert run(*command) == 0
+    assert opened == [folder / "scene.ply"]
+    assert run("trim", folder / "scene.ply", tmp_path / "a.npy", "--cameras", folder / "cameras.json", "--output",
+               tmp_path / "again", "--quiet") == 0  # fmt: skip
+    for name in ("object.ply", "background.ply", "labels.npz"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+def test_a_selection_of_everything_is_not_trimmed(ball, tmp_path, monkeypatch, capsys):
+    folder, scene, _ = ball
+    everything = np.ones(len(scene), np.bool_)
+    monkeypatch.setattr("gaussian_trimmer.commands.select.lift_by_vote", lambda *_: everything)
+    command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
+    command += ["--method", "vote", "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
+    assert run(*command) == 2
+    assert f"selects all {len(scene)} Gaussians" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_click_in_a_planned_view(ball, tmp_path, capsys):

@@ -39,6 +39,13 @@ class TestSubset:
         (tmp_path / "part.ply").write_bytes(header.encode() + part.tobytes())
         assert select(tmp_path / "part.ply", scene) == [3, 8]
 
+    def test_values_that_are_read_as_finite_ones(self, tmp_path):
+        raw = make_scene(N)
+        raw.opacity_logits[[3, 8]] = np.inf, -np.inf
+        raw.log_scales[3], raw.log_scales[8, 1] = -np.inf, -100
+        scene = formats.read(save_ply(tmp_path / "scene.ply", raw))
+        assert select(save_ply(tmp_path / "part.ply", raw, [8, 3]), scene) == [3, 8]
+
     def test_equal_rows_pair_off(self, tmp_path):
         scene = make_scene(N)
         twice = concatenate([scene, scene])
@@ -160,7 +167,7 @@ class TestSimilarity:
         columns = identity_columns(list(self.IDS))
         columns["obj_dc_3"] = np.full(N, np.nan, np.float32)
         scene = make_scene(N, extras=columns)
-        with pytest.raises(InputError, match="NaN or infinite"):
+        with pytest.raises(InputError, match="NaN, infinite or huge"):
             select(save_ply(tmp_path / "scene.ply", scene), scene, query_row=1)
 
     def test_cut_out_of_a_scene_with_features_is_a_subset(self, tmp_path):

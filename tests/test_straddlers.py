@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from toy import gaussians
+from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
@@ -27,8 +27,9 @@ def needle(x=0.0, y=0.0, scales=(0.3, 0.08, 0.08)):
 
 def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,), **config):
     weights = [RENDERER.blend_weights(thing, c, m.astype(np.uint8), 2) for c, m in zip(cameras, masks, strict=True)]
-    limits = BoundaryConfig(**{"least_share": 0.1, "least_area": 4 / SIZE**2, "along_ray_limit": 0.5, **config})
-    return find_straddlers(thing, cameras, masks, weights, RENDERER, limits)
+    views = [accepted_view(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
+    limits = BoundaryConfig(**{"min_share": 0.1, "min_area": 4 / SIZE**2, "along_ray_limit": 0.5, **config})
+    return find_straddlers(thing, views, weights, RENDERER, limits)
 
 
 def square_mask():
@@ -92,7 +93,7 @@ def test_the_complement_of_a_mask_turns_the_normal_round():
     one, other = straddlers(needle(0.05)), straddlers(needle(0.05), [~LEFT])
     np.testing.assert_allclose(one.normals, -other.normals, atol=1e-6)
     np.testing.assert_allclose(one.offsets, -other.offsets, atol=1e-6)
-    np.testing.assert_allclose(one.lesser, other.lesser)
+    np.testing.assert_allclose(one.minor_weight, other.minor_weight)
 
 
 def test_a_plane_passes_through_the_camera_and_the_slanted_edge():
@@ -116,7 +117,7 @@ def test_gaussians_on_one_side_are_no_straddlers():
 
 @pytest.mark.parametrize("band", [0, -3])
 def test_a_band_narrower_than_a_pixel_is_refused(band):
-    with pytest.raises(InputError, match=f"band is {band} pixels; at least one is needed"):
+    with pytest.raises(InputError, match=f"boundary.band is {band}; it must be a whole number from 1"):
         straddlers(needle(), band=band)
 
 
@@ -132,26 +133,26 @@ def test_cuts_that_would_move_children_along_the_ray_are_left_out():
     assert len(straddlers(thing, along_ray_limit=0.95).rows) == 1
 
 
-def test_limits_on_share_and_area_leave_out_lesser_straddlers():
-    found = straddlers(needle(0.2), least_share=0.0)
+def test_limits_on_share_and_area_leave_out_minor_straddlers():
+    found = straddlers(needle(0.2), min_share=0.0)
     weights = RENDERER.blend_weights(needle(0.2), CAMERA, LEFT.astype(np.uint8), 2)[0]
-    assert found.lesser[0] == pytest.approx(weights.min())
+    assert found.minor_weight[0] == pytest.approx(weights.min())
     share, area = weights.min() / weights.sum(), weights.min()
-    assert len(straddlers(needle(0.2), least_share=share * 1.01).rows) == 0
-    assert len(straddlers(needle(0.2), least_share=share * 0.99).rows) == 1
-    assert len(straddlers(needle(0.2), least_share=0.0, least_area=1.01 * area / SIZE**2).rows) == 0
-    assert len(straddlers(needle(0.2), least_share=0.0, least_area=0.99 * area / SIZE**2).rows) == 1
+    assert len(straddlers(needle(0.2), min_share=share * 1.01).rows) == 0
+    assert len(straddlers(needle(0.2), min_share=share * 0.99).rows) == 1
+    assert len(straddlers(needle(0.2), min_share=0.0, min_area=1.01 * area / SIZE**2).rows) == 0
+    assert len(straddlers(needle(0.2), min_share=0.0, min_area=0.99 * area / SIZE**2).rows) == 1
 
 
-def test_the_view_that_sees_most_of_the_lesser_side_cuts():
+def test_the_view_that_sees_most_of_the_minor_side_cuts():
     off_centre = np.arange(SIZE)[None].repeat(SIZE, 0) < SIZE // 2 - 3
     alone, far = straddlers(needle()), straddlers(needle(), [off_centre])
-    assert far.lesser[0] < alone.lesser[0]
+    assert far.minor_weight[0] < alone.minor_weight[0]
     for masks in ([off_centre, LEFT], [LEFT, off_centre]):
         both = straddlers(needle(), masks, [CAMERA] * 2)
         assert both.rows.tolist() == [0]
         np.testing.assert_allclose(both.offsets, alone.offsets)
-        np.testing.assert_allclose(both.lesser, alone.lesser)
+        np.testing.assert_allclose(both.minor_weight, alone.minor_weight)
 
 
 def test_rows_ascend_and_follow_a_permutation_of_the_gaussians():

@@ -9,11 +9,11 @@ from toy import RED, WHITE, any_rotation, gaussians
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.geometry.support_plane import SupportConfig, find_support
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, densest_layer, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
-from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig, correct_labels
+from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
 
-CONFIG = SupportConfig()
+CONFIG = SupportPlaneConfig()
 AXES = np.eye(3)
 TABLE, BLOCK, ARM, POST, GROUND = range(5)
 
@@ -53,9 +53,9 @@ def bounds(radius=1.0, centre=(0, 0, 0), axes=AXES):
     return Bounds(radius * np.array(centre, np.float64), axes, half)
 
 
-def spacing(places):
+def spacing(positions):
     """Distance of each point from its nearest neighbour."""
-    squared, _ = nearest(places, places, 2)
+    squared, _ = nearest(positions, positions, 2)
     return np.sqrt(squared[:, 1])
 
 
@@ -65,13 +65,15 @@ def weights(thing):
 
 def support(thing, selection, box=None, seen=None, **config):
     seen = weights(thing) if seen is None else seen
-    return find_support(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
+    return find_support_plane(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
 
 
 def attached(thing, selection, **config):
     found = support(thing, selection)
-    places = thing.scene.means
-    return attached_to_object(places, spacing(places), selection, weights(thing), found, replace(CONFIG, **config))
+    positions = thing.scene.means
+    return attached_to_object(
+        positions, spacing(positions), selection, weights(thing), found, replace(CONFIG, **config)
+    )
 
 
 @pytest.mark.parametrize("height", [-0.8, -0.6, -0.37, 0.0])
@@ -191,7 +193,28 @@ def test_a_piece_of_which_little_is_selected_is_not_attached():
     thing = desk()
     little = thing.of(BLOCK) & (thing.scene.means[:, 0] > 0.1)
     assert not attached(thing, little).any()
-    assert attached(thing, little, least_selected=0.1)[thing.of(ARM)].all()
+    assert attached(thing, little, min_selected=0.1)[thing.of(ARM)].all()
+
+
+def test_a_piece_within_the_bounds_of_a_few_selected_ends_is_attached_and_one_beyond_them_is_not():
+    thing = desk()
+    block = thing.of(BLOCK, ARM)
+    positions = thing.scene.means
+    low, high = positions[block].min(axis=0), positions[block].max(axis=0)
+    ends = block & ((positions <= low + 0.15) | (positions >= high - 0.15)).any(axis=1)
+    few = ends & (np.arange(len(ends)) % 3 == 0)
+    assert weights(thing)[few].sum() < 0.5 * weights(thing)[block].sum()
+    above = support(thing, few).above
+    assert attached(thing, few, min_selected=0.99)[block & ~few & above].all()
+    left = few & (positions[:, 0] < np.median(positions[block, 0]))
+    assert not attached(thing, left, min_selected=0.99, bounds_margin=0.0).any()
+
+
+def test_a_selection_of_the_surface_itself_stands_on_nothing():
+    thing = desk()
+    part = thing.of(TABLE) & (thing.scene.means[:, 0] < 0)
+    assert support(thing, part) is None
+    assert support(thing, part | thing.of(BLOCK), max_selected_within=1.0) is not None
 
 
 def test_a_wider_gap_joins_what_stands_apart():
@@ -202,8 +225,8 @@ def test_a_wider_gap_joins_what_stands_apart():
 def test_nothing_above_the_surface_is_nothing_attached():
     thing = desk()
     flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
-    places = thing.scene.means
-    assert not attached_to_object(places, spacing(places), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
+    positions = thing.scene.means
+    assert not attached_to_object(positions, spacing(positions), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
 
 
 @pytest.mark.parametrize(("gap_spacing", "joined"), [(2.8, True), (0.0, False)])
@@ -217,7 +240,7 @@ def test_few_large_gaussians_are_one_piece_though_their_centres_lie_apart(gap_sp
 @pytest.mark.parametrize("enabled", [True, False])
 def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_known(enabled):
     thing = desk(arm_colour=RED)
-    config = LabelFieldConfig(support=SupportConfig(enabled=enabled))
+    config = LabelCrfConfig(support_plane=SupportPlaneConfig(enabled=enabled))
     seen = weights(thing).astype(np.float32)
     corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), config) > 0.5
     assert corrected[thing.of(ARM)].all() == enabled
@@ -228,6 +251,17 @@ def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_know
 def test_corrected_labels_take_a_missed_arm_in_the_tables_colour():
     thing = desk()
     seen = weights(thing).astype(np.float32)
-    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelFieldConfig()) > 0.5
+    corrected = correct_labels(thing.scene, thing.of(BLOCK), seen, bounds(), LabelCrfConfig()) > 0.5
     assert corrected[thing.of(ARM)].all()
     assert not corrected[thing.of(TABLE, POST)].any()
+
+
+def test_the_densest_layer_is_three_bins_of_most_weight():
+    heights = np.array([0.05, 0.5, 0.52, 0.61, 3.0])
+    assert densest_layer(heights, np.array([1.0, 1, 1, 1, 2.5]), 0.0, 4.0, 0.1) == (pytest.approx(0.5433, abs=1e-4), 3)
+    assert densest_layer(heights, np.array([1.0, 1, 1, 1, 3.5]), 0.0, 4.0, 0.1) == (3.0, 3.5)
+
+
+@pytest.mark.parametrize("heights", [[], [9.0]])
+def test_no_weight_is_no_layer(heights):
+    assert densest_layer(np.array(heights), np.ones(len(heights)), 0.0, 1.0, 0.1) is None

@@ -17,7 +17,7 @@ import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config
 
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.pipeline import SPLIT_INSIDE, BoundaryConfig, SplitConfig, trim
+from gaussian_trimmer.pipeline import BoundaryConfig, RowLabel, SplitConfig, trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
@@ -61,10 +61,10 @@ def neighbours():
 def trimmed():
     """A whole trim, splits included."""
     scene, truth, _ = ball_and_view()
-    config = small_config(split=SplitConfig("plane"), boundary=BoundaryConfig(least_area=1e-5))
-    result = trim(scene, dilated(scene, truth), config, segmenter=TightMasks())
+    config = small_config(split=SplitConfig("plane"), boundary=BoundaryConfig(min_area=1e-5))
+    result = trim(scene, dilated(scene, truth), config=config, segmenter=TightMasks())
     assert result.refused == ""
-    assert result.count(SPLIT_INSIDE) > 5
+    assert result.count(RowLabel.SPLIT_INSIDE) > 5
     parts = [
         getattr(part, name)
         for part in (result.object, result.outside_parts)

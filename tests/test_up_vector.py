@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
+import benchmark_data
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.planning import up_vector as orientation
 from gaussian_trimmer.planning.up_vector import find_up, up_from_cameras, up_from_ground_plane
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 Z = np.array([0.0, 0.0, 1.0])
 TILT = cv2.Rodrigues(np.array([0.5, -0.9, 0.3]))[0]
 
@@ -229,26 +227,24 @@ def test_object_of_no_gaussians_is_no_object() -> None:
     assert (without.direction == with_none.direction).all()
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the benchmark data is not beside the project")
 @pytest.mark.parametrize(
-    ("file", "up", "thing", "tolerance"),
-    [
-        ("scene0/scene.ply", (0, 0, 1), None, 0.5),
-        ("scene0/scene.ply", (0, 0, 1), "scene0/coarse/lantern/three_views.npy", 0.5),
-        ("tabletop/scene.ply", (0, 0, 1), "tabletop/coarse/robot/dilated.npy", 0.5),
-        ("real/seal.ply", (0, -1, 0), None, 1.0),  # its vertical is known to about a degree
-    ],
+    ("name", "thing"), [("scene0", None), ("scene0", ("lantern", "three_views")), ("tabletop", ("robot", "dilated"))]
 )
-def test_benchmark_planes(file: str, up: tuple[float, ...], thing: str | None, tolerance: float) -> None:
-    rows = None if thing is None else np.load(DATA / thing, allow_pickle=False)
-    found = up_from_ground_plane(read(DATA / file), rows)
-    assert found is not None and angle(found.direction, np.array(up, float)) < tolerance
+def test_benchmark_planes(name: str, thing: tuple[str, str] | None) -> None:
+    scene = benchmark_data.benchmark_scene(name)
+    found = up_from_ground_plane(scene.gaussians, None if thing is None else scene.coarse(*thing))
+    assert found is not None and angle(found.direction, Z) < 0.5
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the benchmark data is not beside the project")
+def test_plane_of_a_real_capture() -> None:
+    found = up_from_ground_plane(read(benchmark_data.find("real/seal.ply")))
+    # Its vertical is known to about a degree.
+    assert found is not None and angle(found.direction, np.array([0.0, -1, 0])) < 1.0
+
+
 @pytest.mark.parametrize("name", ["scene0", "tabletop"])
 def test_benchmark_cameras(name: str) -> None:
-    cameras = read_camera_set(DATA / name / "cameras.json").cameras
+    cameras = read_camera_set(benchmark_data.find(name) / "cameras.json").cameras
     for part in (cameras, cameras[: len(cameras) // 4]):
         found = up_from_cameras(part)
         assert found is not None and angle(found.direction, Z) < 0.7

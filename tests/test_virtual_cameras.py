@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from toy import CENTRE, RADIUS, UP, any_rotation, ball_on_floor, gaussians, moved, with_floaters
+from toy import CENTRE, RADIUS, RED, UP, any_rotation, ball_on_floor, gaussians, moved, with_floaters
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, touching, up_frame
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 
 
@@ -34,9 +34,9 @@ def ring(yaws_degrees, pitch_degrees=10.0, radius=6.0, target=(3.0, -1.0, 0.5)):
     yaws, pitch = np.radians(yaws_degrees), np.radians(pitch_degrees)
     flat = np.cos(pitch)
     directions = np.stack([np.cos(yaws) * flat, np.sin(yaws) * flat, np.full_like(yaws, np.sin(pitch))], 1)
-    places = directions @ up_frame(UP) * radius + target
+    positions = directions @ up_frame(UP) * radius + target
     K = intrinsics(0.9, 64, 64)
-    return [Camera(look_at(place, np.array(target), UP), K, 64, 64) for place in places]
+    return [Camera(look_at(place, np.array(target), UP), K, 64, 64) for place in positions]
 
 
 def test_all_cameras_look_at_the_bounds_centre_and_stand_upright():
@@ -90,7 +90,7 @@ def test_given_yaw_range_and_pitch_are_kept():
 
 @pytest.mark.parametrize("middle", [40.0, 180.0, 355.0])  # one span holds the seam of arctan2, one that of 0 degrees
 def test_forward_facing_training_cameras_limit_yaw_and_pitch(middle):
-    cameras, bounds = plan_cameras(box(), UP, seen_from=ring(middle + np.linspace(-12, 12, 7)))
+    cameras, bounds = plan_cameras(box(), UP, training_cameras=ring(middle + np.linspace(-12, 12, 7)))
     yaws, pitches = yaws_and_pitches(cameras, bounds)
     assert np.abs((yaws - middle + 180) % 360 - 180).max() < 12.5
     assert len(np.unique(yaws.round(6))) == 5
@@ -98,13 +98,15 @@ def test_forward_facing_training_cameras_limit_yaw_and_pitch(middle):
 
 
 def test_one_training_camera_from_above_does_not_raise_the_pitch():
-    seen_from = ring(np.linspace(-12, 12, 7), target=robust_bounds(box(), up_frame(UP)).centre)
-    cameras, bounds = plan_cameras(box(), UP, seen_from=[*seen_from, *ring(np.zeros(1), pitch_degrees=70)])
+    training_cameras = ring(np.linspace(-12, 12, 7), target=robust_bounds(box(), up_frame(UP)).centre)
+    cameras, bounds = plan_cameras(
+        box(), UP, training_cameras=[*training_cameras, *ring(np.zeros(1), pitch_degrees=70)]
+    )
     np.testing.assert_allclose(yaws_and_pitches(cameras, bounds)[1], 10, atol=0.5)
 
 
 def test_training_cameras_all_around_leave_the_full_circle():
-    yaws, _ = yaws_and_pitches(*plan_cameras(box(), UP, seen_from=ring(np.arange(0, 360, 30))))
+    yaws, _ = yaws_and_pitches(*plan_cameras(box(), UP, training_cameras=ring(np.arange(0, 360, 30))))
     np.testing.assert_allclose(np.diff(np.sort(yaws)), 72, atol=1e-6)
 
 
@@ -228,15 +230,15 @@ def test_clusters_follow_a_permutation_and_do_not_depend_on_units():
 @pytest.mark.parametrize(
     ("setting", "sentence"),
     [
-        ({"views": -1}, "number of views is -1; at least one"),
-        ({"framing": "tight"}, "Unknown framing 'tight'; available: fit, paper"),
-        ({"size": 8}, "8 pixels wide; 16 to 8192"),
-        ({"size": 9000}, "9000 pixels wide; 16 to 8192"),
-        ({"fov_degrees": np.nan}, "field of view is nan degrees"),
-        ({"fill": 0.0}, "fill 0.0 of the frame; 0.05 to 1"),
-        ({"fill": 1.5}, "fill 1.5 of the frame; 0.05 to 1"),
-        ({"pitch_degrees": 90.0}, "pitch is 90.0 degrees; -89 to 89"),
-        ({"pitch_degrees": -100.0}, "pitch is -100.0 degrees; -89 to 89"),
+        ({"views": -1}, "plan.views is -1; it must be a whole number from 1 to 1000"),
+        ({"framing": "tight"}, "plan.framing is 'tight'; available: fit, paper"),
+        ({"size": 8}, "plan.size is 8; it must be a whole number from 16 to 8192"),
+        ({"size": 9000}, "plan.size is 9000; it must be a whole number from 16 to 8192"),
+        ({"fov_degrees": np.nan}, "plan.fov-degrees is nan; it must be a number from 1 to 150"),
+        ({"fill": 0.0}, "plan.fill is 0.0; it must be a number from 0.05 to 1"),
+        ({"fill": 1.5}, "plan.fill is 1.5; it must be a number from 0.05 to 1"),
+        ({"pitch_degrees": 90.0}, "plan.pitch-degrees is 90.0; it must be a number from -89 to 89"),
+        ({"pitch_degrees": -100.0}, "plan.pitch-degrees is -100.0; it must be a number from -89 to 89"),
     ],
 )
 def test_settings_out_of_range_are_refused_with_what_is_possible(setting, sentence):
@@ -248,3 +250,22 @@ def test_settings_out_of_range_are_refused_with_what_is_possible(setting, senten
 def test_an_up_vector_without_direction_is_refused(up):
     with pytest.raises(InputError, match="up vector"):
         plan_cameras(box(), np.array(up, np.float64))
+
+
+def test_clusters_of_large_gaussians_that_touch_count_for_the_bounds():
+    def row(first, last, n):
+        return gaussians(np.stack([np.linspace(first, last, n), np.zeros(n), np.zeros(n)], 1), 0.3, RED)
+
+    both = concatenate([row(0, 1, 22), row(1.7, 1.8, 2)])
+    assert dominant_cluster(both).all()
+    thin = both.replace(log_scales=both.log_scales - np.float32(np.log(10)))
+    np.testing.assert_array_equal(dominant_cluster(thin), np.arange(24) < 22)
+
+
+def test_a_huge_gaussian_touches_no_more_than_a_typical_one():
+    body = gaussians(np.stack([np.linspace(0, 1, 12), np.zeros(12), np.zeros(12)], 1), 0.1, RED)
+    huge = gaussians([[3.0, 0, 0]], 2.0, RED)
+    both = concatenate([body, huge])
+    assert not touching(both, np.arange(13) < 12).any()
+    near = both.replace(means=np.where(np.arange(13)[:, None] < 12, both.means, np.float32([1.25, 0, 0])))
+    np.testing.assert_array_equal(touching(near, np.arange(13) < 12), np.arange(13) == 12)

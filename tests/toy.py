@@ -7,8 +7,10 @@ import numba
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, logit, quaternions_of, rotation_matrices
-from gaussian_trimmer.pipeline import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimConfig
+from gaussian_trimmer.pipeline import RowLabel, TrimConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.views import TrimmedView, View, bounding_box
 
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE = np.array([0.0, 0.0, 1.0])
@@ -101,6 +103,13 @@ def one_thread():
         numba.set_num_threads(before)
 
 
+def accepted_view(camera, mask):
+    """An accepted view of which only camera and mask are used."""
+    blank = np.zeros(mask.shape, np.float32)
+    black = Rendering(np.zeros((*mask.shape, 3), np.float32), blank, blank)
+    return TrimmedView(View(camera, black, blank, blank, blank, bounding_box(mask)), mask, "")
+
+
 class EmptyMasks:
     """A segmenter that finds nothing."""
 
@@ -116,7 +125,7 @@ class OppositeMasks:
     name = "opposite"
 
     def segment(self, views):
-        return [view.expected <= 0.5 for view in views]
+        return [~view.silhouette for view in views]
 
 
 class TightMasks:
@@ -125,7 +134,7 @@ class TightMasks:
     name = "tight"
 
     def segment(self, views):
-        return [cv2.erode((view.expected > 0.5).astype(np.uint8), np.ones((5, 5))) > 0 for view in views]
+        return [cv2.erode(view.silhouette.astype(np.uint8), np.ones((5, 5))) > 0 for view in views]
 
 
 def object_rows(result):
@@ -140,18 +149,18 @@ def check_parts(result, selection):
     n_object, source, label = len(result.object), result.source_index, result.label
     assert len(source) == len(label) == n_object + len(result.background)
     mine, rest, why_mine, why_rest = source[:n_object], source[n_object:], label[:n_object], label[n_object:]
-    whole = np.concatenate([mine[why_mine != SPLIT_INSIDE], rest[why_rest != SPLIT_OUTSIDE]])
-    split = mine[why_mine == SPLIT_INSIDE]
+    whole = np.concatenate([mine[why_mine != RowLabel.SPLIT_INSIDE], rest[why_rest != RowLabel.SPLIT_OUTSIDE]])
+    split = mine[why_mine == RowLabel.SPLIT_INSIDE]
     np.testing.assert_array_equal(np.sort(np.concatenate([whole, split])), np.arange(len(result.scene)))
-    np.testing.assert_array_equal(rest[why_rest == SPLIT_OUTSIDE], split[: len(result.outside_parts)])
-    assert set(why_mine) <= {KEPT, RECOVERED, SPLIT_INSIDE}
-    assert set(why_rest) <= {KEPT, PRUNED, SPLIT_OUTSIDE}
-    assert selection[mine[why_mine == KEPT]].all()
-    assert not selection[mine[why_mine == RECOVERED]].any()
-    assert selection[rest[why_rest == PRUNED]].all()
-    assert not selection[rest[why_rest == KEPT]].any()
+    np.testing.assert_array_equal(rest[why_rest == RowLabel.SPLIT_OUTSIDE], split[: len(result.outside_parts)])
+    assert set(why_mine) <= {RowLabel.KEPT, RowLabel.RECOVERED, RowLabel.SPLIT_INSIDE}
+    assert set(why_rest) <= {RowLabel.KEPT, RowLabel.PRUNED, RowLabel.SPLIT_OUTSIDE}
+    assert selection[mine[why_mine == RowLabel.KEPT]].all()
+    assert not selection[mine[why_mine == RowLabel.RECOVERED]].any()
+    assert selection[rest[why_rest == RowLabel.PRUNED]].all()
+    assert not selection[rest[why_rest == RowLabel.KEPT]].any()
     for part, rows, why in ((result.object, mine, why_mine), (result.background, rest, why_rest)):
-        untouched = why < SPLIT_INSIDE
+        untouched = why < RowLabel.SPLIT_INSIDE
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc"):
             np.testing.assert_array_equal(getattr(part, name)[untouched], getattr(result.scene, name)[rows[untouched]])
         np.testing.assert_array_equal(part.sh_dc, result.scene.sh_dc[rows])

@@ -1,3 +1,57 @@
-"""GaussianTrimmer: sharp object boundaries for segmentations of 3D Gaussian Splatting scenes."""
+"""GaussianTrimmer: sharp object boundaries for segmentations of 3D Gaussian Splatting scenes.
+
+    import gaussian_trimmer as gt
+
+    scene = gt.read("scene.ply")
+    rough = gt.read_selection("rough.npy", scene)
+    result = gt.trim(scene, rough, cameras=gt.read_cameras("sparse/0"))
+    result.object_mask  # (N,) over the scene's rows
+    result.save("trimmed")
+
+What is named here is loaded when it is first used, so that importing the package takes no time.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gaussian_trimmer.camera_files import read_camera_set as read_cameras
+    from gaussian_trimmer.errors import InputError
+    from gaussian_trimmer.formats import read, write
+    from gaussian_trimmer.gaussians import Gaussians
+    from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
+    from gaussian_trimmer.selection_files import load_selection as read_selection
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "read", "read_cameras", "read_selection",
+    "trim", "write",
+]  # fmt: skip
+
+# Name -> module and the name there.
+_LATE = {
+    "Gaussians": ("gaussian_trimmer.gaussians", "Gaussians"),
+    "InputError": ("gaussian_trimmer.errors", "InputError"),
+    "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
+    "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
+    "read": ("gaussian_trimmer.formats", "read"),
+    "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),
+    "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
+    "trim": ("gaussian_trimmer.pipeline", "trim"),
+    "write": ("gaussian_trimmer.formats", "write"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATE:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    module, attribute = _LATE[name]
+    value = globals()[name] = getattr(import_module(module), attribute)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATE})

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
+
+_SQUARABLE = 1e150
+"""Squares of numbers between this and its inverse neither overflow nor vanish."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,32 @@ class CameraSet:
                 "undistort images and cameras first (colmap image_undistorter) and give the new ones."
             )
         return self.cameras
+
+
+def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:
+    """An up vector (3,) of length one.
+
+    Args:
+        vector: three numbers.
+        what: what the vector is called in the message.
+
+    Raises:
+        InputError: the vector is not three finite numbers, or they are all zero.
+
+    >>> unit_up([0, 0, 5]).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    try:
+        up = np.array(vector, np.float64)
+    except (ValueError, TypeError, OverflowError):
+        up = np.zeros(0)
+    if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
+        given = f" {up.tolist()}" if up.shape == (3,) else ""
+        raise InputError(f"{what}{given} must be three finite numbers that are not all zero.")
+    largest = abs(up).max()
+    if not 1 / _SQUARABLE < largest < _SQUARABLE:
+        up = up / largest
+    return np.asarray(up / np.linalg.norm(up))
 
 
 def look_at(position: Float64Array, target: Float64Array, up: Float64Array) -> Float64Array:

@@ -1,13 +1,14 @@
-"""The command line: a table of commands, each imported when it is called, and what becomes of errors."""
+"""The command line: a table of commands, each imported when it is called, and how errors are reported."""
 
 from __future__ import annotations
 
 # Nothing that takes long is imported here: until `main` runs, Ctrl-C would end in a traceback.
+import io
 import os
 import sys
 
 from gaussian_trimmer import __version__
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, printable
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ COMMANDS = {
 
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
 """Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it."""
+_MESSAGE_LENGTH = 1000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,9 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str]) -> int:
     import warnings
 
-    from gaussian_trimmer.output.printable import write_any_character
-
-    write_any_character()
+    for stream in (sys.stdout, sys.stderr):
+        # A name with an umlaut must not end in a traceback where the terminal knows ASCII alone.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     # Threads that spin while they wait for each other halve the speed where another program keeps a core busy.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     with warnings.catch_warnings():
@@ -109,9 +112,10 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config
+        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(command, config=paper_config(), segmenter="grabcut")
+        default = replace(command, config=paper_config(), segmenter=PAPER_SEGMENTER)
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
     return cast("Command", command)
 
@@ -125,7 +129,5 @@ def _overview() -> str:
 
 
 def _fail(message: str) -> int:
-    from gaussian_trimmer.output.printable import printable
-
-    print(f"{PROGRAM}: {printable(' '.join(message.split()))}", file=sys.stderr)
+    print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
     return USER_ERROR

@@ -1,96 +1,76 @@
-"""Every setting of the trimmer: one small dataclass a stage, nested in `TrimConfig`."""
+"""Every setting of the trimmer: one small dataclass for each stage, nested in `TrimConfig`."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
-from gaussian_trimmer.decomposition.contact import ContactConfig
+from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
-from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
-from gaussian_trimmer.segmentation.acceptance import AcceptConfig
-from gaussian_trimmer.segmentation.label_crf import LabelFieldConfig
+from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
+from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
+from gaussian_trimmer.settings import Range, Vector, check_settings
 
 __all__ = [
-    "AcceptConfig", "BoundaryConfig", "ContactConfig", "EvidenceConfig", "LabelFieldConfig", "PlanConfig",
-    "SplitConfig", "TrimConfig", "check_config", "paper_config",
+    "CONTEXT_RADIUS", "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig",
+    "SplitConfig", "SupportPlaneSplitConfig", "TrimConfig", "check_config", "paper_config",
 ]  # fmt: skip
+
+CONTEXT_RADIUS = 1.8
+"""Radius around the object's centre, in object radii, within which other Gaussians are rendered with the object."""
 
 
 @dataclass(frozen=True)
 class SplitConfig:
-    """What is done to Gaussians that straddle the boundary."""
+    """What is done with Gaussians that straddle the boundary."""
 
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "plane"
-    """`plane`: cut at the silhouette; `principal_axis`: the paper's eqs. 8-9; `sagd`: one shrunken child; `none`."""
-    contact: ContactConfig = field(default_factory=ContactConfig)
-    """Hidden Gaussians that cross the surface below the object."""
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
+    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
+    child; `none`: no Gaussian is split."""
+    at_support_plane: SupportPlaneSplitConfig = field(default_factory=SupportPlaneSplitConfig)
 
 
 @dataclass(frozen=True)
 class TrimConfig:
     """Every setting of the trimmer, by stage."""
 
-    up: tuple[float, float, float] | None = None
-    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
+    up: Vector | None = None
+    """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     plan: PlanConfig = field(default_factory=PlanConfig)
-    neighbours: float = 1.8
-    """Non-object Gaussians within this many object radii surround the object in the views (eq. 7); 0: none."""
-    labels: LabelFieldConfig = field(default_factory=LabelFieldConfig)
-    accept: AcceptConfig = field(default_factory=AcceptConfig)
+    context_radius: Annotated[float, Range(0, 100)] = CONTEXT_RADIUS
+    """Gaussians within this many object radii of the object's centre are rendered with it as background (eq. 7); 0:
+    none."""
+    label_crf: LabelCrfConfig = field(default_factory=LabelCrfConfig)
+    acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     boundary: BoundaryConfig = field(default_factory=BoundaryConfig)
     split: SplitConfig = field(default_factory=SplitConfig)
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its framing, no correction in 3D, every mask believed, splits along principal axes."""
+    """The paper's choices: its framing, no correction of labels in 3D, all masks accepted, splits along axes.
+
+    Args:
+        config: settings to start from, the defaults if not given; those that the paper's choices do not touch are kept.
+    """
     config = config or TrimConfig()
     return replace(
         config,
         plan=replace(config.plan, framing="paper"),
-        labels=replace(config.labels, enabled=False),
-        accept=AcceptConfig(least_overlap=0.0, least_silhouette=1, least_views=0.0, least_remaining=0.0),
+        label_crf=replace(config.label_crf, enabled=False),
+        acceptance=AcceptanceConfig(min_overlap=0.0, min_silhouette=1, min_views=0.0, min_remaining=0.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
-        boundary=replace(config.boundary, least_share=0.05, least_area=1e-6, along_ray_limit=1.0),
+        boundary=replace(config.boundary, min_share=0.05, min_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
     )
 
 
 def check_config(config: TrimConfig) -> None:
-    """Refuse settings that have no meaning, before any work is done.
+    """Refuse settings that make no sense, before any work is done.
 
     Raises:
         InputError: a setting is out of its range; the message names it as the command line does.
     """
-    if config.split.rule not in (*SPLIT_RULES, "none"):
-        raise InputError(f"Unknown rule of splitting '{config.split.rule}'; available: {', '.join(SPLIT_RULES)}, none.")
-    labels, support, accept = config.labels, config.labels.support, config.accept
-    _at_least(1, {
-        "labels.passes": labels.passes, "labels.iterations": labels.iterations, "labels.neighbours": labels.neighbours,
-        "labels.hidden-neighbours": labels.hidden_neighbours, "boundary.contributors": config.boundary.contributors,
-    })  # fmt: skip
-    _at_least(1e-6, {
-        "labels.place-sigma": labels.place_sigma, "labels.colour-sigma": labels.colour_sigma,
-        "labels.depth": labels.depth, "labels.support.gap": support.gap, "labels.support.thickness": support.thickness,
-        "plan.lambda-1": config.plan.lambda_1, "plan.lambda-2": config.plan.lambda_2,
-    })  # fmt: skip
-    _at_least(0, {
-        "neighbours": config.neighbours, "labels.smoothness": labels.smoothness,
-        "labels.support.gap-spacing": support.gap_spacing,
-        "evidence.prior": config.evidence.prior, "accept.least-overlap": accept.least_overlap,
-        "accept.least-views": accept.least_views, "accept.least-remaining": accept.least_remaining,
-    })  # fmt: skip
-    for name, share in (("overlap", accept.least_overlap), ("views", accept.least_views)):
-        if share > 1:
-            raise InputError(f"accept.least-{name} is {share}; a share is at most 1.")
-
-
-def _at_least(least: float, settings: dict[str, float]) -> None:
-    for name, value in settings.items():
-        if not (math.isfinite(value) and value >= least):
-            raise InputError(f"{name} is {value}; it must be a number of at least {least}.")
+    check_settings(config)

@@ -1,8 +1,55 @@
-"""The exception for what only the user can mend."""
+"""The exception for what only the user can mend, and how text from strangers' files is shown."""
+
+from __future__ import annotations
+
+_MESSAGE_LENGTH = 1000
+_NAME_LENGTH = 80
 
 
 class InputError(ValueError):
     """An input cannot be used; the message is one sentence that says why and what to do.
 
     The command line prints the message and exits with code 2; every other exception is a defect of this package.
+
+    Messages repeat what files and their names say, so characters that a terminal would obey are escaped, and a
+    message of more than 1000 characters loses its middle.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message, _MESSAGE_LENGTH))
+
+
+def printable(text: str, length: int | None = None) -> str:
+    r"""The text on one line, without characters that move a cursor, change colours or turn the reading direction.
+
+    White space becomes a space, other characters that are not printable an escape sequence of Python's, and a text
+    that is longer than `length` loses its middle.
+
+    >>> printable("a\nb\x1b[31m")
+    'a b\\x1b[31m'
+    >>> printable("abcdefghijklmnop", 10)
+    'abcd...nop'
+    """
+    if length is not None and len(text) > length:  # cut first, so that escaping takes no time that grows with the text
+        text = _without_middle(text, length)
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else " " if c in "\t\n\r" else _escape(c) for c in text)
+    return text if length is None or len(text) <= length else _without_middle(text, length)
+
+
+def shown(name: str) -> str:
+    """A name from a file as a message or a listing shows it: printable, and no longer than a line.
+
+    >>> shown("x" * 200) == "x" * 39 + "..." + "x" * 38
+    True
+    """
+    return printable(name, _NAME_LENGTH)
+
+
+def _without_middle(text: str, length: int) -> str:
+    tail = (length - 3) // 2
+    return f"{text[: length - 3 - tail]}...{text[len(text) - tail :]}"
+
+
+def _escape(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from gaussian_trimmer.errors import InputError
 
 FloatArray = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -22,7 +24,8 @@ SH_C0 = 0.28209479177387814
 class Gaussians:
     """N anisotropic Gaussians with the attributes of 3D Gaussian Splatting, in stored (unactivated) form.
 
-    The arrays may be views onto a memory-mapped file; nothing in this package writes to them in place.
+    The arrays may be views onto a memory-mapped file; nothing in this package writes to them in place. Numbers of other
+    types, such as float64, are converted to float32 here, once.
     """
 
     means: FloatArray
@@ -38,9 +41,13 @@ class Gaussians:
     sh_rest: FloatArray
     """Coefficients of degrees 1 to 3, channel-major as in the PLY's f_rest, (N, 3, 0 | 3 | 8 | 15)."""
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """Columns that the renderer does not know, by name, each (N,): kept so that they can be read and passed on."""
+    """Columns that the renderer does not use, by name, each (N,): kept so that they can be read and passed on."""
 
     def __post_init__(self) -> None:
+        for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
+            values = getattr(self, name)
+            if not isinstance(values, np.ndarray) or values.dtype != np.float32:
+                object.__setattr__(self, name, np.asarray(values, np.float32))
         n = len(self.means)
         expected = {
             "means": (n, 3),
@@ -54,6 +61,73 @@ class Gaussians:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}; {shape} is needed for {n} Gaussians.")
         if self.sh_rest.shape[:2] != (n, 3) or self.sh_rest.shape[2] not in (0, 3, 8, 15):
             raise ValueError(f"sh_rest has shape {self.sh_rest.shape}; ({n}, 3, K) with K = 0, 3, 8 or 15 is needed.")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        means: ArrayLike,
+        quaternions: ArrayLike,
+        sh: ArrayLike,
+        *,
+        scales: ArrayLike | None = None,
+        log_scales: ArrayLike | None = None,
+        opacities: ArrayLike | None = None,
+        opacity_logits: ArrayLike | None = None,
+    ) -> Gaussians:
+        """Gaussians from arrays as gsplat and Inria's code hold them; copies in float32.
+
+        Scales and opacities are given either as they are or as they are trained, said by name.
+
+        Args:
+            means: centres in world coordinates, (N, 3).
+            quaternions: rotations (w, x, y, z), of any non-zero length, (N, 4).
+            sh: spherical-harmonics coefficients of degrees 0 to 3, coefficient before channel, (N, K, 3) with K = 1, 4,
+                9 or 16: Inria's `_features_dc` and `_features_rest`, or gsplat's `sh0` and `shN`, joined along axis 1.
+            scales: standard deviations along the local axes, above zero, (N, 3).
+            log_scales: their natural logarithms, in place of `scales`: Inria's `_scaling`.
+            opacities: from 0 to 1, (N,) or (N, 1).
+            opacity_logits: before the sigmoid, in place of `opacities`: Inria's `_opacity`.
+
+        Raises:
+            InputError: not exactly one of each pair is given, a shape does not fit, a value is NaN, infinite or out of
+                its range, or a quaternion has length zero.
+        """
+        points = _array("means", means, (-1, 3))
+        n = len(points)
+        rotations, coefficients = _array("quaternions", quaternions, (n, 4)), _array("sh", sh, (n, -1, 3))
+        if coefficients.shape[1] not in (1, 4, 9, 16):
+            raise InputError(f"sh has shape {coefficients.shape}; ({n}, K, 3) with K = 1, 4, 9 or 16 is needed.")
+        if not rotations.any(axis=1).all():
+            raise InputError(f"Quaternion {int(np.argmin(rotations.any(axis=1)))} has length zero; it is no rotation.")
+        sizes = _either("scales", scales, "log_scales", log_scales, (n, 3))
+        if scales is not None:
+            if not (sizes > 0).all():
+                raise InputError(f"scales go down to {sizes.min():g}; give logarithms as log_scales.")
+            sizes = np.log(sizes.astype(np.float64)).astype(np.float32)
+        opacity = _either("opacities", opacities, "opacity_logits", opacity_logits, (n,))
+        if opacities is not None:
+            if not ((opacity >= 0) & (opacity <= 1)).all():
+                raise InputError(
+                    f"opacities go from {opacity.min():g} to {opacity.max():g}, not from 0 to 1; give values before "
+                    "the sigmoid as opacity_logits."
+                )
+            opacity = logit(opacity.astype(np.float64)).astype(np.float32)
+        by_channel = coefficients.transpose(0, 2, 1)
+        sh_dc, sh_rest = by_channel[:, :, 0].copy(), by_channel[:, :, 1:].copy()
+        return cls(points.copy(), sizes.copy(), rotations.copy(), opacity.copy(), sh_dc, sh_rest)
+
+    def to_arrays(self, *, activated: bool = False) -> dict[str, FloatArray]:
+        """The arguments of `from_arrays` that give these Gaussians, without extra columns.
+
+        Args:
+            activated: give `scales` and `opacities` as gsplat's rasterization takes them, in place of `log_scales` and
+                `opacity_logits`.
+        """
+        sh = np.concatenate([self.sh_dc[:, :, None], self.sh_rest], axis=2).transpose(0, 2, 1)
+        arrays = {"means": self.means.copy(), "quaternions": self.quaternions.copy(), "sh": np.ascontiguousarray(sh)}
+        if activated:
+            return {**arrays, "scales": self.scales, "opacities": self.opacities}
+        return {**arrays, "log_scales": self.log_scales.copy(), "opacity_logits": self.opacity_logits.copy()}
 
     def __len__(self) -> int:
         return len(self.means)
@@ -95,6 +169,41 @@ class Gaussians:
     def replace(self, **arrays: Any) -> Gaussians:
         """A copy in which the named fields are other arrays."""
         return replace(self, **arrays)
+
+
+def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Finite numbers in float32, of a shape, in which -1 stands for any length.
+
+    Raises:
+        InputError: they are not.
+    """
+    try:
+        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
+            array = np.asarray(values, np.float32)
+    except (TypeError, ValueError, RuntimeError) as error:  # on a device, with gradients, or no numbers
+        raise InputError(
+            f"{name} is a {type(values).__name__} that NumPy cannot read ({error}); a tensor becomes an array by "
+            "'.detach().cpu().numpy()'."
+        ) from error
+    if len(shape) == 1 and array.ndim == 2 and array.shape[1] == 1:
+        array = array[:, 0]
+    if array.ndim != len(shape) or any(n not in (m, -1) for n, m in zip(shape, array.shape, strict=True)):
+        needed = ", ".join("any" if n == -1 else str(n) for n in shape) + ("," if len(shape) == 1 else "")
+        raise InputError(f"{name} has shape {array.shape}; ({needed}) is needed.")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds NaN or infinite values; remove such Gaussians first.")
+    return array
+
+
+def _either(name: str, values: Any, raw_name: str, raw_values: Any, shape: tuple[int, ...]) -> FloatArray:
+    """The one of two arrays that is given.
+
+    Raises:
+        InputError: both are or none is, or it is no array of that shape.
+    """
+    if (values is None) == (raw_values is None):
+        raise InputError(f"Give either {name} or {raw_name}.")
+    return _array(name, values, shape) if raw_values is None else _array(raw_name, raw_values, shape)
 
 
 def concatenate(parts: Sequence[Gaussians]) -> Gaussians:

@@ -1,207 +1,249 @@
-"""The trimmer: plan cameras, render, segment, judge, split."""
+"""The trimmer: plan cameras, render views, correct labels, segment, weigh the evidence, split at the boundary."""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from gaussian_trimmer.arguments import check_scene, mask_of_selection, settings
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import (
-    AcceptConfig,
+    CONTEXT_RADIUS,
+    AcceptanceConfig,
     BoundaryConfig,
     EvidenceConfig,
-    LabelFieldConfig,
+    LabelCrfConfig,
     PlanConfig,
     SplitConfig,
     TrimConfig,
     check_config,
     paper_config,
 )
-from gaussian_trimmer.decomposition.contact import cut_sunken
-from gaussian_trimmer.decomposition.evidence import judge, shows_outside
+from gaussian_trimmer.decomposition.contact import split_at_support_plane
+from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import Support, find_support
-from gaussian_trimmer.planning.coverage import restrict_to_seen
+from gaussian_trimmer.geometry.bounds import Bounds, touching
+from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
+from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
+from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
-from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimResult
-from gaussian_trimmer.segmentation.acceptance import accept, harm, refusal
+from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
 from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
 from gaussian_trimmer.views import TrimmedView
 
 __all__ = [
-    "KEPT", "PRUNED", "RECOVERED", "SPLIT_INSIDE", "SPLIT_OUTSIDE", "AcceptConfig", "BoundaryConfig", "EvidenceConfig",
-    "LabelFieldConfig", "PlanConfig", "SplitConfig", "TrimConfig", "TrimResult", "TrimmedView", "paper_config", "trim",
+    "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig", "RowLabel", "SplitConfig",
+    "TrimConfig", "TrimResult", "TrimmedView", "paper_config", "trim",
 ]  # fmt: skip
 
-_LEAST_REACH = 1.8
-_IN_FRONT = 0.1
-"""Depth difference, in object radii, from which something in the scene hides the object rather than touches it."""
+_OCCLUDER_DISTANCE = 0.1
+"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+_CONNECTING_STEPS = 8
+"""Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
+_LOG = logging.getLogger("gaussian_trimmer")
 
 
 def trim(
     scene: Gaussians,
-    selection: BoolArray,
+    selection: ArrayLike,
+    *,
     config: TrimConfig | None = None,
-    renderer: Renderer | str = "numba",
-    segmenter: Segmenter | str = "label-field",
+    renderer: Renderer | str = DEFAULT_RENDERER,
+    segmenter: Segmenter | str = DEFAULT_SEGMENTER,
     cameras: CameraSet | None = None,
-    views: Sequence[Camera] | None = None,
+    views: int | None = None,
+    view_cameras: Sequence[Camera] | None = None,
+    up: str | ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> TrimResult:
-    """Sharpen a rough selection of one object.
+    """Sharpen a rough selection of one object. Each stage is also logged to "gaussian_trimmer" when it begins.
 
     Args:
-        scene: all Gaussians; the object alone works too, without background augmentation.
-        selection: the coarse object, (N,) bool.
+        scene: all N Gaussians; the object alone also works, without background augmentation.
+        selection: the rough object: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
+            the object's rows, from 0, each once.
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
-        cameras: the cameras that the scene was trained with, if known: they give the up vector and the span of
-            angles from which the object was really seen.
-        views: cameras to look from instead of planned ones: the "no virtual cameras" ablation, or those of given masks.
-        progress: called with a stage's name when it begins.
+        cameras: the cameras that the scene was trained with, if known: they give the up vector and the range of
+            angles from which the object was observed.
+        views: number of virtual views, in place of `config.plan.views`.
+        view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
+            given masks.
+        up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
+        progress: called with the name of each stage when it begins.
 
     Raises:
-        InputError: the selection has the wrong length or is empty, or a setting is out of its range.
+        InputError: the selection does not fit the scene, is empty or can be understood in two ways; a setting is out
+            of its range; or a renderer or segmenter of the caller's gives something else than its contract says.
     """
-    config = config or TrimConfig()
+    check_scene(scene, cameras)
+    config = settings(config, views, up, view_cameras)
     check_config(config)
-    selection = _checked(selection, len(scene))
-    renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
-    segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
-    clock = _Clock(progress)
+    selection = mask_of_selection(selection, len(scene))
+    given_renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
+    given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
+    renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
+    clock = _Clock(_logged(progress))
     with clock("plan"):
-        scope = _plan(scene, selection, config, renderer, cameras, views)
+        scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
         visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
     with clock("correct"):
-        probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.labels)
+        probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
     with clock("render"):
-        looks = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
+        unsegmented = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
     with clock("segment"):
-        judged = accept(looks, segmenter.segment(looks), config.accept)
-    refused, verdict = refusal(judged, config.accept), None
+        trimmed = check_masks(unsegmented, segmenter.segment(unsegmented), config.acceptance)
+    refused, parts = rejection(trimmed, config.acceptance), None
     if not refused:
-        verdict = _judge(scope, probability, [view for view in judged if not view.rejected], renderer, config, clock)
-        refused = harm(scope.coarse, verdict.keep, visible, config.accept)
+        accepted = [view for view in trimmed if not view.rejected]
+        parts = _decompose(scope, probability, accepted, renderer, config, clock)
+        refused = excessive_loss(scope.coarse, parts.keep, visible, config.acceptance)
     with clock("assemble"):
-        rows = _assemble(scene, selection, scope.rows, None if refused else verdict)
+        rows = _assemble(scene, selection, scope.rows, None if refused else parts)
     floaters = int(selection.sum() - scope.coarse.sum())
+    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
+    _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
-        scene, *rows, scope.up, scope.bounds, tuple(judged), floaters, refused, clock.seconds, renderer.name,
-        segmenter.name,
+        scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
+        segmenter.name, how, selection, config, given_renderer,
     )  # fmt: skip
+
+
+def _logged(progress: Progress) -> Progress:
+    """`progress`, which also tells the log."""
+
+    def report(stage: str) -> None:
+        _LOG.info("stage: %s", stage)
+        progress(stage)
+
+    return report
 
 
 @dataclass(frozen=True, eq=False)
 class _Scope:
-    """The part of the scene that is looked at, and from where."""
+    """The part of the scene that the views show, and the cameras of the views."""
 
     up: UpVector
     bounds: Bounds
     cameras: list[Camera]
     rows: IntArray
-    """Scene rows of the object and its neighbours, ascending, (L,)."""
+    """Scene rows of the object and of the Gaussians around it, ascending, (L,)."""
     local: Gaussians
     """Those Gaussians."""
     coarse: BoolArray
-    """Which of them the selection holds, far floaters left out, (L,)."""
+    """Which of them are selected, without floaters far from the object, (L,)."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Verdict:
-    """What the views say of the Gaussians of a scope."""
+class _Decomposition:
+    """How the Gaussians of a scope are divided between object and background."""
 
     keep: BoolArray
-    """Object or not, (L,)."""
+    """Which ones belong to the object, whole or in part, (L,)."""
     split: IntArray
-    """Object rows of the scope that are cut in two, (S,)."""
+    """Rows of the scope of those that are cut in two, (S,)."""
     inner: Gaussians | None
+    """Their parts inside the object."""
     outer: Gaussians | None
-
-
-def _checked(selection: BoolArray, n: int) -> BoolArray:
-    selection = np.asarray(selection)
-    if selection.dtype != np.bool_ or selection.shape != (n,):
-        raise InputError(
-            f"The selection has shape {selection.shape} and type {selection.dtype}; {n} booleans are needed."
-        )
-    if not selection.any():
-        raise InputError("The selection is empty: no Gaussian of the scene belongs to the object.")
-    return selection
+    """Their parts outside it."""
 
 
 def _plan(
     scene: Gaussians, selection: BoolArray, config: TrimConfig, renderer: Renderer, cameras: CameraSet | None,
     views: Sequence[Camera] | None,
 ) -> _Scope:  # fmt: skip
-    """Up vector, cameras, and the object with its neighbours."""
+    """Up vector, cameras, and the object with the Gaussians around it."""
     up = find_up(scene, cameras, config.up, selection)
     listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    seen_from = [camera for camera, train in listed if train]
-    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, seen_from)
-    rows, coarse = _surroundings(scene, selection, bounds, config.neighbours)
+    training_cameras = [camera for camera, train in listed if train]
+    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, training_cameras)
+    rows, coarse = _surroundings(scene, selection, bounds, config.context_radius)
     local = scene.select(rows)
     if views:
         planned = list(views)
-    elif not seen_from:
-        plan = restrict_to_seen(local, coarse, up.direction, config.plan, renderer)
+    elif not cameras_that_see(training_cameras, bounds):
+        plan = limit_yaw_to_observed(local, coarse, up.direction, config.plan, renderer)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
     return _Scope(up, bounds, planned, rows, local, coarse)
 
 
-def _surroundings(scene: Gaussians, selection: BoolArray, bounds: Bounds, reach: float) -> tuple[IntArray, BoolArray]:
-    """Rows of the object and its neighbours, eq. 7, and which of them are the object: far floaters are neither."""
+def _surroundings(
+    scene: Gaussians, selection: BoolArray, bounds: Bounds, context_radius: float
+) -> tuple[IntArray, BoolArray]:
+    """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
+
+    Selected Gaussians far from the object that nothing connects with it, floaters, are neither.
+    """
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
-    core = selection & (squared < (max(reach, _LEAST_REACH) * bounds.radius) ** 2)
-    if not core.any():
-        core = selection
-    rows = np.flatnonzero(core | (~selection & (squared < (reach * bounds.radius) ** 2)))
-    return rows, core[rows]
+    coarse = selection & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
+    if not coarse.any():
+        coarse = selection
+    coarse = _with_connected(scene, selection, coarse)
+    rows = np.flatnonzero(coarse | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
+    return rows, coarse[rows]
 
 
-def _judge(
+def _with_connected(scene: Gaussians, selection: BoolArray, coarse: BoolArray) -> BoolArray:
+    """The coarse object with those of the other selected Gaussians that hang together with it, (N,)."""
+    rows = np.flatnonzero(selection)
+    selected, member = scene.select(rows), coarse[rows]
+    for _ in range(_CONNECTING_STEPS):
+        found = touching(selected, member) if not member.all() else np.zeros(0, np.bool_)
+        if not found.any():
+            break
+        member = member | found
+    connected = np.zeros(len(scene), np.bool_)
+    connected[rows[member]] = True
+    return connected
+
+
+def _decompose(
     scope: _Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: TrimConfig,
     clock: _Clock,
-) -> _Verdict:  # fmt: skip
-    """Evidence in the whole picture, evidence of the object alone, and cuts."""
+) -> _Decomposition:  # fmt: skip
+    """Evidence from the views of the whole scene, evidence from the object in isolation, and splits."""
     with clock("weigh"):
         outside, inside = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
-        keep = judge(inside, outside, probability, scope.coarse, config.evidence)
+        keep = classify_gaussians(inside, outside, probability, scope.coarse, config.evidence)
     rows = np.flatnonzero(keep)
     with clock("prune"):
-        alone = scope.local.select(rows)
-        weights = _weigh_alone(alone, accepted, scope.bounds.radius, renderer) if len(rows) else []
+        isolated = scope.local.select(rows)
+        weights = _weigh_isolated(isolated, accepted, scope.bounds.radius, renderer) if len(rows) else []
         if config.evidence.second_evidence and len(rows):
-            support = _support(scope, keep, inside + outside, config)
-            free = support.above[rows] if support else np.zeros(len(rows), np.bool_)
-            halo = shows_outside(np.sum(weights, axis=0), inside[rows], outside[rows], free, config.evidence)
-            keep[rows[halo]] = False
+            plane = _support_plane(scope, keep, inside + outside, config)
+            free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
+            alone, widths = np.sum(weights, axis=0), np.exp(isolated.log_scales.max(axis=1)) / scope.bounds.radius
+            seen = alone, inside[rows], outside[rows]
+            wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
+            keep[rows[wrong]] = False
     if not keep.any():
-        return _Verdict(keep, np.zeros(0, np.int64), None, None)
+        return _Decomposition(keep, np.zeros(0, np.int64), None, None)
     with clock("split"):
-        cut, inner, outer = _split(alone, keep[rows], accepted, weights, renderer, config)
-        verdict = _Verdict(keep, rows[cut], inner, outer)
-        if config.split.rule != "none" and config.split.contact.enabled and config.evidence.recover:
-            verdict = _cut_sunken(scope, verdict, inside + outside, accepted, renderer, config)
-    return verdict
+        cut, inner, outer = _split(isolated, keep[rows], accepted, weights, renderer, config)
+        parts = _Decomposition(keep, rows[cut], inner, outer)
+        if config.split.at_support_plane.enabled and config.evidence.recover:
+            parts = _with_splits_at_support_plane(scope, parts, inside + outside, accepted, renderer, config)
+    return parts
 
 
 def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:
@@ -209,29 +251,28 @@ def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer)
     return [renderer.blend_weights(part, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
 
 
-def _support(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> Support | None:
-    """The surface that the object stands on, if there is one."""
-    places = scope.local.means / np.float32(scope.bounds.radius)
-    return find_support(places, keep, seen.astype(np.float64), scope.bounds, config.labels.support)
+def _support_plane(scope: _Scope, keep: BoolArray, seen: FloatArray, config: TrimConfig) -> SupportPlane | None:
+    """The plane that the object stands on, if there is one."""
+    positions = scope.local.means / np.float32(scope.bounds.radius)
+    return find_support_plane(positions, keep, seen.astype(np.float64), scope.bounds, config.label_crf.support_plane)
 
 
-def _cut_sunken(
-    scope: _Scope, verdict: _Verdict, seen: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer,
+def _with_splits_at_support_plane(
+    scope: _Scope, parts: _Decomposition, seen: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer,
     config: TrimConfig,
-) -> _Verdict:  # fmt: skip
-    """The verdict, with hidden Gaussians that cross the surface below the object cut there."""
-    support = _support(scope, verdict.keep, seen, config)
-    if support is None:
-        return verdict
-    cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
-    rows, inner, outer = cut_sunken(
-        scope.local, verdict.keep, seen, support, scope.bounds, cameras, masks, renderer, config.split.contact
+) -> _Decomposition:  # fmt: skip
+    """The decomposition, with hidden Gaussians that cross the support plane below the object split there."""
+    plane = _support_plane(scope, parts.keep, seen, config)
+    if plane is None:
+        return parts
+    rows, inner, outer = split_at_support_plane(
+        scope.local, parts.keep, seen, plane, scope.bounds, accepted, renderer, config.split.at_support_plane
     )
-    keep = verdict.keep.copy()
+    keep = parts.keep.copy()
     keep[rows] = True
     # These come first, since they have outer parts under every rule.
-    return _Verdict(
-        keep, np.concatenate([rows, verdict.split]), _joined(inner, verdict.inner), _joined(outer, verdict.outer)
+    return _Decomposition(
+        keep, np.concatenate([rows, parts.split]), _joined(inner, parts.inner), _joined(outer, parts.outer)
     )
 
 
@@ -239,58 +280,63 @@ def _joined(first: Gaussians, second: Gaussians | None) -> Gaussians:
     return first if second is None else concatenate([first, second])
 
 
-def _weigh_alone(
-    alone: Gaussians, accepted: Sequence[TrimmedView], radius: float, renderer: Renderer
+def _weigh_isolated(
+    isolated: Gaussians, accepted: Sequence[TrimmedView], radius: float, renderer: Renderer
 ) -> list[FloatArray]:
-    """Blend weights of the object alone: outside the mask, inside, outside but hidden in the scene, (N, 3) a view."""
+    """Blend weights of the object in isolation, (N, 3) for each view.
+
+    The columns are pixels outside the mask, inside it, and outside it but hidden in the scene by something nearer.
+    """
     weights = []
-    for shown in accepted:
-        camera, nearest_depth = shown.view.camera, shown.view.depth
-        depth = renderer.render(alone, camera).depth
-        occluded = (nearest_depth > 0) & (nearest_depth < depth - _IN_FRONT * radius)
-        labels = np.where(shown.mask, np.uint8(1), np.where(occluded, np.uint8(2), np.uint8(0)))
-        weights.append(renderer.blend_weights(alone, camera, labels, 3))
+    for trimmed in accepted:
+        camera, nearest_depth = trimmed.view.camera, trimmed.view.depth
+        depth = renderer.render(isolated, camera).depth
+        occluded = (nearest_depth > 0) & (nearest_depth < depth - _OCCLUDER_DISTANCE * radius)
+        labels = np.where(trimmed.mask, np.uint8(1), np.where(occluded, np.uint8(2), np.uint8(0)))
+        weights.append(renderer.blend_weights(isolated, camera, labels, 3))
     return weights
 
 
 def _split(
-    alone: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
+    isolated: Gaussians, keep: BoolArray, accepted: Sequence[TrimmedView], weights: Sequence[FloatArray],
     renderer: Renderer, config: TrimConfig,
 ) -> tuple[IntArray, Gaussians | None, Gaussians | None]:  # fmt: skip
-    """Rows of Gaussians that straddle the boundary when the object is alone, and their inner and outer parts."""
+    """Rows of Gaussians that straddle the boundary of the object in isolation, and their inner and outer parts."""
     if config.split.rule == "none":
         return np.zeros(0, np.int64), None, None
-    cameras, masks = [v.view.camera for v in accepted], [v.mask for v in accepted]
     sides = [weight[:, :2] for weight in weights]
-    found = find_straddlers(alone, cameras, masks, sides, renderer, config.boundary)
+    found = find_straddlers(isolated, accepted, sides, renderer, config.boundary)
     ours = keep[found.rows]
     rows = found.rows[ours]
-    return rows, *SPLIT_RULES[config.split.rule](alone.select(rows), found.normals[ours], found.offsets[ours])
+    return rows, *SPLIT_RULES[config.split.rule](isolated.select(rows), found.normals[ours], found.offsets[ours])
 
 
 def _assemble(
-    scene: Gaussians, selection: BoolArray, rows: IntArray, verdict: _Verdict | None
+    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: _Decomposition | None
 ) -> tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]:
-    """Object, outer parts, and source row and label of every output row; the selection unchanged without a verdict."""
-    final = selection.copy() if verdict is None else np.zeros(len(scene), np.bool_)
+    """Object, outer parts, and source row and label of every output row.
+
+    Without a decomposition the object is the selection as it was.
+    """
+    final = selection.copy() if parts is None else np.zeros(len(scene), np.bool_)
     nothing = scene.select(np.zeros(0, np.int64))
     split, inner, outer = np.zeros(0, np.int64), nothing, nothing
-    if verdict is not None:
-        final[rows] = verdict.keep
-        split, inner, outer = rows[verdict.split], verdict.inner or nothing, verdict.outer or nothing
+    if parts is not None:
+        final[rows] = parts.keep
+        split, inner, outer = rows[parts.split], parts.inner or nothing, parts.outer or nothing
     whole = final.copy()
     whole[split] = False
-    inside, beside = np.flatnonzero(whole), np.flatnonzero(~final)
-    source = np.concatenate([inside, split, beside, split[: len(outer)]])
+    inside, outside = np.flatnonzero(whole), np.flatnonzero(~final)
+    source = np.concatenate([inside, split, outside, split[: len(outer)]])
     label = np.concatenate([
-        np.where(selection[inside], KEPT, RECOVERED), np.full(len(split), SPLIT_INSIDE),
-        np.where(selection[beside], PRUNED, KEPT), np.full(len(outer), SPLIT_OUTSIDE),
+        np.where(selection[inside], RowLabel.KEPT, RowLabel.RECOVERED), np.full(len(split), RowLabel.SPLIT_INSIDE),
+        np.where(selection[outside], RowLabel.PRUNED, RowLabel.KEPT), np.full(len(outer), RowLabel.SPLIT_OUTSIDE),
     ]).astype(np.uint8)  # fmt: skip
     return concatenate([scene.select(inside), inner]), outer, source, label
 
 
 class _Clock:
-    """Adds up the time of stages, which may come back, and announces them."""
+    """Adds up the time that each stage takes, over all its parts, and announces each part when it begins."""
 
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}

@@ -1,50 +1,87 @@
-"""What a trim gives: the object, the scene without it, and how they came about."""
+"""What a trim returns: the object, the scene without it, and how they were obtained."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
+from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views import TrimmedView
 
-KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE = range(5)
-"""Labels of output rows: unchanged side, taken from the object, added to it, and the two parts of a split Gaussian."""
+
+class RowLabel(IntEnum):
+    """What happened to the Gaussian in a row of the object or of the background.
+
+    The names in lower case are those of `labels.npz`.
+    """
+
+    KEPT = 0
+    """It is on the side that the selection put it on."""
+    PRUNED = 1
+    """It was selected and is now in the background."""
+    RECOVERED = 2
+    """It was not selected and is now in the object."""
+    SPLIT_INSIDE = 3
+    """It is the part of a split Gaussian that lies in the object."""
+    SPLIT_OUTSIDE = 4
+    """It is the part of a split Gaussian that lies in the background."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrimResult:
-    """The object, the scene without it, and how they came about."""
+    """The object, the scene without it, and how they were obtained."""
 
     scene: Gaussians
+    """The Gaussians that were given."""
     object: Gaussians
-    """The trimmed object."""
+    """The trimmed object: whole Gaussians in the order of the scene, then the inner parts of split ones."""
     outside_parts: Gaussians
     """Outer parts of split Gaussians."""
     source_index: IntArray
-    """Scene row of every row of the object, then of every row of the background."""
+    """Scene row of each row of the object, then of each row of the background."""
     label: NDArray[np.uint8]
-    """KEPT, PRUNED, RECOVERED, SPLIT_INSIDE or SPLIT_OUTSIDE, for the same rows."""
+    """What happened to each of these rows, a `RowLabel`."""
     up: UpVector
     bounds: Bounds
+    """Bounds of the coarse object, which the views frame."""
     views: tuple[TrimmedView, ...]
     floaters: int
-    """Selected Gaussians too far from the object's bounds to belong to it."""
+    """Number of selected Gaussians that lie too far from the object to belong to it."""
     refused: str
     """Why the coarse selection was returned unchanged; empty if it was trimmed."""
     seconds: dict[str, float]
     """Time taken by each stage."""
     renderer: str
+    """Name of the renderer."""
     segmenter: str
+    """Name of the segmenter."""
+    segmenter_description: str
+    """What the segmenter says of itself for the report: its name, or more."""
+    selection: BoolArray
+    """The rough selection that was trimmed, (N,)."""
+    config: TrimConfig
+    """The settings that it was trimmed with."""
+    used_renderer: Renderer
+    """The renderer itself, which draws the pictures that are saved."""
+
+    @property
+    def object_mask(self) -> BoolArray:
+        """Which Gaussians of the scene the object has, whole or in part, (N,)."""
+        return _mask(self.source_index[: len(self.object)], len(self.scene))
 
     @cached_property
     def background(self) -> Gaussians:
-        """The scene without the object: every other Gaussian, then the outer parts of split ones."""
+        """The scene without the object: all other Gaussians, then the outer parts of split ones."""
         return concatenate([self.scene.select(self.background_rows), self.outside_parts])
 
     @property
@@ -52,6 +89,91 @@ class TrimResult:
         """Scene rows of the Gaussians that are whole in the background."""
         return self.source_index[len(self.object) : len(self.source_index) - len(self.outside_parts)]
 
-    def count(self, label: int) -> int:
-        """Number of output rows with a label."""
+    def count(self, label: RowLabel | int) -> int:
+        """Number of rows of object and background with a label."""
         return int(np.count_nonzero(self.label == label))
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """Settings, cameras, up vector, views accepted or rejected and why, counts and times, as JSON holds them."""
+        from gaussian_trimmer.output.report import describe
+
+        return describe(self, self.selection, self.config, {}, self.segmenter_description)
+
+    def save(self, folder: str | Path, *, overwrite: bool = False, format: str | None = None) -> Path:
+        """Write what the command line writes, and return the folder, which appears whole or not at all.
+
+        That is object and background as splat files, `labels.npz`, `report.json`, `before_after.png` and `views/`; the
+        background is not written if it is empty.
+
+        Args:
+            folder: new or empty; missing parents are made.
+            overwrite: replace earlier results in the folder.
+            format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or ksplat.
+
+        Raises:
+            InputError: the folder holds something and `overwrite` is not set, it cannot be written to, no format has
+                that name, or the format cannot hold the Gaussians.
+        """
+        from gaussian_trimmer.output.saving import save
+
+        return save(self, folder, overwrite=overwrite, format=format)
+
+    def slim(self) -> SlimResult:
+        """What was decided, without the scene, the object's Gaussians and the renderings."""
+        n_object = len(self.object)
+        object_labels, rest = self.label[:n_object], slice(n_object, None)
+        pruned = self.source_index[rest][self.label[rest] == RowLabel.PRUNED]
+        return SlimResult(
+            len(self.scene),
+            self.source_index[:n_object].astype(np.int32),
+            object_labels.copy(),
+            pruned.astype(np.int32),
+            tuple((view.mask.shape, np.packbits(view.mask)) for view in self.views),
+            self.report,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SlimResult:
+    """What a trim decided, without Gaussians and pictures: small enough to be kept by the thousand, or sent elsewhere.
+
+    Whole Gaussians of the object are `scene.select(slim.object_mask)`; the parts of split ones are not kept.
+    """
+
+    scene_size: int
+    """Number of Gaussians of the scene, N."""
+    object_rows: NDArray[np.int32]
+    """Scene row of each row of the object, (M,)."""
+    object_label: NDArray[np.uint8]
+    """What happened to each of these rows, a `RowLabel`, (M,)."""
+    pruned_rows: NDArray[np.int32]
+    """Scene rows that were selected and are now in the background."""
+    packed_masks: tuple[tuple[tuple[int, ...], NDArray[np.uint8]], ...]
+    """Shape and bits of the mask of each view; see `masks`."""
+    report: dict[str, Any]
+    """See `TrimResult.report`."""
+
+    @property
+    def object_mask(self) -> BoolArray:
+        """Which Gaussians of the scene the object has, whole or in part, (N,)."""
+        return _mask(self.object_rows, self.scene_size)
+
+    @property
+    def masks(self) -> list[BoolArray]:
+        """The segmenter's mask of each view, (H, W)."""
+        return [
+            np.unpackbits(bits, count=int(np.prod(shape))).view(np.bool_).reshape(shape)
+            for shape, bits in self.packed_masks
+        ]
+
+    @property
+    def refused(self) -> str:
+        """Why the coarse selection was returned unchanged; empty if it was trimmed."""
+        return str(self.report["refused"])
+
+
+def _mask(rows: NDArray[Any], n: int) -> BoolArray:
+    mask = np.zeros(n, np.bool_)
+    mask[rows] = True
+    return mask

@@ -1,12 +1,17 @@
-"""A view: what one camera sees of an object, and the mask that was drawn in it."""
+"""A view: what one camera sees of an object, and the mask that a segmenter drew in it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.rendering import Rendering
+
+HALF = 0.5
+"""A pixel belongs to the object where the object's alpha, or its share of the picture, is above this."""
 
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
@@ -14,23 +19,23 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a segmenter gets to see of one camera."""
+    """What a segmenter is given for one camera."""
 
     camera: Camera
     picture: Rendering
-    """Object and neighbours over black."""
+    """The object and the Gaussians around it, over black."""
     object_alpha: FloatArray
-    """Alpha of the coarse object rendered alone, (H, W)."""
+    """Alpha of the coarse object rendered in isolation, (H, W)."""
     object_visible: FloatArray
-    """Share of the picture that coarse object Gaussians contribute, sum of their blend weights, (H, W)."""
-    expected: FloatArray
-    """Share of the picture that the object is expected to contribute, from the corrected labels, (H, W)."""
+    """Share of the picture that the coarse object contributes: the sum of its Gaussians' blend weights, (H, W)."""
+    object_prior: FloatArray
+    """Share of the picture that the object contributes according to the corrected labels, (H, W)."""
     box: Box
-    """Bounding box of the coarse object rendered alone: the prompt of eq. 6."""
+    """Bounding box of the coarse object rendered in isolation: the prompt of eq. 6."""
 
     @property
     def rgb(self) -> FloatArray:
-        """The picture to segment, object and neighbours over black; colours are not clipped above one, (H, W, 3)."""
+        """The picture to segment, over black; colours are not clipped above one, (H, W, 3)."""
         return self.picture.rgb
 
     @property
@@ -43,13 +48,38 @@ class View:
         """Alpha of the picture, (H, W)."""
         return self.picture.alpha
 
+    @property
+    def silhouette(self) -> BoolArray:
+        """Pixels that belong to the object according to the corrected labels, (H, W)."""
+        return self.object_prior > HALF
+
 
 @dataclass(frozen=True, eq=False)
 class TrimmedView:
-    """A virtual view and what was made of it."""
+    """A view, its mask, and whether the mask was accepted."""
 
     view: View
     mask: BoolArray
     """The segmenter's mask, (H, W)."""
     rejected: str
-    """Why the mask was not believed; empty if it was."""
+    """Why the mask was rejected; empty if it was accepted."""
+
+
+def bounding_box(mask: BoolArray, margin: int = 0) -> Box:
+    """Bounding box of a mask (H, W), widened by `margin` pixels within the image; the whole image for an empty mask.
+
+    >>> bounding_box(np.array([[False, False, False], [False, True, False]]))
+    (1, 1, 2, 2)
+    """
+    height, width = mask.shape
+    if not mask.any():
+        return 0, 0, width, height
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    x0, y0 = max(0, int(columns[0]) - margin), max(0, int(rows[0]) - margin)
+    return x0, y0, min(width, int(columns[-1]) + 1 + margin), min(height, int(rows[-1]) + 1 + margin)
+
+
+def box_slices(box: Box) -> tuple[slice, slice]:
+    """Rows and columns of a box, to index an image with."""
+    x0, y0, x1, y1 = box
+    return slice(y0, y1), slice(x0, x1)

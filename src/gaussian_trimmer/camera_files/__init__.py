@@ -23,26 +23,33 @@ from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE
 from gaussian_trimmer.camera_files.json_files import read_json_frames
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.reading import is_file, reading
 
 __all__ = ["DISTORTION_TOLERANCE", "read_camera_set", "read_cameras"]
 
 
-def read_cameras(path: str | Path) -> list[Camera]:
-    """The cameras of a COLMAP folder or of a JSON file; errors as `read_camera_set`."""
-    return list(read_camera_set(path).cameras)
+def read_cameras(path: str | Path, *, trust_paths: bool = False) -> list[Camera]:
+    """The cameras of a COLMAP folder or of a JSON file; arguments and errors as those of `read_camera_set`."""
+    return list(read_camera_set(path, trust_paths=trust_paths).cameras)
 
 
-def read_camera_set(path: str | Path) -> CameraSet:
+def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet:
     """Cameras, split and up vector of a COLMAP folder or of a JSON file; the kind is found by content.
 
+    Arguments:
+        trust_paths: open a picture that a transforms.json names outside its own folder, should its size be needed.
+
     Raises:
-        InputError: nothing readable is there, two kinds are, the file is damaged, or a camera is not possible.
+        InputError: nothing readable is there, two kinds are, the file is damaged or changes meanwhile, or a camera is
+            not possible.
     """
-    found = _camera_file(Path(path))
-    if found.suffix.lower() == ".json":
-        frames, up = read_json_frames(found)
-    else:
-        frames, up = list(read_colmap_frames(found)), None
+    found, up = _camera_file(Path(path)), None
+    with reading(found):
+        if found.suffix.lower() == ".json":
+            frames, up = read_json_frames(found, trust_paths=trust_paths)
+        else:
+            with reading(found.with_stem("cameras")):
+                frames = list(read_colmap_frames(found))
     if not frames:
         raise InputError(f"'{found}' holds no posed images; give the cameras of a finished reconstruction.")
     cameras = tuple(
@@ -55,7 +62,7 @@ def read_camera_set(path: str | Path) -> CameraSet:
 
 def _camera_file(path: Path) -> Path:
     """The JSON file, or the COLMAP images file, that a path stands for."""
-    if path.is_file():
+    if is_file(path):
         if path.suffix.lower() == ".json":
             return path
         if path.stem in ("cameras", "images") and path.suffix in (".bin", ".txt"):

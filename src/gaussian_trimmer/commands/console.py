@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, printable
 
 _STAGES = {
     "read": "reading the files",
@@ -34,14 +34,23 @@ _DOUBTFUL = 0.2
 
 def open_console(*, quiet: bool) -> Console:
     """The terminal, or standard output; errors are not written to it."""
-    return Console(quiet=quiet, highlight=False, markup=False, emoji=False, soft_wrap=True)
+    return _PlainConsole(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
+
+
+class _PlainConsole(Console):
+    """Prints text without the escape sequences that names of files may have."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """As `Console.print`; text keeps its line ends alone."""
+        plain = ("\n".join(map(printable, text.split("\n"))) if isinstance(text, str) else text for text in objects)
+        super().print(*plain, **options)
 
 
 @contextmanager
 def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     """Give a function to call with the name of each stage as it begins; nothing is shown outside a terminal."""
     bar = Progress(
-        SpinnerColumn("line" if console.options.ascii_only else "dots"),
+        SpinnerColumn("dots" if console.encoding.startswith("utf") else "line"),
         TextColumn("{task.description}"),
         BarColumn(),
         TimeElapsedColumn(),

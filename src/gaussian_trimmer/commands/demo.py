@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -17,10 +18,10 @@ _FOLDER = Path("trimmed") / "demo"
 
 @dataclass(frozen=True)
 class Demo:
-    """Trim an object of the sample scene that comes with the program, and say where to look."""
+    """Trim an object of the sample scene that comes with the program, and say where the results are."""
 
-    output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder for the results. (default: trimmed/demo, which every run replaces)"""
+    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/demo)")] = None
+    """Folder for the results; every run replaces those in trimmed/demo."""
     overwrite: bool = False
     """Replace earlier results in the output folder; files that the program did not write stay."""
     quiet: bool = False
@@ -29,7 +30,9 @@ class Demo:
     def run(self) -> None:
         """Trim and write the results; errors as those of `Trim.run`."""
         console = open_console(quiet=self.quiet)
-        console.print("The sample: a toy lighthouse on a table, roughly selected, with table around its foot.")
+        console.print(
+            "The sample: a toy lighthouse on a table, roughly selected, with parts of the table around its foot."
+        )
         folder = self.output or _FOLDER
         Trim(
             sample.SCENE,
@@ -47,4 +50,5 @@ class Demo:
             f"{folder / 'views'} shows where the silhouettes were drawn, {folder / 'report.json'} says the rest."
         )
         console.print("The same by hand:")
-        console.print(f"  gaussian-trimmer trim {sample.SCENE} {sample.SELECTION} --cameras {sample.CAMERAS}")
+        command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS]
+        console.print(f"  {shlex.join(map(str, command))}")

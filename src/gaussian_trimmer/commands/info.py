@@ -10,7 +10,6 @@ from tyro.conf import Positional
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.output.printable import printable
 
 
 @dataclass(frozen=True)
@@ -19,6 +18,8 @@ class Info:
 
     files: Positional[tuple[Path, ...]]
     """Files, or folders with cameras."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
 
     def run(self) -> None:
         """Print a paragraph on every file.
@@ -30,5 +31,4 @@ class Info:
             raise InputError("Name at least one file.")
         console = open_console(quiet=False)
         for path in self.files:
-            lines = describe_file(path).splitlines()
-            console.print("\n".join(printable(line) for line in lines))
+            console.print(describe_file(path, trust_paths=self.trust_paths))

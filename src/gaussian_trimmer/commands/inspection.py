@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,19 +11,21 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, printable, shown
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.reading import is_file
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.classifier import classifier_of
 from gaussian_trimmer.selection_files.clusters import LEAF
-from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids
+from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, open_selection
 from gaussian_trimmer.selection_files.splat_property import MASK
 from gaussian_trimmer.selection_files.splat_rows import has_identity_features
 
 _FAINT, _SOLID = 0.05, 0.95
+_LISTED = 24
 _COLMAP_FILES = ("cameras.bin", "cameras.txt", "images.bin", "images.txt")
 _USES = {
     "mask": "selects from a scene of {n} Gaussians",
@@ -35,17 +36,20 @@ _USES = {
 }
 
 
-def describe_file(path: Path) -> str:
+def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     """Several lines on a splat file, a selection file, or a file or folder of cameras.
+
+    Arguments:
+        trust_paths: as for `read_camera_set`.
 
     Raises:
         InputError: the file is missing, of no known kind, or damaged.
     """
-    if not path.exists():
+    if not (is_file(path) or path.is_dir()):
         raise InputError(f"There is no file or folder '{path}'.")
     name = path.name.lower()
     if path.is_dir() or path.suffix.lower() == ".json" or name in _COLMAP_FILES:
-        lines = describe_cameras(path)
+        lines = describe_cameras(path, trust_paths=trust_paths)
     elif name.endswith(tuple(formats.FORMATS)):
         lines = describe_gaussians(formats.read(path))
     elif name.endswith(SUFFIXES):
@@ -53,7 +57,7 @@ def describe_file(path: Path) -> str:
     else:
         known = ", ".join((*formats.FORMATS, *SUFFIXES, ".json"))
         raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
-    return "\n  ".join([f"{path}{_size(path)}", *lines])
+    return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
@@ -71,7 +75,7 @@ def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
         largest = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
     yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
     if gaussians.extras:
-        yield f"extra columns: {', '.join(_grouped(gaussians.extras))}"
+        yield f"extra columns: {list_names(gaussians.extras)}"
         yield from _offers_of_columns(gaussians.extras)
 
 
@@ -84,8 +88,10 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"classifier of {classifier.weight.shape[0]} ids from {classifier.weight.shape[1]} identity features"
         yield f"selects from a scene with obj_dc columns, with {flag('object_id')}"
         return
-    for name, array in file.arrays.items():
-        yield f"{f'array {name}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
+    for name, array in list(file.arrays.items())[:_LISTED]:
+        yield f"{f'array {shown(name)}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
+    if len(file.arrays) > _LISTED:
+        yield f"and {len(file.arrays) - _LISTED} more arrays"
     longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
     options = SelectionOptions()
     kinds = ["clusters"] if LEAF in file.arrays else offered_kinds(file, longest, options)
@@ -97,9 +103,9 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield "holds no selection of a known kind"
 
 
-def describe_cameras(path: Path) -> Iterator[str]:
+def describe_cameras(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
     """Lines on the number of cameras, their images, split and up vector."""
-    found = read_camera_set(path)
+    found = read_camera_set(path, trust_paths=trust_paths)
     source = "JSON file" if path.suffix.lower() == ".json" else "COLMAP model or folder"
     yield f"cameras: {len(found.cameras)} views ({sum(found.train)} for training) in a {source}"
     sizes = sorted({(camera.width, camera.height) for camera in found.cameras})
@@ -154,18 +160,6 @@ def _values(array: NDArray[Any]) -> str:
 def _distinct_rows(file: SelectionFile, options: SelectionOptions) -> bool:
     rows = file.vector(options)
     return rows is not None and len(np.unique(rows)) == len(rows) and int(rows.min(initial=0)) >= 0
-
-
-def _grouped(names: Iterable[str]) -> list[str]:
-    """Column names, with runs that differ in their last number alone written as first to last.
-
-    >>> _grouped(["mask", "obj_dc_0", "obj_dc_1", "obj_dc_2"])
-    ['mask', 'obj_dc_0 to obj_dc_2']
-    """
-    runs: dict[str, list[str]] = {}
-    for name in names:
-        runs.setdefault(re.sub(r"\d+$", "#", name), []).append(name)
-    return [run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs.values()]
 
 
 def _percent(flags: NDArray[np.bool_]) -> str:

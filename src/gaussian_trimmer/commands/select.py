@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -17,61 +19,68 @@ from gaussian_trimmer.atomic import atomic_file, atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, refuse_existing
-from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.commands.trim import Loaded, Trim
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import Renderer, get_renderer
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
 from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.settings import Range, Share, Vector, check_settings
 
-_WAYS = {"piece": "a thing that stands on a surface", "colour": "what has its colour in that view"}
+_WAYS = {
+    "piece": "an object that stands on a surface",
+    "part": "the part that fills the box, on all of its sides",
+    "colour": "what has its colour in that view, on all of its sides",
+}
 
 
 @dataclass(frozen=True)
 class Select:
     """Make a rough selection of an object: by clicks or a box in one view, or by masks of the training pictures.
 
-    Views are the pictures of --cameras, or without these numbered ones from all around; --list-views writes them as
-    pictures to find pixels in. A mask belongs to the picture of its name: IMG_7.png or IMG_7.JPG.png to IMG_7.JPG;
-    pictures without a mask are passed over.
+    The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
+    pictures in which to find pixels. A mask belongs to the picture with the same name: IMG_7.png or IMG_7.JPG.png to
+    IMG_7.JPG; pictures without a mask are skipped.
     """
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene."""
     click: Annotated[UseAppendAction[tuple[tuple[int, int], ...]], arg(metavar="X Y")] = ()
-    """A pixel on the object, from the left and the top; may be repeated, also for several things at once."""
+    """A pixel on the object, counted from the left and the top. May be repeated, also to select several objects."""
     box: Annotated[tuple[int, int, int, int] | None, arg(metavar="X0 Y0 X1 Y1")] = None
     """Left, top, right and bottom of a box around the object."""
     view: Annotated[str | None, arg(metavar="NAME")] = None
-    """The view of clicks and box: the name of a picture of --cameras, with or without its ending."""
+    """The view in which clicks and box are given: the name of a picture of --cameras, with or without its ending."""
     view_index: Annotated[int | None, arg(metavar="INT")] = None
-    """The view of clicks and box by its number, from 0."""
+    """The same view by its number, from 0."""
     list_views: Annotated[Path | None, arg(metavar="DIR")] = None
     """Write pictures of all views to this folder and stop."""
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks; bright is the object."""
+    """Folder of masks; the object is bright."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
-    """Training cameras: a COLMAP folder, transforms.json or cameras.json. Masks need them."""
-    up: Annotated[tuple[float, float, float] | None, arg(metavar="X Y Z")] = None
-    """Up vector of the scene; not given: found from the cameras, else from the ground plane."""
+    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They are required with --masks."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    up: Annotated[Vector | None, arg(metavar="X Y Z")] = None
+    """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
-    """The selection, an .npy file of booleans, or of object numbers with --object-ids."""
+    """File for the selection: .npy with booleans, or with object numbers if --object-ids is given."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Trim the selection too, and write the results to this folder."""
+    """Also trim the selection, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
-    """By what masks judge a Gaussian: the pixels that it paints, or where its centre is."""
-    gamma: float = 0.0
+    """How masks select Gaussians: by the pixels that a Gaussian contributes to, or by votes for its centre."""
+    gamma: Annotated[float, Range(-1, 1)] = 0.0
     """For `assignment`: bias towards the background, -1 to 1."""
-    threshold: float = 0.7
-    """For `vote`: share of the masks that a centre must exceed."""
+    threshold: Share = 0.7
+    """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
-    """The masks are images of object numbers, 0 for the background; all objects are lifted at once."""
-    renderer: Annotated[str, arg(metavar="{auto,numba,reference,gsplat}")] = "auto"
+    """The masks hold object numbers, 0 for the background; all objects are selected at once."""
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
     overwrite: bool = False
     """Replace the output if it exists, and earlier results of --trim or --list-views; other files stay."""
@@ -90,34 +99,37 @@ class Select:
             self._write_views(self.list_views, console)
         elif self.trim is not None:
             Trim(
-                self.scene, self.output, cameras=self.cameras, output=self.trim, overwrite=self.overwrite,
-                renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
-            ).run(prepare=lambda: self._select(console))  # fmt: skip
+                self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
+                overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
+            ).run(load=lambda: self._select(console))  # fmt: skip
         else:
             self._select(console)
             console.print(f"Now: {self._next_command()}")
 
-    def _select(self, console: Console) -> None:
-        """Make the selection and save it."""
+    def _select(self, console: Console) -> Loaded:
+        """Make the selection and save it; returns it, and what it was made from."""
         scene, cameras = self._read()
         selection, how = self._lift(scene, cameras) if self.masks else self._pick(scene, cameras)
         if not selection.any():
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
         _save(selection, self.output)
         console.print(f"{self.output}: {np.count_nonzero(selection):,} of {len(scene):,} Gaussians, {how}")
+        return scene, selection, cameras
 
     def _read(self) -> tuple[Gaussians, CameraSet | None]:
-        return formats.read(self.scene), read_camera_set(self.cameras) if self.cameras else None
+        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
+        return formats.read(self.scene), cameras
 
     def _check(self) -> None:
-        """Refuse what cannot go together before anything is read."""
+        """Refuse what is not possible or cannot go together before anything is read."""
+        check_settings(self)
         ways = [bool(self.click), self.box is not None, self.masks is not None, self.list_views is not None]
         if sum(ways) != 1:
             raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
         if self.object_ids and (self.masks is None or self.method == "vote"):
-            raise InputError("Object numbers are lifted from --masks by 'assignment' alone; leave --method out.")
+            raise InputError("Object numbers are lifted from --masks only by 'assignment'; leave --method out.")
         if self.object_ids and self.trim is not None:
             raise InputError("Only one object can be trimmed at a time; leave --trim out and choose an object id then.")
         if self.output.suffix != ".npy":
@@ -144,15 +156,17 @@ class Select:
         renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
         views, rows = _views(scene, cameras, up)
         camera, drawn = self._view(views), scene.select(rows)
-        pick = self._understand(drawn, camera, up, renderer)
+        pick = self._understand(drawn, camera, up, renderer, _training_cameras(cameras))
         selection = np.zeros(len(scene), np.bool_)
         selection[rows[pick.selection]] = True
         return selection, ", ".join(_WAYS[way] for way in pick.ways)
 
-    def _understand(self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer) -> Pick:
+    def _understand(
+        self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer, seen_from: Sequence[Camera]
+    ) -> Pick:
         if self.box is not None:
-            return select_by_box(drawn, camera, self.box, up.direction, renderer)
-        return select_by_clicks(drawn, camera, self.click, up.direction, renderer)
+            return select_by_box(drawn, camera, self.box, up.direction, renderer, seen_from)
+        return select_by_clicks(drawn, camera, self.click, up.direction, renderer, seen_from)
 
     def _view(self, views: list[Camera]) -> Camera:
         """The view that clicks and box refer to."""
@@ -181,14 +195,19 @@ class Select:
         console.print(f"{folder}: {len(views)} views, each named by its number for --view-index")
 
     def _next_command(self) -> str:
-        parts = [f"gaussian-trimmer trim {self.scene} {self.output}"]
+        parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
         if self.cameras:
-            parts.append(f"--cameras {self.cameras}")
+            parts += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
         if self.up:
-            parts.append(f"--up {' '.join(f'{value:g}' for value in self.up)}")
+            parts += ["--up", *(f"{value:g}" for value in self.up)]
         if self.object_ids:
-            parts.append("--selection.object-id ID")
-        return " ".join(parts)
+            parts += ["--selection.object-id", "ID"]
+        return shlex.join(parts)
+
+
+def _training_cameras(cameras: CameraSet | None) -> list[Camera]:
+    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
+    return [camera for camera, train in listed if train]
 
 
 def _save(selection: NDArray[Any], path: Path) -> None:

@@ -1,14 +1,16 @@
-"""Hidden Gaussians that cross the surface on which the object stands.
+"""Hidden Gaussians that cross the support plane, where the object and what it stands on touch.
 
-Where no camera looks, training leaves large Gaussians, and under an object some reach from below the table up into it.
-Whole, such a one is wrong on either side: in the object it hangs down below the foot, in the background it stands up
-from the table like a ghost. The scene does not show it, so it can be cut at the surface without a trace.
+Where no camera looks, training leaves large Gaussians, and below an object some reach from under the table up into it.
+Such a Gaussian is wrong on either side if it stays whole: in the object it hangs down below the foot, and in the
+background it rises from the table like a ghost. The scene does not show it, so it can be cut at the support plane
+without a trace.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -18,98 +20,102 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import Support
+from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.settings import Range, Share
+from gaussian_trimmer.views import TrimmedView
 
 _SCALE = 0.5
+"""Resolution of the renderings that are made here, relative to that of the views."""
 _CROSSING = 2.5
-"""Standard deviations within which a Gaussian reaches the surface."""
+"""Number of standard deviations within which a Gaussian reaches the plane."""
 _RISING = 2.0
-"""Standard deviations by which a Gaussian must rise above the surface's layer, to be more than a part of it."""
+"""Number of standard deviations by which a Gaussian must rise above the plane's layer, not to be a part of it."""
 
 
 @dataclass(frozen=True)
-class ContactConfig:
-    """Which hidden Gaussians are cut where they cross the supporting surface."""
+class SupportPlaneSplitConfig:
+    """Which hidden Gaussians are split where they cross the support plane below the object."""
 
     enabled: bool = False
-    """Cut them, if Gaussians may join the object at all; off, they stay whole in the background."""
-    least_area: float = 4e-4
-    """Smallest blend weight in place of the object when the background is alone, as a share of the views' pixels."""
-    largest_seen: float = 0.1
-    """Largest blend weight in the whole scene, as a share of that in the background alone."""
-    least_inside: float = 0.9
-    """Smallest share of the blend weight in the background alone that lies within the masks."""
-    largest_halo: float = 0.1
-    """Largest blend weight of the upper part beside the masks, when the object is alone, as a share of the same."""
+    """Split them, provided that Gaussians may join the object (`evidence.recover`); if off, they stay whole in the
+    background."""
+    min_area: Share = 4e-4
+    """Smallest blend weight inside the masks when the background is rendered without the object, as a share of the
+    views' pixels."""
+    max_seen: Annotated[float, Range(0, 100)] = 0.1
+    """Largest blend weight in the whole scene, relative to that in the background alone."""
+    min_inside: Share = 0.9
+    """Smallest share of the blend weight in the background alone that lies inside the masks."""
+    max_halo: Annotated[float, Range(0, 100)] = 0.1
+    """Largest blend weight of the upper part outside the masks when the object is rendered in isolation, relative to
+    the blend weight inside the masks in the background alone."""
 
 
-def cut_sunken(
+def split_at_support_plane(
     gaussians: Gaussians,
     keep: BoolArray,
     seen: FloatArray,
-    support: Support,
+    plane: SupportPlane,
     bounds: Bounds,
-    cameras: Sequence[Camera],
-    masks: Sequence[BoolArray],
+    views: Sequence[TrimmedView],
     renderer: Renderer,
-    config: ContactConfig,
+    config: SupportPlaneSplitConfig,
 ) -> tuple[IntArray, Gaussians, Gaussians]:
-    """Gaussians of the background that only show when the object is gone and rise from the surface in its place.
+    """Split Gaussians of the background that show only when the object is gone, and then rise in its place.
 
     Args:
-        gaussians: the object and its neighbours.
-        keep: which of them are the object so far, (N,).
+        gaussians: the object and the Gaussians around it.
+        keep: which of them belong to the object so far, (N,).
         seen: blend weight in the views of the whole scene, (N,).
-        support: the surface that the object stands on.
+        plane: the plane that the object stands on.
         bounds: the object's bounds; their third axis is up.
-        cameras: accepted views.
-        masks: their masks, (H, W) each.
-        renderer: renders background and object alone, at half the resolution.
+        views: accepted views.
+        renderer: renders background and object in isolation, at half the resolution.
         config: thresholds.
 
     Returns:
-        Their rows (S,), and their parts above and below the surface. Those whose upper parts would show beside the
-        object, when that is alone, are not among them.
+        Rows of the split Gaussians (S,), and their parts above and below the plane. Gaussians whose upper parts would
+        show outside the masks when the object is rendered in isolation are not split.
     """
-    beside = np.flatnonzero(~keep)
-    background = gaussians.select(beside)
-    heights, spreads = _heights(background, support, bounds)
-    sunken = (np.abs(heights) < _CROSSING * spreads) & (heights + _RISING * spreads > support.thickness)
-    views = [_smaller(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
-    if sunken.any():
-        ghost = _weights(background, views, renderer)
-        sunken &= ghost[:, 1] >= config.least_area * sum(mask.size for mask in masks)
-        sunken &= seen[beside] <= config.largest_seen * ghost[:, 1]
-        sunken &= ghost[:, 1] >= config.least_inside * ghost.sum(axis=1)
-    rows = beside[sunken]
+    outside = np.flatnonzero(~keep)
+    background = gaussians.select(outside)
+    heights, spreads = _heights(background, plane, bounds)
+    crossing = (np.abs(heights) < _CROSSING * spreads) & (heights + _RISING * spreads > plane.thickness)
+    small = [_smaller(view) for view in views]
+    if crossing.any():
+        ghost = _weights(background, small, renderer)
+        crossing &= ghost[:, 1] >= config.min_area * sum(view.mask.size for view in views)
+        crossing &= seen[outside] <= config.max_seen * ghost[:, 1]
+        crossing &= ghost[:, 1] >= config.min_inside * ghost.sum(axis=1)
+    rows = outside[crossing]
     normals = np.tile(bounds.axes[2], (len(rows), 1))
-    upper, lower = split_plane(gaussians.select(rows), normals, heights[sunken] / spreads[sunken])
+    upper, lower = split_plane(gaussians.select(rows), normals, heights[crossing] / spreads[crossing])
     if len(rows) == 0:
         return rows, upper, lower
-    halo = _weights(concatenate([gaussians.select(keep), upper]), views, renderer)[-len(rows) :, 0]
-    clean = halo <= config.largest_halo * ghost[sunken, 1]
+    halo = _weights(concatenate([gaussians.select(keep), upper]), small, renderer)[-len(rows) :, 0]
+    clean = halo <= config.max_halo * ghost[crossing, 1]
     return rows[clean], upper.select(clean), lower.select(clean)
 
 
-def _heights(gaussians: Gaussians, support: Support, bounds: Bounds) -> tuple[Float64Array, Float64Array]:
-    """Height of the centres above the surface and standard deviation upwards, in object radii, (N,) each.
+def _heights(gaussians: Gaussians, plane: SupportPlane, bounds: Bounds) -> tuple[Float64Array, Float64Array]:
+    """Height of the centres above the plane and standard deviation along up, in object radii, (N,) each.
 
-    The standard deviation is zero where the Gaussian is too far from the surface to reach it.
+    The standard deviation is zero where the Gaussian is too far from the plane to reach it.
     """
     up = bounds.axes[2]
-    heights = (gaussians.means - bounds.centre) @ up / bounds.radius - support.height
+    heights = (gaussians.means - bounds.centre) @ up / bounds.radius - plane.height
     near = np.flatnonzero(np.abs(heights) < _CROSSING * np.exp(gaussians.log_scales.max(axis=1)) / bounds.radius)
     spreads = np.zeros_like(heights)
     spreads[near] = np.sqrt(np.einsum("i,nij,j->n", up, gaussians.select(near).covariances(), up)) / bounds.radius
     return heights, spreads
 
 
-def _smaller(camera: Camera, mask: BoolArray) -> tuple[Camera, NDArray[np.uint8]]:
-    """A view and its mask at a part of the resolution."""
-    small = camera.resized(_SCALE)
-    labels = cv2.resize(mask.astype(np.uint8), (small.width, small.height), interpolation=cv2.INTER_NEAREST)
-    return small, np.asarray(labels, np.uint8)
+def _smaller(view: TrimmedView) -> tuple[Camera, NDArray[np.uint8]]:
+    """Camera and mask of a view at reduced resolution."""
+    camera = view.view.camera.resized(_SCALE)
+    labels = cv2.resize(view.mask.astype(np.uint8), (camera.width, camera.height), interpolation=cv2.INTER_NEAREST)
+    return camera, np.asarray(labels, np.uint8)
 
 
 def _weights(gaussians: Gaussians, views: Sequence[tuple[Camera, NDArray[np.uint8]]], renderer: Renderer) -> FloatArray:

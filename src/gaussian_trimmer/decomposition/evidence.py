@@ -1,8 +1,8 @@
-"""Judging every Gaussian by what it shows in the views: keep, prune, recover.
+"""Which Gaussians belong to the object, by what they show in the views: keep, prune, recover.
 
-Centres lie: a Gaussian whose centre is inside a mask may paint mostly outside of it. What counts here is the blend
-weight that a Gaussian puts inside and outside the masks, summed over views. Sums do not depend on the order of views
-or Gaussians.
+Centres mislead: a Gaussian whose centre lies inside a mask may show mostly outside of it. What counts here is the blend
+weight that a Gaussian has inside and outside the masks, summed over the views. The sums do not depend on the order of
+views or Gaussians.
 """
 
 from __future__ import annotations
@@ -12,67 +12,103 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.settings import Share, Weight
 
 _SEEN = 1e-3
+"""Blend weight in pixels, summed over the views, above which a Gaussian counts as seen."""
+_UNDECIDED = 0.5
+"""Share inside the masks, and probability, that speak neither for the object nor against it."""
+_VISIBLE_WEIGHT = 3.0
+"""Weight of the share inside the masks of a Gaussian of which the scene hides nothing, relative to its label."""
+_LARGE = 0.25
+"""Largest standard deviation, in object radii, from which on that weight grows; at twice this it is doubled."""
 
 
 @dataclass(frozen=True)
 class EvidenceConfig:
     """When a Gaussian belongs to the object."""
 
-    prior: float = 1.0
-    """Weight of the corrected label beside the share of blend weight inside the masks; 0: the masks alone decide."""
+    prior: Weight = 1.0
+    """Weight of the corrected label relative to the share of blend weight inside the masks; 0: the masks alone
+    decide."""
     recover: bool = True
-    """Whether Gaussians outside the coarse selection may join the object."""
-    recover_limit: float = 0.3
-    """Least corrected label of a Gaussian that joins: what is only seen through the object must not."""
+    """Allow Gaussians outside the coarse selection to join the object."""
+    recover_limit: Share = 0.3
+    """Smallest corrected label of a Gaussian that joins, so that what is only visible through the object stays out."""
     second_evidence: bool = True
-    """Whether a Gaussian is pruned for what it shows outside the masks when the object is rendered alone."""
-    alone_limit: float = 0.5
-    """Largest share outside the masks, in the object rendered alone, of a Gaussian that the scene shows as well."""
-    hidden_limit: float = 0.3
-    """The same for a Gaussian that no view of the scene shows."""
+    """Prune Gaussians by what they show outside the masks when the object is rendered in isolation."""
+    isolated_limit: Share = 0.35
+    """Largest share of a Gaussian's blend weight in the object in isolation that appears outside the masks and that the
+    scene hides, for Gaussians that are visible in the scene."""
+    hidden_limit: Share = 0.3
+    """The same for Gaussians that no view of the scene shows."""
 
 
-def judge(
+def classify_gaussians(
     inside: FloatArray, outside: FloatArray, probability: FloatArray, coarse: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
-    """Which Gaussians the views of the whole scene support as object, (N,).
+    """Which Gaussians belong to the object according to the views of the whole scene, (N,).
 
     Args:
         inside: blend weight inside the masks, summed over the accepted views, (N,).
         outside: blend weight outside them, (N,).
-        probability: the corrected coarse label, (N,); it alone decides for Gaussians that no view shows.
-        coarse: the coarse selection, (N,).
+        probability: the corrected label, (N,); it alone decides for Gaussians that no view shows.
+        coarse: the coarse selection, (N,). What is outside of it joins only if the masks show it, so that a corrected
+            label that no picture supports adds nothing.
         config: thresholds.
     """
     total = inside + outside
-    share = np.divide(inside, total, out=np.full_like(total, 0.5), where=total > 0)
-    supported = np.where(total > _SEEN, share - 0.5 + config.prior * (probability - 0.5), probability - 0.5) > 0
+    share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED), where=total > 0)
+    label = np.where(coarse, probability, _UNDECIDED * probability)
+    support = share - _UNDECIDED + config.prior * (label - _UNDECIDED)
+    supported = np.where(total > _SEEN, support, label - _UNDECIDED) > 0
     return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
 
 
-def shows_outside(
-    alone: FloatArray, inside: FloatArray, outside: FloatArray, free_standing: BoolArray, config: EvidenceConfig
+def find_halo(
+    isolated: FloatArray, inside: FloatArray, outside: FloatArray, free_standing: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
-    """Which Gaussians paint beside the object when it is rendered alone, (N,).
+    """Which Gaussians show outside the masks when the object is rendered in isolation, (N,).
 
-    These are the halo under and behind an object: hidden in the scene, so that the first evidence cannot judge them.
-    Two kinds of Gaussians are none of them, however much they paint outside the masks when alone. What the scene shows
-    inside the masks more than the object alone shows outside: the far wall of a hollow object, seen through a hole of
-    a bad selection. And what stands clear of the surface below but behind something nearer, if the scene shows it
-    mostly inside from elsewhere.
+    These form the halo below and behind an object: they are hidden in the scene, so the evidence of the whole scene
+    cannot classify them. What the scene shows outside the masks is not counted, since that evidence has seen it: large
+    Gaussians leak over every edge. Two kinds of Gaussians are not part of the halo, whatever they show outside:
+
+    - Those that show more inside the masks in the scene than outside them in isolation: for example the far wall of a
+      hollow object, seen through a hole in a poor selection.
+    - Those above the support plane, where something nearer hides them in the scene: the pot behind its plant.
 
     Args:
-        alone: blend weight in the object alone: outside the masks, inside, and outside but hidden in the scene by
-            something clearly nearer, (N, 3).
+        isolated: blend weight in the object in isolation: outside the masks, inside them, and outside them but hidden
+            in the scene by something clearly nearer, (N, 3).
         inside: blend weight inside the masks in the views of the whole scene, (N,).
         outside: blend weight outside them in those views, (N,).
-        free_standing: what lies above the surface that the object stands on, (N,).
+        free_standing: what lies above the plane that the object stands on, (N,).
         config: thresholds.
     """
-    supported = free_standing & (inside > outside)
-    beside = alone[:, 0] + np.where(supported, 0, alone[:, 2])
-    total = beside + alone[:, 1]
-    limit = np.where(inside + outside > _SEEN, config.alone_limit, config.hidden_limit)
-    return np.asarray((total > _SEEN) & (beside > limit * total) & (beside > inside))
+    uncovered = np.maximum(isolated[:, 0] + np.where(free_standing, 0, isolated[:, 2]) - outside, 0)
+    total = uncovered + isolated[:, 1]
+    limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
+    return np.asarray((total > _SEEN) & (uncovered > limit * total) & (uncovered > inside))
+
+
+def find_outsiders(
+    isolated: FloatArray, inside: FloatArray, outside: FloatArray, probability: FloatArray, widths: FloatArray
+) -> BoolArray:
+    """Which Gaussians the scene shows so openly and so far outside the masks that no label can keep them, (N,).
+
+    A label that was corrected with certainty outweighs the masks in `classify_gaussians`, as it should where a view
+    sees little of a Gaussian. One that is in full view, and the more so a large one, is what the views show.
+
+    Args:
+        isolated: as in `find_halo`, (N, 3).
+        inside: blend weight inside the masks in the views of the whole scene, (N,).
+        outside: blend weight outside them in those views, (N,).
+        probability: the corrected label, (N,).
+        widths: largest standard deviation of each Gaussian, in object radii, (N,).
+    """
+    seen, whole = inside + outside, isolated.sum(axis=1)
+    visible = np.minimum(1, np.divide(seen, whole, out=np.zeros_like(seen), where=whole > 0))
+    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED), where=seen > 0)
+    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE, 1, 2)
+    return np.asarray((seen > 1) & (weight * (_UNDECIDED - share) > probability - _UNDECIDED))

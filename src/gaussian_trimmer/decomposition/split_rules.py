@@ -16,19 +16,19 @@ import numpy as np
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, logit, quaternions_of, rotation_matrices
 
 MAX_OFFSET = 6.0
-"""Planes farther from the centre, in sigma_n, cut as if they were here: nothing visible lies beyond."""
+"""Planes farther from the centre, in sigma_n, are moved to this distance: nothing visible lies beyond."""
 
 PROFILE_POWER = 1.5
 """A child takes the moments of the cut profile to this power: 1 keeps mean and variance, more closes the seam."""
 
 MAX_OPACITY = 0.99
-"""Rasterisers show nothing more opaque; children exceed it only if their parent did."""
+"""Rasterisers cap alpha here; children are more opaque only if their parent was."""
 
 AXIS_LENGTH = 3.0
-"""Length of the segment that stands for the longest axis, in its standard deviations."""
+"""Length of the segment that represents the longest axis, in standard deviations along it."""
 
 MIN_SHARE = 0.05
-"""Least share of the segment that a child gets when the plane crosses it, so that no child is degenerate."""
+"""Smallest share of the segment that a child gets if the plane crosses it, so that no child is degenerate."""
 
 SAGD_SHRINKAGE = 0.8
 """Factor by which SAGD's published code shrinks its child beyond the share of the axis."""

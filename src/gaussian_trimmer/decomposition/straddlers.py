@@ -1,40 +1,50 @@
-"""Boundary Gaussian Decomposition, detection: contour pixels, the Gaussians that paint them, their cut planes."""
+"""Boundary Gaussian Decomposition, detection: contour pixels, the Gaussians that show there, and their cut planes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.settings import Range, Share, check_settings
+from gaussian_trimmer.views import TrimmedView
+
+_MAX_OFFSET = 3.0
+"""Distance of a plane from the centre, in standard deviations along its normal, from which it cuts nothing off."""
+_CONTOUR_SMOOTHING = 1.5
+"""Standard deviation of the blur of the signed distance, in pixels: contours of masks are staircases."""
+_MIN_SLOPE = 0.1
+"""Slope of the signed distance below which a pixel is equally far from several parts of the contour."""
 
 
 @dataclass(frozen=True)
 class BoundaryConfig:
     """Which Gaussians straddle the boundary."""
 
-    band: int = 2
-    """Distance from the contour, in pixels, within which the painting Gaussians are looked up."""
-    contributors: int = 10
-    """Gaussians looked up at each of these pixels, k of the top-k selection."""
-    least_weight: float = 0.01
+    band: Annotated[int, Range(1, 64)] = 2
+    """Distance from a mask's contour, in pixels, within which contributing Gaussians are looked up."""
+    contributors: Annotated[int, Range(1, 256)] = 10
+    """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
+    min_weight: Share = 0.01
     """Smallest blend weight that counts at a pixel."""
-    least_share: float = 0.3
-    """Smallest share of a straddler's blend weight on the lesser side of the mask."""
-    least_area: float = 4e-4
-    """Smallest blend weight on the lesser side, as a share of the view's pixels; what nobody sees is left whole."""
-    along_ray_limit: float = 0.5
-    """Largest cosine between a cut's displacement and the viewing ray; beyond, children would change the order."""
+    min_share: Share = 0.3
+    """Smallest share of a straddler's blend weight on its minor side of the mask's contour."""
+    min_area: Share = 4e-4
+    """Smallest blend weight on the minor side, as a share of the view's pixels; smaller straddlers are left whole."""
+    along_ray_limit: Share = 0.5
+    """Largest cosine between the direction in which the children are moved and the viewing ray; beyond it, children
+    would be drawn in another order than their parent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Straddlers:
-    """Gaussians that paint on both sides of a mask's contour, each with the plane that cuts it best."""
+    """Gaussians that show on both sides of a mask's contour, each with the plane that cuts it best."""
 
     rows: IntArray
     """Row numbers, ascending, (S,)."""
@@ -42,44 +52,38 @@ class Straddlers:
     """Unit normals of the cut planes, towards the object, (S, 3)."""
     offsets: Float64Array
     """Signed distance of the centre from the plane, positive inside, in standard deviations along the normal, (S,)."""
-    lesser: Float64Array
-    """Blend weight on the lesser side in the view that gave the plane, (S,)."""
+    minor_weight: Float64Array
+    """Blend weight on the side that the Gaussian shows less on, in the view that gave the plane, (S,)."""
 
 
 def find_straddlers(
     gaussians: Gaussians,
-    cameras: Sequence[Camera],
-    masks: Sequence[BoolArray],
+    views: Sequence[TrimmedView],
     weights: Sequence[FloatArray],
     renderer: Renderer,
     config: BoundaryConfig,
 ) -> Straddlers:
-    """Straddlers over all views. Where several views find one, the view that sees most of its lesser side cuts it.
+    """Straddlers over all views. Where several views find the same one, that of the largest minor weight cuts it.
 
     Args:
-        gaussians: the coarse object and its neighbours.
-        cameras: accepted views.
-        masks: their masks, (H, W) each.
+        gaussians: the object in isolation.
+        views: accepted views.
         weights: blend weight outside and inside the mask, (N, 2) for each view.
-        renderer: gives the contributors of the contour's pixels.
+        renderer: gives the contributors of the contours' pixels.
         config: thresholds.
 
     Raises:
-        InputError: the band is narrower than a pixel.
+        InputError: a setting is out of its range.
     """
-    if config.band < 1:
-        raise InputError(f"The contour's band is {config.band} pixels; at least one is needed.")
-    found = [
-        _in_view(gaussians, camera, mask, weight, renderer, config)
-        for camera, mask, weight in zip(cameras, masks, weights, strict=True)
-    ]
-    rows = np.concatenate([view.rows for view in found])
-    normals = np.concatenate([view.normals for view in found])
-    offsets = np.concatenate([view.offsets for view in found])
-    lesser = np.concatenate([view.lesser for view in found])
-    order = np.lexsort((-lesser, rows))
+    check_settings(config, "boundary")
+    found = [_in_view(gaussians, view, weight, renderer, config) for view, weight in zip(views, weights, strict=True)]
+    rows = np.concatenate([straddlers.rows for straddlers in found])
+    normals = np.concatenate([straddlers.normals for straddlers in found])
+    offsets = np.concatenate([straddlers.offsets for straddlers in found])
+    minor_weight = np.concatenate([straddlers.minor_weight for straddlers in found])
+    order = np.lexsort((-minor_weight, rows))
     first = order[np.unique(rows[order], return_index=True)[1]]
-    return Straddlers(rows[first], normals[first], offsets[first], lesser[first])
+    return Straddlers(rows[first], normals[first], offsets[first], minor_weight[first])
 
 
 def contour_pixels(mask: BoolArray, band: int) -> IntArray:
@@ -99,23 +103,19 @@ def signed_distance(mask: BoolArray) -> FloatArray:
 
 
 def _in_view(
-    gaussians: Gaussians,
-    camera: Camera,
-    mask: BoolArray,
-    weights: FloatArray,
-    renderer: Renderer,
-    config: BoundaryConfig,
+    gaussians: Gaussians, view: TrimmedView, weights: FloatArray, renderer: Renderer, config: BoundaryConfig
 ) -> Straddlers:
+    camera, mask = view.view.camera, view.mask
     none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-    lesser = weights.min(axis=1)
-    wide = (lesser >= config.least_area * mask.size) & (lesser >= config.least_share * weights.sum(axis=1))
+    minor_weight = weights.min(axis=1)
+    wide = (minor_weight >= config.min_area * mask.size) & (minor_weight >= config.min_share * weights.sum(axis=1))
     if not wide.any() or mask.all():
         return none
     pixels = contour_pixels(mask, config.band)
     if len(pixels) == 0:
         return none
     ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
-    rows = np.unique(ids[(ids >= 0) & (contributions >= config.least_weight)])
+    rows = np.unique(ids[(ids >= 0) & (contributions >= config.min_weight)])
     rows = rows[wide[rows]]
     if len(rows) == 0:
         return none
@@ -128,25 +128,25 @@ def _in_view(
     limit = config.along_ray_limit * np.linalg.norm(displacement, axis=1) * np.linalg.norm(rays, axis=1)
     usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
     offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
-    usable &= np.abs(offsets) < 3
-    return Straddlers(rows[usable], normals[usable], offsets[usable], lesser[rows][usable].astype(np.float64))
+    usable &= np.abs(offsets) < _MAX_OFFSET
+    return Straddlers(rows[usable], normals[usable], offsets[usable], minor_weight[rows][usable].astype(np.float64))
 
 
 def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tuple[Float64Array, Float64Array]:
-    """The plane through the camera and the contour's tangent nearest to each projected centre.
+    """For each centre (S, 3), the plane through the camera and the tangent of the contour nearest to its projection.
 
     Returns unit normals towards the mask's inside (S, 3) and the centres' signed distances in scene units (S,). The
     contour is where the smoothed signed distance is zero; its gradient at the centre's pixel points across the contour.
     """
     height, width = mask.shape
-    distance = cv2.GaussianBlur(signed_distance(mask), (0, 0), 1.5)
+    distance = cv2.GaussianBlur(signed_distance(mask), (0, 0), _CONTOUR_SMOOTHING)
     slope_y, slope_x = np.gradient(distance)
     pixels, _ = camera.project(means)
     column = np.clip(np.nan_to_num(pixels[:, 0]), 0, width - 1).astype(np.int64)
     row = np.clip(np.nan_to_num(pixels[:, 1]), 0, height - 1).astype(np.int64)
     across = np.stack([slope_x[row, column], slope_y[row, column]], axis=1).astype(np.float64)
-    steepness = np.linalg.norm(across, axis=1, keepdims=True)
-    across = np.divide(across, steepness, out=np.zeros_like(across), where=steepness > 0.1)
+    slope = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.divide(across, slope, out=np.zeros_like(across), where=slope > _MIN_SLOPE)
     # Two pixels of the tangent line: the contour's nearest point, and one beside it.
     nearest_point = np.stack([column, row], axis=1) + 0.5 - distance[row, column, None] * across
     tangent = np.stack([-across[:, 1], across[:, 0]], axis=1)
@@ -157,4 +157,4 @@ def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tup
     inner = camera.ray_directions(nearest_point + across)
     normals *= np.where(np.einsum("ni,ni->n", normals, inner) < 0, -1.0, 1.0)[:, None]
     distances = np.einsum("ni,ni->n", normals, means - camera.centre)
-    return normals, np.where(steepness[:, 0] > 0.1, distances, np.nan)
+    return normals, np.where(slope[:, 0] > _MIN_SLOPE, distances, np.nan)

@@ -1,1 +1,1 @@
-"""Measuring trims: metrics, data sets."""
+"""Evaluation of trims against ground truth: metrics and data sets."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
+from gaussian_trimmer.views import bounding_box, box_slices
 
 Silhouette = NDArray[np.floating[Any]] | BoolArray
 Image = NDArray[np.floating[Any]]
@@ -80,7 +81,7 @@ def extraction_psnr(
     """
     counted = _counted(rgb[..., 0], gt_mask, valid)
     target = np.asarray(gt_image, np.float64) * np.asarray(gt_mask, np.float64)[..., None]
-    box = _bounding_box(np.asarray(gt_mask > THRESHOLD), margin)
+    box = box_slices(bounding_box(np.asarray(gt_mask > THRESHOLD), margin))
     inside = counted[box]
     return psnr(np.clip(rgb, 0.0, 1.0)[box][inside], target[box][inside])
 
@@ -116,21 +117,10 @@ def _counted(alpha: Silhouette, gt: Silhouette, valid: BoolArray | None) -> Bool
 
 def _boundary_band(mask: BoolArray, counted: BoolArray, width: int) -> BoolArray:
     """Counted pixels of the mask at most `width` pixels, along rows, columns or diagonals, from its outside."""
-    # Unknown pixels are taken as inside, so that erosion starts at true contours alone.
+    # Unknown pixels are taken as inside, so that erosion starts only at true contours.
     padded = np.pad((mask | ~counted).astype(np.uint8), 1)
     interior = cv2.erode(padded, np.ones((3, 3), np.uint8), iterations=width)[1:-1, 1:-1]
     return np.asarray(mask & counted & (interior == 0))
-
-
-def _bounding_box(mask: BoolArray, margin: int) -> tuple[slice, slice]:
-    """Rows and columns of the mask's bounding box plus a margin, within the image; all of them for an empty mask."""
-    if not mask.any():
-        return slice(None), slice(None)
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
-        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + 1 + margin),
-    )
 
 
 def _iou(a: BoolArray, b: BoolArray) -> float:

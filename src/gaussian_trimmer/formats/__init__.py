@@ -7,9 +7,11 @@ from pathlib import Path
 from types import ModuleType
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
+from gaussian_trimmer.reading import is_file, reading
 
-# Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None. The longest suffix wins.
+# Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None, and perhaps write_selected as below.
+# The longest suffix wins.
 FORMATS = {
     ".ply": "gaussian_trimmer.formats.ply",
     ".compressed.ply": "gaussian_trimmer.formats.compressed_ply",
@@ -40,14 +42,16 @@ def read(path: str | Path) -> Gaussians:
     """The Gaussians of a splat file, rows in the file's own order.
 
     Raises:
-        InputError: the file is missing, of no known format, damaged, or holds no Gaussians or non-finite values.
+        InputError: the file is missing, of no known format, damaged, or changes while it is read, or it holds no
+            Gaussians, or values that are not finite or extreme.
     """
     path, suffix = Path(path), format_suffix(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
-    if suffix.endswith(".ply"):
-        suffix = _kind_of_ply(path)
-    gaussians: Gaussians = _module(suffix).read(path)
+    with reading(path):
+        if suffix.endswith(".ply"):
+            suffix = _kind_of_ply(path)
+        gaussians: Gaussians = _module(suffix).read(path)
     return gaussians
 
 
@@ -60,6 +64,21 @@ def write(gaussians: Gaussians, path: str | Path) -> None:
         InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
     """
     _module(format_suffix(path)).write(gaussians, Path(path))
+
+
+def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: str | Path) -> None:
+    """Write some rows of a scene, (R,), and then other Gaussians, without extra columns; otherwise as `write`.
+
+    Formats that can be written piece by piece are, since a background is nearly as large as its scene.
+
+    Raises:
+        InputError: as for `write`.
+    """
+    module = _module(format_suffix(path))
+    if hasattr(module, "write_selected"):
+        module.write_selected(gaussians, rows, appended, Path(path))
+    else:
+        module.write(concatenate([gaussians.select(rows), appended]), Path(path))
 
 
 def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Gaussians:

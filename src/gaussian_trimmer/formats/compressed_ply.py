@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_finite
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
     colours_of,
     drop_largest,
@@ -75,7 +75,7 @@ def read(path: Path) -> Gaussians:
             sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
             sh_rest=_read_sh(path, header, n),
         )
-    check_finite(gaussians, path)
+    check_values(gaussians, path)
     return gaussians
 
 

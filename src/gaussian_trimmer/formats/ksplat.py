@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_finite, file_bytes
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
     ByteArray,
     colours_of,
@@ -29,6 +29,7 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
+from gaussian_trimmer.reading import file_bytes
 
 _HEADER_SIZE, _SECTION_SIZE = 4096, 1024
 _FILE = struct.Struct("<BBxxIIIIHxx3fff")
@@ -74,7 +75,7 @@ def read(path: Path) -> Gaussians:
         raise InputError(f"'{path}' is damaged: it announces {count} Gaussians and has {sum(map(len, sections))}.")
     degree = max(section.sh_degree for section in sections)
     gaussians = concatenate([_padded(section, _COEFFICIENTS[degree]) for section in sections])
-    check_finite(gaussians, path)
+    check_values(gaussians, path)
     return gaussians
 
 
@@ -159,12 +160,15 @@ def _decode_rows(file: _File, rows: NDArray[np.void], means: FloatArray) -> Gaus
 def _decode_sh(file: _File, values: NDArray[np.float32] | NDArray[np.float16] | ByteArray) -> FloatArray:
     """Coefficients (N, 3, K): each band's three channels lie together."""
     if file.level == 2:
-        floats = from_levels(values, *file.sh_range, 8).astype(np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):  # a damaged header's infinities are found later
+            floats = from_levels(values, *file.sh_range, 8).astype(np.float32)
     else:
         floats = values.astype(np.float32)
     k = values.shape[1] // 3
     bands = [band for band in _BANDS if band.stop <= k]
-    parts = [floats[:, 3 * band.start : 3 * band.stop].reshape(len(values), 3, -1) for band in bands]
+    parts = [
+        floats[:, 3 * band.start : 3 * band.stop].reshape(len(values), 3, band.stop - band.start) for band in bands
+    ]
     return np.concatenate([np.zeros((len(values), 3, 0), np.float32), *parts], axis=2)
 
 

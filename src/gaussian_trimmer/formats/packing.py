@@ -13,6 +13,8 @@ from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussian
 ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12
 """Scales of formats that store them linearly are read as no smaller than this, so that their logarithm is finite."""
+ZERO_LOG_SCALE = -87.0
+"""Log scales below this are those of zero: their exponential is no normal float32."""
 
 
 def to_levels(values: NDArray[Any], low: Any, high: Any, bits: int) -> NDArray[np.uint32]:
@@ -63,18 +65,30 @@ def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
     negative = (scales < 0).any(axis=1)
     if negative.any():
         raise InputError(f"'{path}' is damaged: it holds a negative scale in row {int(np.argmax(negative))}.")
-    with np.errstate(invalid="ignore"):  # NaN stays NaN, for `check_finite` to name
+    with np.errstate(invalid="ignore"):  # NaN stays NaN, for `check_values` to name
         return np.log(np.maximum(scales, np.float32(SMALLEST_SCALE)), dtype=np.float32)
 
 
 def with_finite_limits(gaussians: Gaussians) -> Gaussians:
     """The Gaussians with infinite opacity logits and scales of zero as `opacity_logits_of` and `log_scales_of` give."""
-    logits, log_scales = gaussians.opacity_logits, gaussians.log_scales
-    limit, smallest = np.float32(logit(np.ones(1))[0]), np.float32(np.log(SMALLEST_SCALE))
     return gaussians.replace(
-        opacity_logits=np.where(np.isinf(logits), np.copysign(limit, logits), logits),
-        log_scales=np.where(np.isneginf(log_scales), smallest, log_scales),
+        opacity_logits=finite_opacity_logits(gaussians.opacity_logits),
+        log_scales=finite_log_scales(gaussians.log_scales),
     )
+
+
+def finite_opacity_logits(logits: FloatArray) -> FloatArray:
+    """Opacity logits with those of opacities 0 and 1 for infinite ones."""
+    return np.where(np.isinf(logits), np.copysign(np.float32(logit(np.ones(1))[0]), logits), logits)
+
+
+def finite_log_scales(log_scales: FloatArray) -> FloatArray:
+    """Log scales with that of `SMALLEST_SCALE` for those of zero.
+
+    Scales below `ZERO_LOG_SCALE` are zero in float32 too, or so near to it that nothing else can hold them.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.where(log_scales < ZERO_LOG_SCALE, np.float32(np.log(SMALLEST_SCALE)), log_scales)
 
 
 def linear_scales(gaussians: Gaussians) -> FloatArray:

@@ -2,10 +2,10 @@
 
 Property order is free, nx/ny/nz are optional, and unknown scalar columns are kept as extras.
 
-A binary file whose columns are all little-endian float32 is memory-mapped, and its arrays are views that take memory
-only where they are used; the centres alone are copied, since nearly every step looks at all of them. The rows
-interleave the columns, so a disk or a cache that delivers one column delivers all: a single pass through a small
-buffer collects the centres and finds values that are not finite in any column, at the speed of reading the file.
+A binary file whose columns are all little-endian float32 is read as one table, of which the arrays are views; the
+centres alone are copied, since nearly every step looks at all of them. The rows interleave the columns, so a cache that
+delivers one column delivers all: while a megabyte of rows is there, its centres are copied and its values tested. The
+file is not mapped: a mapping of a file that someone shortens kills the process that looks at it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_finite
-from gaussian_trimmer.formats.packing import with_finite_limits
-from gaussian_trimmer.formats.ply_table import property_line, read_columns, read_header
+from gaussian_trimmer.formats.checks import LARGEST_LOG_SCALE, check_values, has_direction
+from gaussian_trimmer.formats.packing import ZERO_LOG_SCALE, with_finite_limits
+from gaussian_trimmer.formats.ply_table import Element, property_line, read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.reading import LARGEST
 
 _POSITION = ["x", "y", "z"]
 _NORMAL = ["nx", "ny", "nz"]
@@ -33,8 +34,7 @@ _SCALE = ["scale_0", "scale_1", "scale_2"]
 _ROTATION = ["rot_0", "rot_1", "rot_2", "rot_3"]
 _REQUIRED = [*_POSITION, *_DC, "opacity", *_SCALE, *_ROTATION]
 _REST_COUNTS = (0, 9, 24, 45)
-# What is read or written together stays in the cache: 4096 rows of SH degree 3 have about a megabyte as well.
-_BYTES_PER_READ = 1 << 20
+# What is written together stays in the cache: 4096 rows of SH degree 3 have about a megabyte.
 _ROWS_PER_WRITE = 1 << 12
 
 
@@ -45,9 +45,12 @@ def read(path: Path) -> Gaussians:
     0 and 1 and for scales of 0, become the finite values that stand for these in all formats.
 
     Raises:
-        InputError: the file is missing, is no splat PLY, is truncated, or holds no Gaussians or non-finite values.
+        InputError: the file is missing, is no splat PLY, is truncated, or holds no Gaussians, or values that are not
+            finite or extreme.
     """
-    columns = read_columns(path, read_header(path))
+    header = read_header(path)
+    looker = _Looker(next((element for element in header.elements if element.name == "vertex"), None))
+    columns = read_columns(path, header, look=looker)
     missing = [name for name in _REQUIRED if name not in columns]
     if missing:
         raise InputError(f"'{path}' is no splat PLY: its vertices lack {', '.join(missing)}.")
@@ -60,18 +63,16 @@ def read(path: Path) -> Gaussians:
         means=_block(columns, _POSITION),
         log_scales=_block(columns, _SCALE),
         quaternions=_block(columns, _ROTATION),
-        opacity_logits=np.asarray(columns["opacity"], np.float32),
+        opacity_logits=_block(columns, ["opacity"])[:, 0],
         sh_dc=_block(columns, _DC),
         sh_rest=_block(columns, rest).reshape(n, 3, len(rest) // 3),
         extras={name: column for name, column in columns.items() if name not in known},
     )
-    table, sound = columns["x"].base, False
-    if isinstance(table, np.memmap) and table.ndim == 2:
-        means, sound = _read_through(table, path, list(columns))
-        gaussians = gaussians.replace(means=means)
-    if not sound:
+    if looker.centres:
+        gaussians = gaussians.replace(means=looker.means())
+    if not (looker.centres and looker.sound):
         gaussians = with_finite_limits(gaussians)
-        check_finite(gaussians, path)
+        check_values(gaussians, path)
     return gaussians
 
 
@@ -124,39 +125,51 @@ def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path
             write_array(file, _rows(chunk, row_type, len(names)))
 
 
-def _read_through(table: np.memmap[Any, Any], path: Path, names: list[str]) -> tuple[FloatArray, bool]:
-    """The centres (N, 3) of a mapped table, and whether all its values are finite and its quaternions not zero.
+class _Looker:
+    """Looks at the rows of a float32 table while they are in the cache: keeps their centres and tests their values."""
 
-    The file is read into a buffer: passing over the mapping would take a page fault for every few rows, and all pages
-    would count as this process's memory.
-    """
-    position, rotation = [names.index(name) for name in _POSITION], [names.index(name) for name in _ROTATION]
-    centres, sound = np.empty((len(table), 3), np.float32), True
-    step = max(1, _BYTES_PER_READ // table.strides[0])
-    buffer = np.empty((min(step, len(table)), table.shape[1]), table.dtype)
-    with path.open("rb") as file:
-        file.seek(table.offset)
-        for start in range(0, len(table), step):
-            rows = buffer[: len(table) - start]
-            if file.readinto(rows.data.cast("B")) < rows.nbytes:
-                raise InputError(f"'{path}' became shorter while it was read; try again when it is complete.")
-            centres[start : start + len(rows)] = rows[:, position]
-            sound = sound and bool(np.isfinite(rows).all() and rows[:, rotation].any(axis=1).all())
-    centres.flags.writeable = False
-    return centres, sound
+    def __init__(self, vertices: Element | None) -> None:
+        names = [name for name, _ in vertices.properties] if vertices else []
+        known = all(name in names for name in _REQUIRED)
+        self._position, self._rotation, self._scale = (
+            [names.index(name) for name in group] if known else [] for group in (_POSITION, _ROTATION, _SCALE)
+        )
+        self.centres: list[FloatArray] = []
+        self.sound = known
+        """Whether no row needs a closer look. Columns that are no attributes may deserve one for nothing."""
+
+    def __call__(self, rows: FloatArray) -> None:
+        if self._position:
+            self.centres.append(np.take(rows, self._position, axis=1))  # row after row, as indexing would not give
+            self.sound = self.sound and self._all_sound(rows)
+
+    def _all_sound(self, rows: FloatArray) -> bool:
+        if not (rows.min() >= -LARGEST and rows.max() <= LARGEST):  # neither holds of NaN
+            return False
+        scales = np.take(rows, self._scale, axis=1)
+        if scales.min() < ZERO_LOG_SCALE or scales.max() > LARGEST_LOG_SCALE:
+            return False
+        return bool(has_direction(np.take(rows, self._rotation, axis=1)).all())
+
+    def means(self) -> FloatArray:
+        """The centres (N, 3), in one piece."""
+        means = np.concatenate(self.centres)
+        means.flags.writeable = False
+        return means
 
 
 def _block(columns: dict[str, NDArray[Any]], names: list[str]) -> FloatArray:
     """Named columns as one (N, len(names)) array: a view where they lie side by side in memory, else a copy."""
     if not names:
         return np.zeros((len(columns["x"]), 0), np.float32)
-    first, parent = columns[names[0]], columns[names[0]].base
-    if isinstance(parent, np.memmap) and parent.ndim == 2 and first.strides[0] == parent.strides[0]:
+    parent = columns[names[0]].base
+    if isinstance(parent, np.ndarray) and parent.ndim == 2:
         offsets = [columns[name].ctypes.data - parent.ctypes.data for name in names]
         if offsets == [offsets[0] + 4 * i for i in range(len(names))]:
-            view: FloatArray = parent[:, offsets[0] // 4 : offsets[0] // 4 + len(names)].view(np.ndarray)
+            view: FloatArray = parent[:, offsets[0] // 4 : offsets[0] // 4 + len(names)]
             return view
-    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
+    with np.errstate(over="ignore", invalid="ignore"):  # what is beyond float32 becomes infinite and is found later
+        return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
 def _rows(gaussians: Gaussians, row_type: np.dtype[Any], n_float: int) -> NDArray[Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.gaussians import FloatArray
+from gaussian_trimmer.reading import read_into
 
 _SCALAR_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -19,6 +22,10 @@ _SCALAR_TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _MAX_HEADER_BYTES = 1 << 20
+_BYTES_PER_READ = 1 << 20
+"""What is read at once stays in the cache for the one who looks at it."""
+Look = Callable[[FloatArray], None]
+"""Is called with the rows of a float32 table, few at a time and in order, each (R, number of properties)."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +62,11 @@ def read_header(path: Path) -> Header:
         raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
 
 
-def read_columns(path: Path, header: Header, name: str = "vertex") -> dict[str, NDArray[Any]]:
-    """All columns of one element, the vertices if not named, as views onto the mapped file where it is binary.
+def read_columns(path: Path, header: Header, name: str = "vertex", look: Look | None = None) -> dict[str, NDArray[Any]]:
+    """All columns of one element, the vertices if not named.
+
+    Columns of a binary file are views onto one table of its rows, (N, number of properties) where all of them are
+    little-endian float32; nobody writes to them. Such a table's rows are shown to `look` while they are read.
 
     Raises:
         InputError: the element is missing, it or one before it has list properties, or the file is truncated.
@@ -66,13 +76,14 @@ def read_columns(path: Path, header: Header, name: str = "vertex") -> dict[str, 
         raise InputError(f"'{path}' has no {name} element, so it holds no Gaussians.")
     *before, element = header.elements[: names.index(name) + 1]
     if any(kind == "list" for part in (*before, element) for _, kind in part.properties):
-        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has scalars alone.")
+        raise InputError(f"'{path}' has list properties, as a mesh has; a splat PLY has only scalars.")
     if len({name for name, _ in element.properties}) < len(element.properties):
         raise InputError(f"'{path}' names a property of its {name} element twice.")
     if element.count == 0 or not element.properties:
         raise InputError(f"'{path}' holds zero Gaussians.")
-    read_element = _ascii_columns if header.encoding == "ascii" else _binary_columns
-    return read_element(path, header, element, before)
+    if header.encoding == "ascii":
+        return _ascii_columns(path, header, element, before)
+    return _binary_columns(path, header, element, before, look)
 
 
 def _parse_header(file: BinaryIO, path: Path) -> Header:
@@ -98,7 +109,8 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
             case ["property", "list", _, _, name] if elements:
                 elements[-1][2].append((name, "list"))
             case _:
-                raise InputError(f"'{path}' has a line in its PLY header that cannot be understood: {line!r}.")
+                words = shown(line.decode("ascii", "replace").rstrip())
+                raise InputError(f"'{path}' has a line in its PLY header that cannot be understood: '{words}'.")
     if not encoding or not elements:
         raise InputError(f"'{path}' has a PLY header without a format or without elements.")
     return Header(encoding, tuple(Element(name, count, tuple(props)) for name, count, props in elements), file.tell())
@@ -121,7 +133,9 @@ def _row_type(header: Header, element: Element) -> np.dtype[Any]:
     return np.dtype([(f"{i}", order + kind) for i, (_, kind) in enumerate(element.properties)])
 
 
-def _binary_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
+def _binary_columns(
+    path: Path, header: Header, element: Element, before: list[Element], look: Look | None
+) -> dict[str, NDArray[Any]]:
     row_type = _row_type(header, element)
     start = header.size + sum(part.count * _row_type(header, part).itemsize for part in before)
     needed, present = element.count * row_type.itemsize, max(0, path.stat().st_size - start)
@@ -130,11 +144,18 @@ def _binary_columns(path: Path, header: Header, element: Element, before: list[E
             f"'{path}' is truncated: {element.count} Gaussians need {needed} bytes after the header, not {present}."
         )
     names = [name for name, _ in element.properties]
-    if all(row_type[i] == np.dtype("<f4") for i in range(len(names))):
-        matrix = np.memmap(path, "<f4", "r", start, (element.count, len(names)))
-        return {name: matrix[:, i] for i, name in enumerate(names)}
-    rows = np.memmap(path, row_type, "r", start, (element.count,))
-    return {name: rows[f"{i}"] for i, name in enumerate(names)}
+    all_float = all(row_type[i] == np.dtype("<f4") for i in range(len(names)))
+    table = np.empty((element.count, len(names)), "<f4") if all_float else np.empty(element.count, row_type)
+    with path.open("rb") as file:
+        file.seek(start)
+        step = max(1, _BYTES_PER_READ // row_type.itemsize)
+        for first in range(0, element.count, step):
+            rows = table[first : first + step]
+            read_into(rows, file, path)
+            if look is not None and all_float:
+                look(rows)
+    table.flags.writeable = False
+    return {name: table[:, i] if all_float else table[f"{i}"] for i, name in enumerate(names)}
 
 
 def _ascii_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:

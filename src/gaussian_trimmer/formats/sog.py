@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file
-from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_finite
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.packing import (
     ByteArray,
@@ -27,13 +26,16 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.formats.sog_meta import SogMeta, parse_meta
-from gaussian_trimmer.formats.webp import decode_webp, encode_webp, webp_size
+from gaussian_trimmer.formats.webp import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.picture_headers import webp_size
+from gaussian_trimmer.zip_members import member_bytes, open_archive
 
 _COEFFICIENTS = (3, 8, 15)
 _PALETTE_SIZE = 1 << 16
 _PALETTE_COLUMNS = 64
 _MAX_META_BYTES = 1 << 20
+_FREE_PIXELS = 1 << 16
 _ROTATION_RANGE = float(np.sqrt(0.5))
 _FIRST_TAG = 252
 """Alpha of a rotation's pixel when w is the largest component; 253, 254 and 255 say x, y and z."""
@@ -45,17 +47,10 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, is no SOG, is damaged, or announces more than its size can hold.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            meta = parse_meta(_member(archive, "meta.json", _MAX_META_BYTES, path), path)
-            gaussians = _decode(archive, meta, path)
-    except InputError:
-        raise
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
-        raise InputError(f"'{path}' is no .sog file, damaged or truncated: {error}.") from error
-    except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
-    check_finite(gaussians, path)
+    with open_archive(path, ".sog file") as archive:
+        meta = parse_meta(member_bytes(archive, "meta.json", _MAX_META_BYTES, path), path)
+        gaussians = _decode(archive, meta, path)
+    check_values(gaussians, path)
     return gaussians
 
 
@@ -79,7 +74,10 @@ def write(gaussians: Gaussians, path: Path) -> None:
 
 def _decode(archive: zipfile.ZipFile, meta: SogMeta, path: Path) -> Gaussians:
     n = meta.count
-    textures = {name: [_read_texture(archive, file, path) for file in files[:2]] for name, files in meta.files.items()}
+    textures = {
+        name: [_read_texture(archive, file, _most_pixels(n, name), path) for file in files[:2]]
+        for name, files in meta.files.items()
+    }
     pixels = {
         name: [_first_pixels(texture, n, path) for texture in images]
         for name, images in textures.items()
@@ -123,13 +121,17 @@ def _decode_sh(textures: list[ByteArray], n: int, values: FloatArray, path: Path
     return coefficients
 
 
-def _read_texture(archive: zipfile.ZipFile, name: str, path: Path) -> ByteArray:
-    """Pixels (H, W, 4) in the order red, green, blue, alpha."""
-    size = path.stat().st_size
-    data = _member(archive, name, size, path)
+def _most_pixels(n: int, name: str) -> int:
+    """More pixels than the textures of an attribute of n Gaussians have: twice as many, and a palette."""
+    return 2 * n + (_PALETTE_SIZE * max(_COEFFICIENTS) if name == "shN" else _FREE_PIXELS)
+
+
+def _read_texture(archive: zipfile.ZipFile, name: str, most_pixels: int, path: Path) -> ByteArray:
+    """Pixels (H, W, 4) in the order red, green, blue, alpha; at most so many."""
+    data = member_bytes(archive, name, path.stat().st_size, path)
+    name = shown(name)
     width, height = webp_size(data) or (0, 0)
-    # As `check_count`: a pixel a byte is more than any real texture has, a palette's unused end apart.
-    if width * height > size + _PALETTE_SIZE * max(_COEFFICIENTS):
+    if width * height > most_pixels:
         raise InputError(f"'{path}' is damaged: its texture '{name}' claims {width} x {height} pixels.")
     pixels = decode_webp(data) if width * height else None
     if pixels is None:
@@ -143,20 +145,6 @@ def _first_pixels(texture: ByteArray, n: int, path: Path) -> ByteArray:
     if len(pixels) < n:
         raise InputError(f"'{path}' is damaged: a texture has {len(pixels)} pixels for {n} Gaussians.")
     return pixels[:n]
-
-
-def _member(archive: zipfile.ZipFile, name: str, limit: int, path: Path) -> bytes:
-    """The contents of a member, which may not be larger than a limit."""
-    try:
-        info = archive.getinfo(name)
-    except KeyError as error:
-        raise InputError(f"'{path}' is no SOG file: it has no member '{name}'.") from error
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise InputError(f"'{path}' is no SOG file: its member '{name}' is packed in a way that SOG does not know.")
-    if info.file_size > limit:
-        raise InputError(f"'{path}' is damaged: its member '{name}' claims {info.file_size} bytes.")
-    with archive.open(info) as member:
-        return member.read(info.file_size)  # asked for no more, it inflates no more
 
 
 def _encode(gaussians: Gaussians) -> tuple[dict[str, ByteArray], dict[str, Any]]:

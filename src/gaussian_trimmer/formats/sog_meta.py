@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.packing import from_levels, opacity_logits_of
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
@@ -51,11 +51,14 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
         version, files = meta.get("version", 1), {name: list(meta[name]["files"]) for name in _files_needed(meta)}
         if version not in (1, 2):
             raise ValueError(f"it is of version {version}; versions 1 and 2 can be read")
+        if not all(isinstance(name, str) for names in files.values() for name in names):
+            raise ValueError("the names of its files are no text")
         mins, maxs = (np.array(meta["means"][end], np.float64).reshape(3) for end in ("mins", "maxs"))
         count = int(meta["count"] if version == 2 else meta["means"]["shape"][0])
-        tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
+        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
+            tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {error!r}.") from error
+        raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {shown(repr(error))}.") from error
     check_count(count, path)
     return SogMeta(count, mins, maxs, *tables, files)
 

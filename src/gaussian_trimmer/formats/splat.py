@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_finite, file_bytes
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
     colours_of,
     linear_scales,
@@ -19,6 +19,7 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.reading import file_bytes
 
 _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)])
 
@@ -45,7 +46,7 @@ def read(path: Path) -> Gaussians:
         sh_dc=sh_dc_of(rows["rgba"][:, :3] / 255.0),
         sh_rest=np.zeros((len(rows), 3, 0), np.float32),
     )
-    check_finite(gaussians, path)
+    check_values(gaussians, path)
     return gaussians
 
 

@@ -8,10 +8,12 @@ harmonic that is odd in y z.
 from __future__ import annotations
 
 import gzip
+import io
 import struct
 import zlib
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,7 +22,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_count, check_finite
+from gaussian_trimmer.formats.checks import check_count, check_values
 from gaussian_trimmer.formats.packing import (
     ByteArray,
     drop_largest,
@@ -30,6 +32,7 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
+from gaussian_trimmer.reading import file_bytes
 
 _HEADER = struct.Struct("<4sIIBBBB")
 _MAGIC = b"NGSP"
@@ -49,7 +52,7 @@ class _Header:
     sh_degree: int
     fractional_bits: int
     streams: int
-    """Number of compressed streams; version 4 alone."""
+    """Number of compressed streams; only in version 4."""
 
     @property
     def sizes(self) -> list[int]:
@@ -66,15 +69,13 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, is no .spz, is damaged or truncated, or zstd is needed and missing.
     """
+    data = file_bytes(path)
     try:
-        with path.open("rb") as file:
-            header, parts = _read_plain(file, path) if file.peek(4)[:4] == _MAGIC else _read_gzip(file, path)
-    except (zlib.error, EOFError, gzip.BadGzipFile) as error:
+        header, parts = _read_plain(io.BytesIO(data), path) if data[:4] == _MAGIC else _read_gzip(data, path)
+    except zlib.error as error:
         raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
-    except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
     gaussians = _decode(header, [np.frombuffer(part, np.uint8).reshape(header.count, -1) for part in parts])
-    check_finite(gaussians, path)
+    check_values(gaussians, path)
     return gaussians
 
 
@@ -96,16 +97,20 @@ def write(gaussians: Gaussians, path: Path) -> None:
         part.write_bytes(gzip.compress(payload, compresslevel=6, mtime=0))
 
 
-def _read_gzip(file: BinaryIO, path: Path) -> tuple[_Header, list[bytes]]:
+def _read_gzip(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
     """Header and attributes of versions 2 and 3; what the header does not announce is not decompressed."""
-    with gzip.GzipFile(fileobj=file) as stream:
-        header = _parse_header(stream.read(_HEADER.size), path)
-        if header.version not in (2, 3):
-            raise InputError(f"'{path}' is of .spz version {header.version}; versions 2, 3 and 4 can be read.")
-        parts = [stream.read(size) for size in header.sizes]
-    if [len(part) for part in parts] != header.sizes:
-        raise InputError(f"'{path}' is truncated: its data ends before its {header.count} Gaussians do.")
-    return header, parts
+    stream = zlib.decompressobj(wbits=31)  # gzip, and one member of it: thousands of empty ones take long
+    header = _parse_header(stream.decompress(data, _HEADER.size), path)
+    if header.version not in (2, 3):
+        raise InputError(f"'{path}' is of .spz version {header.version}; versions 2, 3 and 4 can be read.")
+    size = sum(header.sizes)
+    body = stream.decompress(stream.unconsumed_tail, size)
+    if len(body) < size:
+        raise InputError(
+            f"'{path}' is no .spz file, damaged or truncated: its data ends before its {header.count} Gaussians do."
+        )
+    stream.decompress(stream.unconsumed_tail, 1)  # reaches the checksum, where nothing follows the Gaussians
+    return header, [body[start:end] for start, end in pairwise(accumulate(header.sizes, initial=0))]
 
 
 def _read_plain(file: BinaryIO, path: Path) -> tuple[_Header, list[bytes]]:

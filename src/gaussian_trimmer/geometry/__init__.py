@@ -1,1 +1,1 @@
-"""What several stages measure with: bounds, planes, nearest neighbours, connected components."""
+"""Geometry that several stages use: bounds, the support plane, nearest neighbours, connected components."""

@@ -6,14 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.cameras import unit_up
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.components import connected_voxels
+from gaussian_trimmer.geometry.kd_tree import nearest
 
 _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5
 _SECOND_SHARE = 0.25
 _BOUND_PERCENTILES = (1.0, 99.0)
+_TOUCHING = 1.5
+"""Standard deviations out to which a Gaussian reaches; two whose reaches meet hang together."""
+_MIN_CLUSTER_SHARE = 0.03
+"""Smallest share of the weight of a cluster that counts for the bounds because it touches the dominant ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +49,7 @@ def up_frame(up: Float64Array) -> Float64Array:
     Raises:
         InputError: the vector is zero or not finite.
     """
-    up = np.asarray(up, np.float64)
-    length = np.linalg.norm(up)
-    if not (np.isfinite(length) and length > 0):
-        raise InputError(f"The up vector {up.tolist()} has no direction; give three numbers that are not all zero.")
-    up = up / length
+    up = unit_up(up)
     first = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(up, first), up])
@@ -81,7 +82,8 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
     """Which Gaussians belong to the heaviest cluster of connected voxels, or to one of a quarter of its weight, (N,).
 
     The voxels are a sixteenth of the weighted interdecile range wide, so the result does not depend on units; they grow
-    until the heaviest cluster holds half of the weight, since a few sparse Gaussians are one object as well.
+    until the heaviest cluster holds half of the weight, since a few sparse Gaussians are one object as well. Clusters
+    of large Gaussians touch although their centres lie far apart: those that touch the heaviest count as well.
     """
     means = target.means.astype(np.float64)
     weights = target.opacities.astype(np.float64)
@@ -93,8 +95,38 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
         cluster = connected_voxels(means - np.median(means, axis=0), size)
         shares = np.bincount(cluster, weights) / weights.sum()
         if shares.max() >= _DOMINANT_SHARE:
-            return np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
+            dominant = np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
+            return _with_touching_clusters(target, dominant, cluster, shares >= _MIN_CLUSTER_SHARE)
         size *= 1.5
+
+
+def touching(target: Gaussians, group: BoolArray) -> BoolArray:
+    """Gaussians outside a group that touch it: their reach and that of the group's nearest member meet, (N,).
+
+    A Gaussian reaches 1.5 of its largest standard deviations far, but no farther than the group's median one does: a
+    huge Gaussian of the background would touch everything.
+
+    Args:
+        target: N Gaussians.
+        group: the members of the group, (N,); at least one.
+    """
+    widths: FloatArray = np.exp(np.minimum(target.log_scales.max(axis=1), target.log_scales[group].max(axis=1).max()))
+    reach = np.float32(_TOUCHING) * np.minimum(widths, np.median(widths[group]))
+    members, others = np.flatnonzero(group), np.flatnonzero(~group)
+    squared, near = nearest(target.means[members], target.means[others], 1)
+    touches = np.zeros(len(target), np.bool_)
+    touches[others] = np.sqrt(squared[:, 0]) < reach[others] + reach[members[near[:, 0]]]
+    return touches
+
+
+def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: IntArray, counts: BoolArray) -> BoolArray:
+    """The dominant clusters and, step by step, each cluster that counts and touches them, (N,)."""
+    while not dominant.all():
+        found = np.isin(cluster, cluster[touching(target, dominant)]) & counts[cluster]
+        if not found.any():
+            break
+        dominant = dominant | found
+    return dominant
 
 
 def _weighted_percentile(values: Float64Array, weights: Float64Array, percent: float) -> float:

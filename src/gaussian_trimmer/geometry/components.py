@@ -1,4 +1,4 @@
-"""Which points hang together: neighbouring occupied voxels, or points within reach of each other."""
+"""Connected components of points: by neighbouring occupied voxels, or by their distances."""
 
 from __future__ import annotations
 

@@ -79,11 +79,11 @@ def _leaves(points: FloatArray, order: NDArray[np.int32], edges: IntArray) -> tu
     Distances of a leaf then take a few vector instructions for each axis. Where a leaf has fewer points, coordinates
     are infinite and numbers -1. The leaves' ranges of `order` lie between the `edges` (T + 1,).
     """
-    places = edges[:-1, None] + np.arange(_LEAF)
-    filled = places < edges[1:, None]
-    numbers = np.full(places.shape, -1, np.int32)
-    numbers[filled] = order[places[filled]]
-    leaves = np.full((*places.shape, points.shape[1]), np.inf, np.float32)
+    slots = edges[:-1, None] + np.arange(_LEAF)
+    filled = slots < edges[1:, None]
+    numbers = np.full(slots.shape, -1, np.int32)
+    numbers[filled] = order[slots[filled]]
+    leaves = np.full((*slots.shape, points.shape[1]), np.inf, np.float32)
     leaves[filled] = points[numbers[filled]]
     return np.ascontiguousarray(leaves.transpose(0, 2, 1)), numbers
 
@@ -154,9 +154,9 @@ def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[n
                 for i in range(_LEAF):
                     distances[i] = 0
                 for axis in range(dims):
-                    coordinates, place = leaves[node - n_nodes, axis], query[axis]
+                    coordinates, position = leaves[node - n_nodes, axis], query[axis]
                     for i in range(_LEAF):
-                        step = coordinates[i] - place
+                        step = coordinates[i] - position
                         distances[i] += step * step
                 for i in range(_LEAF):
                     distance = distances[i]

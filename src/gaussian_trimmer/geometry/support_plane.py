@@ -1,89 +1,129 @@
-"""The surface that an object stands on.
+"""The plane that an object stands on.
 
-Table tops and floors are where rough selections go wrong most, and they are easy to know: a horizontal layer that
-holds much of what surrounds the object. Once it is set aside, what stands on it falls apart into pieces that do not
-touch. A piece that mostly belongs to the selection belongs to it whole: an arm in the table's colour, a leaf that the
-selection missed.
+Rough selections are wrong most often at table tops and floors, and these are easy to find: a horizontal layer that
+holds much of what surrounds the object. With the layer taken away, what stands on it falls apart into pieces that do
+not touch each other. A piece that is mostly selected, or of which the selection has every end, belongs to the object as
+a whole: an arm in the colour of the table, a leaf that the selection missed, the spokes of a wheel.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.settings import Range, Share
 
-_REACH = 1.5
-_SEARCHED = 0.4
+_SURROUNDINGS = 1.5
+"""Horizontal distance from the object's centre within which the plane is searched, in object radii."""
+_FOOT_DISTANCE = 0.4
+"""Vertical distance from the object's foot within which the plane is searched, in object radii."""
 _BIN = 0.02
-_OBJECT_FOOT = 0.02
+"""Height of the histogram's bins, in object radii."""
+_FOOT_QUANTILE = 0.02
+"""Quantile of the object's heights that is taken for its foot, so that single floaters do not count."""
+_MIN_WEIGHT = 1e-12
 
 
 @dataclass(frozen=True)
-class SupportConfig:
-    """How the supporting surface helps to correct labels."""
+class SupportPlaneConfig:
+    """How the plane that the object stands on is found and used."""
 
     enabled: bool = True
-    """Look for the surface; where there is none, nothing changes."""
-    least_share: float = 0.3
-    """Smallest share that the layer must hold of the visible surroundings about the height of the object's foot. What
-    lies far below, like the ground around a plinth, and far above, like walls, does not count."""
-    least_share_of_all: float = 0.1
-    """Smallest share that it must hold of all visible surroundings: a wisp is no surface."""
-    thickness: float = 0.05
-    """Half of the layer's thickness, relative to the object's radius."""
-    gap: float = 0.1
-    """Largest distance between neighbours in one piece of what stands on the surface, in object radii."""
-    gap_spacing: float = 2.8
-    """The same in median distances between nearest neighbours of the selection, if that is more: few large Gaussians
-    touch each other though their centres lie far apart."""
-    least_selected: float = 0.5
-    """Smallest selected share of a piece that is taken to be the object."""
+    """Look for the plane; where there is none, nothing changes."""
+    min_share: Share = 0.3
+    """Smallest share that the plane must hold of the visible Gaussians around the object near the height of its foot.
+    What lies far below, such as the ground around a plinth, or far above, such as walls, does not count."""
+    min_share_of_all: Share = 0.1
+    """Smallest share that the plane must hold of all visible Gaussians around the object."""
+    thickness: Annotated[float, Range(1e-3, 10)] = 0.05
+    """Half of the plane's thickness, relative to the object's radius."""
+    gap: Annotated[float, Range(1e-3, 10)] = 0.1
+    """Largest distance between neighbours in one piece of what stands on the plane, in object radii."""
+    gap_spacing: Annotated[float, Range(0, 100)] = 2.8
+    """The same in units of the median distance between nearest neighbours in the selection, if that is more: large
+    Gaussians touch each other although their centres lie far apart."""
+    max_selected_within: Share = 0.5
+    """Largest share of what the selection shows that may lie within the plane or below it. With more, the selection is
+    the surface itself, or lies on it as a rug does, and there is no plane to tell it from."""
+    min_selected: Share = 0.65
+    """Smallest selected share of a piece that is taken to belong to the object."""
+    min_selected_within_bounds: Share = 0.1
+    """The same for a piece that lies within the bounds of the selection: one of which the selection has every end."""
+    min_within_bounds: Share = 0.97
+    """Smallest share of a piece within the bounds of the selection from which on it counts as lying within them."""
+    bounds_margin: Annotated[float, Range(0, 10)] = 0.1
+    """Margin around the bounds of the selection, in object radii."""
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
-    """Where each Gaussian lies relative to the surface."""
+class SupportPlane:
+    """The plane, and where each of N Gaussians lies relative to it."""
 
     height: float
-    """Height of the surface above the bounds' centre, in object radii."""
+    """Height of the plane above the bounds' centre, in object radii."""
     thickness: float
-    """Half the thickness of its layer, in object radii."""
+    """Half of its thickness, in object radii."""
     on_surface: BoolArray
-    """Gaussians of the layer, (N,)."""
+    """Gaussians within its thickness, (N,)."""
     above: BoolArray
     """Gaussians above it, (N,)."""
 
 
-def find_support(
-    places: FloatArray, selection: BoolArray, weights: Float64Array, bounds: Bounds, config: SupportConfig
-) -> Support | None:
-    """The horizontal layer near the object's foot that holds most of its visible surroundings; None if there is none.
+def find_support_plane(
+    positions: FloatArray, selection: BoolArray, weights: Float64Array, bounds: Bounds, config: SupportPlaneConfig
+) -> SupportPlane | None:
+    """The horizontal layer near the object's foot that holds most of what surrounds it; None if there is none.
 
     Args:
-        places: centres divided by the object's radius, (N, 3).
+        positions: centres divided by the object's radius, (N, 3).
         selection: the coarse labels, (N,).
-        weights: how much each Gaussian is visible, (N,).
-        bounds: the object's bounds: their third axis is up.
-        config: what counts as a surface.
+        weights: how visible each Gaussian is, (N,).
+        bounds: the object's bounds; their third axis is up.
+        config: what counts as a plane.
     """
-    local = (places - bounds.centre / bounds.radius) @ bounds.axes.T
+    local = (positions - bounds.centre / bounds.radius) @ bounds.axes.T
     height = local[:, 2]
-    around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _REACH)
+    around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _SURROUNDINGS)
     total = weights[around].sum()
     if not config.enabled or total <= 0 or not selection.any():
         return None
-    foot = np.quantile(height[selection], _OBJECT_FOOT)
-    edges = np.arange(foot - _SEARCHED, foot + _SEARCHED + _BIN, _BIN)
-    counts = np.convolve(np.histogram(height[around], edges, weights=weights[around])[0], [1, 1, 1], "same")
-    best = int(np.argmax(counts))
-    level = weights[around & (np.abs(height - foot) < _SEARCHED)].sum()
-    if counts[best] < max(config.least_share * level, config.least_share_of_all * total, 1e-12):
+    foot = np.quantile(height[selection], _FOOT_QUANTILE)
+    lowest, highest = foot - _FOOT_DISTANCE, foot + _FOOT_DISTANCE + _BIN
+    layer = densest_layer(height[around], weights[around], float(lowest), float(highest), _BIN)
+    level = weights[around & (np.abs(height - foot) < _FOOT_DISTANCE)].sum()
+    if layer is None or layer[1] < max(config.min_share * level, config.min_share_of_all * total, _MIN_WEIGHT):
         return None
-    middle = edges[best] + _BIN / 2
-    layer = around & (np.abs(height - middle) < 1.5 * _BIN)
-    middle = np.average(height[layer], weights=weights[layer])
-    on_surface, above = np.abs(height - middle) <= config.thickness, height > middle + config.thickness
-    return Support(float(middle), config.thickness, on_surface, above)
+    shown = weights[selection]
+    if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():
+        return None
+    on_surface, above = np.abs(height - layer[0]) <= config.thickness, height > layer[0] + config.thickness
+    return SupportPlane(layer[0], config.thickness, on_surface, above)
+
+
+def densest_layer(
+    heights: Float64Array, weights: NDArray[np.floating], lowest: float, highest: float, bin_height: float
+) -> tuple[float, float] | None:
+    """Mean height and weight of the three neighbouring bins that hold most weight; None where there is none.
+
+    Args:
+        heights: heights of points, (N,).
+        weights: their weights, (N,).
+        lowest: lower edge of the first bin.
+        highest: the last bin ends before this.
+        bin_height: height of a bin.
+
+    >>> densest_layer(np.array([0.5, 0.52, 3.0]), np.ones(3), 0.0, 4.0, 0.1)
+    (0.51, 2.0)
+    """
+    edges = np.arange(lowest, highest, bin_height)
+    held = np.convolve(np.histogram(heights, edges, weights=weights)[0], [1, 1, 1], "same")
+    best = int(np.argmax(held))
+    near = np.abs(heights - (edges[best] + bin_height / 2)) < 1.5 * bin_height
+    if weights[near].sum() <= 0:
+        return None
+    return float(np.average(heights[near], weights=weights[near])), float(held[best])

@@ -1,1 +1,1 @@
-"""What is written: results, reports and pictures."""
+"""What is written to disk: results, reports and pictures."""

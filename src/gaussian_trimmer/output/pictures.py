@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.views import TrimmedView
+from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -38,7 +39,6 @@ _COLUMNS = 5
 _CELL = 320
 _GAP = 4
 _MARGIN = 1.2
-_CONTEXT_RADII = 1.8
 
 
 def draw_view(view: TrimmedView, number: int) -> Picture:
@@ -47,7 +47,7 @@ def draw_view(view: TrimmedView, number: int) -> Picture:
     picture = _as_picture(rgb)
     mask_colour = _REJECTED if view.rejected else _MASK
     # The thick line below still shows where both outlines agree.
-    _draw_outline(picture, view.view.object_visible > 0.5, _COARSE, 2)
+    _draw_outline(picture, view.view.object_visible > HALF, _COARSE, 2)
     _draw_outline(picture, view.mask, mask_colour, 1)
     if view.rejected:
         cv2.rectangle(picture, (0, 0), (picture.shape[1] - 1, picture.shape[0] - 1), _REJECTED, 3)
@@ -82,10 +82,10 @@ def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
     camera stands inside the bounds.
     """
     camera = view.view.camera
-    rows, columns = np.nonzero(view.mask)
     corners, _ = camera.project(bounds.corners())
-    if len(rows) and not view.rejected:
-        low, high = np.array([columns.min(), rows.min()]), np.array([columns.max() + 1, rows.max() + 1])
+    if view.mask.any() and not view.rejected:
+        box = bounding_box(view.mask)
+        low, high = np.array(box[:2]), np.array(box[2:])
     elif np.isfinite(corners).all():
         low, high = corners.min(axis=0), corners.max(axis=0)
     else:
@@ -125,7 +125,7 @@ def _context(result: TrimResult) -> Gaussians:
     """What of the background lies around the object."""
     rows = result.background_rows
     offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
-    near = rows[np.linalg.norm(offset, axis=1) < _CONTEXT_RADII * result.bounds.radius]
+    near = rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius]
     return concatenate([result.scene.select(near), result.outside_parts])
 
 

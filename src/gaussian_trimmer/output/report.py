@@ -14,14 +14,15 @@ from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.formats.ply import write_selected
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, TrimResult
+from gaussian_trimmer.result import RowLabel, TrimResult
 
-LABEL_NAMES = ("kept", "pruned", "recovered", "split_inside", "split_outside")
-"""Names of the labels, by number."""
+LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
+"""Names of the labels of rows, by number."""
+RESULTS = "trim"
+"""What the manifest of a folder calls these results."""
 
 
 def result_files(suffix: str) -> tuple[str, ...]:
@@ -51,7 +52,9 @@ def write_results(
     """
     formats.write(result.object, folder / f"object{suffix}")
     if len(result.source_index) > len(result.object):
-        _write_background(result, folder / f"background{suffix}")
+        formats.write_selected(
+            result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
+        )
     with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
         np.savez(
             file,
@@ -66,14 +69,6 @@ def write_results(
     write_picture(draw_before_after(result, selection, renderer), folder / "before_after.png")
     with atomic_file(folder / "report.json") as part:
         part.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_background(result: TrimResult, path: Path) -> None:
-    """A PLY is written piece by piece; other formats need all Gaussians at once."""
-    if formats.format_suffix(path) == ".ply":
-        write_selected(result.scene, result.background_rows, result.outside_parts, path)
-    else:
-        formats.write(result.background, path)
 
 
 def describe(
@@ -130,10 +125,10 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
     return {
         "scene": len(result.scene),
         "selected": int(np.count_nonzero(selection)),
-        "kept": int(np.count_nonzero(ours == KEPT)),
-        "split": int(np.count_nonzero(ours == SPLIT_INSIDE)),
-        "recovered": int(np.count_nonzero(ours == RECOVERED)),
-        "pruned": int(np.count_nonzero(labels == PRUNED)),
+        "kept": int(np.count_nonzero(ours == RowLabel.KEPT)),
+        "split": int(np.count_nonzero(ours == RowLabel.SPLIT_INSIDE)),
+        "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
+        "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,
         "object": len(result.object),
         "background": len(result.source_index) - len(result.object),

@@ -1,8 +1,8 @@
-"""From where an object was seen, when no cameras tell.
+"""The directions from which an object was observed, for scenes without cameras.
 
-Training carves the space between the cameras and what they saw; behind the object of a forward-facing capture the
-scene is full of haze and the backs of other things. So an object that can be seen freely all around was photographed
-all around, and one that can be seen freely from one side was photographed from the middle of that side.
+Training keeps the space between the cameras and what they saw free; behind the object of a forward-facing capture the
+scene is full of haze and the backs of other objects. So an object that is visible without obstruction from all around
+was photographed from all around, and one that is visible from one side was photographed from the middle of that side.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ _BLOCKED_SHARE = 0.25
 _FACING_PITCH_DEGREES = 10.0
 
 
-def restrict_to_seen(
+def limit_yaw_to_observed(
     local: Gaussians, selection: BoolArray, up: Float64Array, config: PlanConfig, renderer: Renderer
 ) -> PlanConfig:
-    """The plan limited to the middle half of the directions that see the object freely, at a low pitch.
+    """The plan limited to the middle half of the directions from which the object is unobstructed, at a low pitch.
 
-    The plan comes back unchanged where the object is free all around, or where it states yaw or pitch itself.
+    The plan is returned unchanged if the object is unobstructed all around, or if it gives yaw or pitch itself.
 
     Args:
-        local: the coarse object and its neighbours.
+        local: the coarse object and the Gaussians around it.
         selection: which of them are the object, (N,).
         up: up vector, (3,).
         config: the plan so far.
-        renderer: renders small probes from all around.
+        renderer: renders small pictures from all around.
     """
     if config.yaw_range_degrees is not None or config.pitch_degrees is not None or config.framing == "paper":
         return config
-    alone = local.select(selection)
-    probes, _ = plan_cameras(alone, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
+    isolated = local.select(selection)
+    probes, _ = plan_cameras(isolated, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
     labels = selection.astype(np.float32)[:, None]
     shown = np.array([renderer.blend_values(local, camera, labels).sum() for camera in probes])
-    ones = np.ones((len(alone), 1), np.float32)
-    whole = np.array([renderer.blend_values(alone, camera, ones).sum() for camera in probes])
+    ones = np.ones((len(isolated), 1), np.float32)
+    whole = np.array([renderer.blend_values(isolated, camera, ones).sum() for camera in probes])
     free = shown / np.maximum(whole, 1e-9)
     if np.mean(free < _BLOCKED * free.max()) < _BLOCKED_SHARE:
         return config

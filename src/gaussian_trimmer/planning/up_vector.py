@@ -1,4 +1,4 @@
-"""The up vector of a scene: given, stated with the cameras, found from them, or from the plane that things stand on."""
+"""The up vector of a scene: given, stated in the camera file, or found from the cameras or from the ground plane."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
-"""Up where nothing tells: the first OpenCV camera of a reconstruction mostly stands upright."""
+"""Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
 
 # Cameras
 _MIN_TURN = 0.01
-"""Mean square of the second principal direction of the right axes that tells a turn from noise (6 degrees)."""
+"""Smallest mean square of the right axes along their second principal direction that is no noise (6 degrees)."""
 _MAX_ROLL = 0.05
 """Largest scatter of the right axes out of their plane, relative to that turn."""
 _MIN_AGREEMENT = 0.5
-"""Shortest mean of the cameras' unit up axes that still means something."""
+"""Smallest length of the mean of the cameras' unit up axes at which it is used."""
 
 # Ground plane
 _SAMPLE = 20_000
@@ -32,7 +31,7 @@ _POINTS_AT_ONCE = 1 << 14
 _THICKNESS = 0.01
 """Distance of inliers from the plane, relative to the robust radius of what is searched."""
 _REACH = 3.0
-"""The object's support is searched within this many robust radii of it."""
+"""The object's support plane is searched within this many robust radii of it."""
 _MIN_SHARE = 0.15
 """Smallest share of inliers: clouds without a plane reach 0.1 by chance."""
 _MIN_POINTS = 50
@@ -69,22 +68,22 @@ def find_up(
     given: Sequence[float] | Float64Array | None = None,
     object_rows: BoolArray | None = None,
 ) -> UpVector:
-    """The up vector by the best evidence there is.
+    """The up vector from the best source there is.
 
-    In falling order: the given vector, the one that the camera file states, the cameras' axes, the plane that the
+    In order of preference: the given vector, the one that the camera file states, the cameras' axes, the plane that the
     scene or the object stands on, and -y with confidence 0.
 
-    Arguments:
+    Args:
         given: any non-zero vector (3,).
-        object_rows: the Gaussians of the object, (N,), whose supporting plane is then looked for.
+        object_rows: the Gaussians of the object, (N,), whose support plane is then searched.
 
     Raises:
         InputError: the given vector has not three finite entries or has length zero.
     """
     if given is not None:
-        return UpVector(_unit(given), "given", 1.0)
+        return UpVector(unit_up(given), "given", 1.0)
     if cameras is not None and cameras.up is not None:
-        return UpVector(_unit(cameras.up), "camera file", 1.0)
+        return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
     found = found or up_from_ground_plane(gaussians, object_rows)
     return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
@@ -123,16 +122,16 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     preferred; without, the side with more Gaussians is up.
     """
     rng = np.random.default_rng(0)
-    thing = None
+    object_points = None
     if object_rows is None or not object_rows.any():
         points = _draw(gaussians, np.ones(len(gaussians), np.bool_), _SAMPLE, rng)
     else:
-        thing = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
-        points = _draw(gaussians, _surroundings(gaussians, object_rows, thing), _SAMPLE, rng)
+        object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
+        points = _draw(gaussians, _surroundings(gaussians, object_rows, object_points), _SAMPLE, rng)
     if len(points) < _MIN_POINTS:
         return None
     tolerance = _THICKNESS * _robust_radius(points)
-    plane = _best_plane(points, thing, tolerance, rng) if tolerance > 0 else None
+    plane = _best_plane(points, object_points, tolerance, rng) if tolerance > 0 else None
     if plane is None:
         return None
     plane = _refined(plane, points, tolerance)
@@ -140,21 +139,13 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     share = float((abs(heights) < tolerance).mean())
     if share < _MIN_SHARE:
         return None
-    standing = heights[abs(heights) >= tolerance] if thing is None else plane.heights(thing)
+    standing = heights[abs(heights) >= tolerance] if object_points is None else plane.heights(object_points)
     up = plane.normal if (standing > 0).sum() >= (standing < 0).sum() else -plane.normal
     return UpVector(up, "ground plane", share)
 
 
-def _unit(vector: Sequence[float] | Float64Array) -> Float64Array:
-    array = np.asarray(vector, np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-        raise InputError(f"The up vector {array.tolist()} must be three finite numbers that are not all zero.")
-    array = array / abs(array).max()  # so that squares neither overflow nor vanish
-    return np.asarray(array / np.linalg.norm(array))
-
-
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
-    """Centres of at most `size` of the Gaussians in `rows`, the opaque ones rather, in random order, (M, 3)."""
+    """Centres of at most `size` of the Gaussians in `rows`, drawn by opacity, in random order, (M, 3)."""
     candidates = np.flatnonzero(rows)
     weights = sigmoid(gaussians.opacity_logits[candidates]).astype(np.float64) + 1e-6
     size = min(size, len(candidates))
@@ -162,9 +153,9 @@ def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Gener
     return np.asarray(gaussians.means[chosen], np.float64)
 
 
-def _surroundings(gaussians: Gaussians, object_rows: BoolArray, thing: Float64Array) -> BoolArray:
-    """What an object stands amid, (N,): Gaussians near it, or all but the object where too few are near."""
-    distances = _distances(gaussians.means, np.median(thing, axis=0))
+def _surroundings(gaussians: Gaussians, object_rows: BoolArray, object_points: Float64Array) -> BoolArray:
+    """The surroundings of an object, (N,): the Gaussians near it, or all but the object if too few are near."""
+    distances = _distances(gaussians.means, np.median(object_points, axis=0))
     near = ~object_rows & (distances < _REACH * np.quantile(distances[object_rows], 0.9))
     return np.asarray(near if near.sum() >= _MIN_POINTS else ~object_rows)
 
@@ -184,7 +175,7 @@ def _robust_radius(points: Float64Array) -> float:
 
 
 def _best_plane(
-    points: Float64Array, thing: Float64Array | None, tolerance: float, rng: np.random.Generator
+    points: Float64Array, object_points: Float64Array | None, tolerance: float, rng: np.random.Generator
 ) -> _Plane | None:
     """The plane of highest score among random ones, or None where all points lie in a line.
 
@@ -202,8 +193,8 @@ def _best_plane(
         if shares[rows[0]] <= highest:
             break
         scores = shares[rows]
-        if thing is not None:
-            scores = scores * _standing(normals[rows], offsets[rows], thing, tolerance)
+        if object_points is not None:
+            scores = scores * _standing(normals[rows], offsets[rows], object_points, tolerance)
         if scores.max() > highest:
             best, highest = int(rows[np.argmax(scores)]), float(scores.max())
     return _Plane(normals[best], float(offsets[best]))
@@ -239,12 +230,14 @@ def _inlier_shares(
     return np.asarray(bonus * counts / len(points))
 
 
-def _standing(normals: Float64Array, offsets: Float64Array, thing: Float64Array, tolerance: float) -> Float64Array:
+def _standing(
+    normals: Float64Array, offsets: Float64Array, object_points: Float64Array, tolerance: float
+) -> Float64Array:
     """How far an object stands on each plane, (P,): 1 if wholly on one side and touching, towards 0 otherwise."""
-    heights = normals @ thing.T - offsets[:, None]  # (P, M)
+    heights = normals @ object_points.T - offsets[:, None]  # (P, M)
     heights *= np.where(np.median(heights, axis=1) < 0, -1, 1)[:, None]
     on_one_side = (heights > -tolerance).mean(axis=1)
-    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(thing), tolerance)
+    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(object_points), tolerance)
     return np.asarray(on_one_side / (1.0 + gap))
 
 

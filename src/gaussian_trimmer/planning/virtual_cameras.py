@@ -4,46 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
+from gaussian_trimmer.settings import Range, check_settings
 
 _NEAR = 0.01
-"""Near plane of planned cameras in object radii, so that neither tiny nor huge units cut anything off."""
-_FULL_CIRCLE_GAP = np.radians(100)
+"""Near plane of planned cameras in object radii, so that it works in scenes of any unit."""
+_Yaw = Annotated[float, Range(-720, 720)]
+_Lambda = Annotated[float, Range(1e-3, 1e4)]
 
 
 @dataclass(frozen=True)
 class PlanConfig:
     """Where the virtual cameras stand."""
 
-    views: int = 5
+    views: Annotated[int, Range(1, 1000)] = 5
     """Number of virtual views, n in the paper."""
     framing: Literal["fit", "paper"] = "fit"
-    """`fit`: the object fills the frame; `paper`: distance by eq. 2 from the plain centroid, eq. 1."""
-    size: int = 512
+    """`fit`: the object fills the frame; `paper`: distance by eq. 3 from the plain centroid, eq. 2."""
+    size: Annotated[int, Range(16, 8192)] = 512
     """Width and height of the virtual views in pixels."""
-    fov_degrees: float = 60.0
-    """Field of view."""
-    pitch_degrees: float | None = None
-    """Angle above the horizon; not given: 30, moved into the span of the training cameras where there are any."""
-    yaw_range_degrees: tuple[float, float] | None = None
-    """First and last yaw; not given: the full circle, or the span of the training cameras."""
-    fill: float = 0.75
-    """Share of the frame that the object's robust bounds fill (`fit`)."""
-    lambda_1: float = 20.0
-    """Distance per horizontal extent (`paper`, eq. 2)."""
-    lambda_2: float = 6.0
-    """Distance per vertical extent (`paper`, eq. 2)."""
+    fov_degrees: Annotated[float, Range(1, 150)] = 60.0
+    """Field of view of the virtual cameras."""
+    pitch_degrees: Annotated[float, Range(-89, 89)] | None = None
+    """Angle above the horizon. If it is not given: 30, moved into the range of the training cameras, if any."""
+    yaw_range_degrees: tuple[_Yaw, _Yaw] | None = None
+    """First and last yaw. If they are not given: the full circle, or the range of the training cameras."""
+    fill: Annotated[float, Range(0.05, 1)] = 0.75
+    """Share of the frame's width or height that the object's robust bounds fill (`fit`)."""
+    lambda_1: _Lambda = 20.0
+    """Distance per horizontal extent (`paper`, eq. 3)."""
+    lambda_2: _Lambda = 6.0
+    """Distance per vertical extent (`paper`, eq. 3)."""
 
 
 def plan_cameras(
-    target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), seen_from: Sequence[Camera] = ()
+    target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), training_cameras: Sequence[Camera] = ()
 ) -> tuple[list[Camera], Bounds]:
     """Cameras around the coarse object, ordered by yaw, and the bounds that they frame.
 
@@ -51,15 +53,16 @@ def plan_cameras(
         target: the coarse object.
         up: the scene's up vector, (3,), of any length.
         config: framing, number of views and angles.
-        seen_from: training cameras, if known; they limit yaw and pitch to what was really observed.
+        training_cameras: training cameras, if known; those that see the object limit yaw and pitch to the range that
+            was observed.
 
     Raises:
         InputError: a setting is out of its range, or the up vector is zero.
     """
-    _check(config)
+    check_settings(config, "plan")
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
-    yaws, pitch = _angles(bounds, config, seen_from)
+    yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
     directions = np.stack(
         [np.cos(yaws) * np.cos(pitch), np.sin(yaws) * np.cos(pitch), np.full_like(yaws, np.sin(pitch))], -1
     )
@@ -75,33 +78,11 @@ def plan_cameras(
     return [Camera(pose, K, config.size, config.size, near=_NEAR * bounds.radius) for pose in poses], bounds
 
 
-def _check(config: PlanConfig) -> None:
-    if config.views < 1:
-        raise InputError(f"The number of views is {config.views}; at least one is needed.")
-    if config.framing not in ("fit", "paper"):
-        raise InputError(f"Unknown framing '{config.framing}'; available: fit, paper.")
-    if not 16 <= config.size <= 8192:
-        raise InputError(f"The virtual views are {config.size} pixels wide; 16 to 8192 are possible.")
-    if not 1 <= config.fov_degrees <= 150:
-        raise InputError(f"The field of view is {config.fov_degrees} degrees; 1 to 150 are possible.")
-    if not 0.05 <= config.fill <= 1:
-        raise InputError(f"The object is to fill {config.fill} of the frame; 0.05 to 1 are possible.")
-    if config.pitch_degrees is not None and not -89 <= config.pitch_degrees <= 89:
-        raise InputError(f"The pitch is {config.pitch_degrees} degrees; -89 to 89 are possible.")
-
-
-def _angles(bounds: Bounds, config: PlanConfig, seen_from: Sequence[Camera]) -> tuple[Float64Array, float]:
+def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi
-    if seen_from:
-        local = (np.array([camera.centre for camera in seen_from]) - bounds.centre) @ bounds.axes.T
-        camera_yaws = np.sort(np.arctan2(local[:, 1], local[:, 0]))
-        camera_pitches = np.arctan2(local[:, 2], np.linalg.norm(local[:, :2], axis=1))
-        pitch = float(np.clip(pitch, *np.percentile(camera_pitches, [25, 75])))
-        gaps = np.diff(np.append(camera_yaws, camera_yaws[0] + 2 * np.pi))
-        widest = int(np.argmax(gaps))
-        if gaps[widest] > _FULL_CIRCLE_GAP:
-            first, span = camera_yaws[(widest + 1) % len(gaps)], 2 * np.pi - gaps[widest]
+    if training_cameras:
+        first, span, pitch = observed_angles(training_cameras, bounds, pitch)
     if config.pitch_degrees is not None:
         pitch = float(np.radians(config.pitch_degrees))
     if config.yaw_range_degrees is not None:

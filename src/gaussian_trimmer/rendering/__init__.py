@@ -23,6 +23,15 @@ TRANSMITTANCE_STOP = 1e-4
 """A pixel is finished before a Gaussian would push its transmittance below this."""
 FRUSTUM_MARGIN = 0.15
 """The projection's Jacobian is evaluated no farther outside the image than this share of its size."""
+LARGEST_LOG_SCALE = 88.0
+"""Larger ones are taken as this, the largest whose standard deviation is a number in single precision."""
+LARGEST_SPREAD = 1e6
+"""Projected semi-axes longer than this many pixels are drawn as long as this: what they show in an image hardly
+differs, and beyond it single precision no longer tells pixels apart."""
+LARGEST_VALUE = 1e30
+"""What lies farther away is not drawn and colours end here, so that sums of them are numbers in single precision."""
+MOST_PAIRS = 1 << 30
+"""Pairs of a tile and a Gaussian that reaches it of which a view may consist; so many take minutes to draw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,22 +97,40 @@ def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:
     return pixels
 
 
-_RENDERERS = {
-    "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
+def check_pairs(n_pairs: int, camera: Camera) -> None:
+    """Refuse views that would be drawn for hours, as those of millions of Gaussians that each cover the picture.
+
+    Raises:
+        InputError: the pairs of a tile and a Gaussian that reaches it are more than `MOST_PAIRS`.
+    """
+    if n_pairs > MOST_PAIRS:
+        raise InputError(
+            f"A view of {camera.width} x {camera.height} pixels consists of {n_pairs:,} pairs of a tile and a Gaussian "
+            f"that reaches it, and at most {MOST_PAIRS:,} can be drawn; take smaller views, or remove Gaussians that "
+            "are as large as the whole picture."
+        )
+
+
+# Name -> module and class.
+RENDERERS = {
     "numba": ("gaussian_trimmer.rendering.numba_cpu", "NumbaRenderer"),
+    "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
     "gsplat": ("gaussian_trimmer.rendering.gsplat_cuda", "GsplatRenderer"),
 }
+RENDERER_CHOICES = ("auto", *RENDERERS)
+"""What `get_renderer` takes."""
+DEFAULT_RENDERER = "auto"
 
 
 def get_renderer(name: str) -> Renderer:
-    """The renderer of that name: `numba`, `reference`, `gsplat`, or `auto` for gsplat where it can run, else numba.
+    """The renderer of that name; `auto` is numba, also where gsplat could run: it has not been tested on a GPU yet.
 
     Raises:
         InputError: no renderer has that name, or what it needs is not installed.
     """
     if name == "auto":
-        name = "gsplat" if import_module(_RENDERERS["gsplat"][0]).is_available() else "numba"
-    if name not in _RENDERERS:
-        raise InputError(f"Unknown renderer '{name}'; available: auto, {', '.join(_RENDERERS)}.")
-    module, attribute = _RENDERERS[name]
+        name = "numba"
+    if name not in RENDERERS:
+        raise InputError(f"Unknown renderer '{name}'; available: {', '.join(RENDERER_CHOICES)}.")
+    module, attribute = RENDERERS[name]
     return cast(Renderer, getattr(import_module(module), attribute)())

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, TypeVar, cast
 from weakref import WeakKeyDictionary
 
@@ -22,7 +21,15 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, Rendering, pixels_inside
+from gaussian_trimmer.rendering import (
+    LARGEST_LOG_SCALE,
+    LARGEST_SPREAD,
+    LARGEST_VALUE,
+    LOW_PASS_VARIANCE,
+    Rendering,
+    check_pairs,
+    pixels_inside,
+)
 from gaussian_trimmer.rendering.gsplat_contributors import top_by_kernel, top_by_pairs
 from gaussian_trimmer.rendering.gsplat_projection import Projection
 
@@ -34,18 +41,13 @@ _CHANNELS_AT_ONCE = 32
 _LABELS_AT_ONCE = 8
 _TILE, _TILE_OF_1_6 = 8, 4
 """Side of a tile in pixels: warps of 32 threads draw it, two or a part of one, and sums of two terms have no order.
-Version 1.6 draws tiles of 4 or 16 pixels alone."""
+Version 1.6 draws only tiles of 4 or 16 pixels."""
 _KEPT_BYTES = 1 << 29
 """Device memory for the projections of one scene that are kept for the next call."""
+_COUNTED_FIRST = 1 << 30
+"""Pairs of tile and Gaussian from which on they are counted before gsplat lists them, in numbers of 32 bits."""
 _WEIGHT_UNIT = 2.0**-30
 """Weights are summed as whole numbers of this, because sums of floats on a GPU change from run to run."""
-
-
-def is_available() -> bool:
-    """Whether gsplat is installed and there is a CUDA device for it. Does not compile or load its kernels."""
-    if find_spec("gsplat") is None or find_spec("torch") is None:
-        return False
-    return bool(import_module("torch").cuda.is_available())
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +88,22 @@ class _RenderingOnDevice(Rendering):
         return vars(self)[name]
 
 
-def _outside_inference_mode(method: Method) -> Method:
-    """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in."""
+def _on_device(method: Method) -> Method:
+    """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in.
+
+    Raises:
+        InputError: the device has not enough memory for what is asked.
+    """
 
     @wraps(method)
     def wrapped(self: GsplatRenderer, *arguments: Any, **options: Any) -> Any:
-        with self._torch.inference_mode(False):
-            return method(self, *arguments, **options)
+        try:
+            with self._torch.inference_mode(False):
+                return method(self, *arguments, **options)
+        except self._torch.OutOfMemoryError as error:
+            raise InputError(
+                "The GPU has not enough memory for this view; take smaller views, or render with --renderer numba."
+            ) from error
 
     return cast(Method, wrapped)
 
@@ -116,7 +127,7 @@ class GsplatRenderer:
         self._tile = _TILE_OF_1_6 if self._lists_top else _TILE
         self._uploaded: WeakKeyDictionary[Gaussians, _Uploaded] = WeakKeyDictionary()
 
-    @_outside_inference_mode
+    @_on_device
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
@@ -131,7 +142,7 @@ class GsplatRenderer:
         shown = self._weights_under(everywhere, gaussians, camera).flatten()
         return _RenderingOnDevice(rgb, alpha, image[..., 3], _array(shown))
 
-    @_outside_inference_mode
+    @_on_device
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
         if not len(gaussians):
@@ -141,7 +152,7 @@ class GsplatRenderer:
         images = [self._blend(projection, camera, part.contiguous())[0] for part in parts]
         return _array(self._torch.cat(images, dim=2))
 
-    @_outside_inference_mode
+    @_on_device
     def blend_weights(
         self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
     ) -> FloatArray:
@@ -151,7 +162,7 @@ class GsplatRenderer:
         sums = [self._weights_under((label == part).float(), gaussians, camera) for part in parts]
         return _array(self._torch.cat(sums, dim=1))
 
-    @_outside_inference_mode
+    @_on_device
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
@@ -213,13 +224,16 @@ class GsplatRenderer:
         drawn = self._upload(gaussians)
         world_to_camera = camera.world_to_camera.astype(np.float64)
         world_to_camera[:3, 3] += world_to_camera[:3, :3] @ drawn.origin
+        view, K = self._tensor(world_to_camera)[None], self._tensor(camera.K)[None]
+        scales = self._shortened(drawn, world_to_camera, camera)
         with self._torch.no_grad():
+            self._check_pairs(drawn, scales, view, K, camera)
             # packed=False: the ids of packed splats would not be rows of the scene.
             image, alpha, info = self._gsplat.rasterization(
-                drawn.means, drawn.quaternions, drawn.scales, drawn.opacities, drawn.coefficients,
-                self._tensor(world_to_camera)[None], self._tensor(camera.K)[None], camera.width, camera.height,
-                sh_degree=gaussians.sh_degree, render_mode="RGB+ED", near_plane=camera.near,
-                eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False, tile_size=self._tile,
+                drawn.means, drawn.quaternions, scales, drawn.opacities, drawn.coefficients, view, K, camera.width,
+                camera.height, sh_degree=gaussians.sh_degree, render_mode="RGB+ED", near_plane=camera.near,
+                far_plane=LARGEST_VALUE, eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False,
+                tile_size=self._tile,
             )  # fmt: skip
         names = ("means2d", "conics", "opacities", "isect_offsets", "flatten_ids")
         projection = Projection(self._tile, *(info[name] for name in names))
@@ -227,6 +241,34 @@ class GsplatRenderer:
         while len(drawn.projections) > 1 and sum(p.nbytes for _, p in drawn.projections.values()) > _KEPT_BYTES:
             drawn.projections.popitem(last=False)
         return image[0], alpha[0, ..., 0], projection
+
+    def _shortened(self, drawn: _Uploaded, world_to_camera: Float64Array, camera: Camera) -> Tensor:
+        """Scales (N, 3) of which none shows longer than `LARGEST_SPREAD`: gsplat squares them in single precision."""
+        forward = self._tensor(world_to_camera[2])
+        depths = (drawn.means @ forward[:3] + forward[3]).clamp(min=camera.near)
+        limit = depths * (LARGEST_SPREAD / float(max(camera.K[0, 0], camera.K[1, 1])))
+        return self._torch.minimum(drawn.scales, limit[:, None])
+
+    def _check_pairs(self, drawn: _Uploaded, scales: Tensor, view: Tensor, K: Tensor, camera: Camera) -> None:
+        """Refuse a view of too many pairs of a tile and a Gaussian, where there may be so many.
+
+        Raises:
+            InputError: there are more than `rendering.MOST_PAIRS`.
+        """
+        tiles = self._torch.tensor(
+            [-(-camera.width // self._tile), -(-camera.height // self._tile)], device=self._device
+        )  # fmt: skip
+        if len(drawn.means) * int(tiles.prod()) <= _COUNTED_FIRST:
+            return
+        radii, centres = self._gsplat.fully_fused_projection(
+            drawn.means, None, drawn.quaternions, scales, view, K, camera.width, camera.height,
+            eps2d=LOW_PASS_VARIANCE, near_plane=camera.near, far_plane=LARGEST_VALUE, opacities=drawn.opacities,
+        )[:2]  # fmt: skip
+        shown = (radii > 0).all(dim=-1)
+        radii, centres = radii[shown].double(), centres[shown].double()
+        low = ((centres - radii) / self._tile).floor().clamp(min=0)
+        high = ((centres + radii) / self._tile).ceil().minimum(tiles.double())
+        check_pairs(int((high - low).clamp(min=0).prod(dim=1).sum()), camera)
 
     def _upload(self, gaussians: Gaussians) -> _Uploaded:
         if gaussians not in self._uploaded:
@@ -236,7 +278,7 @@ class GsplatRenderer:
                 origin,
                 self._tensor(gaussians.means - origin),
                 self._tensor(gaussians.quaternions),
-                self._tensor(gaussians.log_scales).exp(),
+                self._tensor(gaussians.log_scales).clamp(max=LARGEST_LOG_SCALE).exp(),
                 self._tensor(gaussians.opacity_logits).sigmoid(),
                 self._torch.cat([constant[:, None], rest.transpose(1, 2)], dim=1),
             )

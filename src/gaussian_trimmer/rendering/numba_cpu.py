@@ -1,17 +1,21 @@
 """The CPU renderer: tile-based, parallel over tiles, vectorised over the pixels of a tile.
 
 Three steps, each a compiled kernel: project every Gaussian, list for every tile the Gaussians that reach it from near
-to far, blend. The first two are kept for the last few pairs of Gaussians and camera, since the trimmer asks for the
-colours, the weights and the contributors of the same view one after another.
+to far, blend. The first two are kept for the last few pairs of Gaussians and camera, as many as fit into half a
+gigabyte, since the trimmer asks for the colours, the weights and the contributors of the same view one after another.
 
-The result does not depend on the number of threads: a tile is blended by one thread, and sums over tiles are taken
-in a fixed order.
+Memory is bounded: where the lists, or the weights of their entries, would take more than half a gigabyte, tiles are
+listed and blended part by part. The result does not depend on that, nor on the number of threads: a tile is blended by
+one thread, and sums over tiles are taken in a fixed order.
 """
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
+from weakref import ref
 
 import cv2
 import numpy as np
@@ -20,7 +24,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.compiling import KERNELS
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, pixels_inside
+from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
     bin_gaussians,
@@ -31,8 +35,27 @@ from gaussian_trimmer.rendering.numba_kernels import (
     top_of_pixels,
 )
 
-_KEPT_PROJECTIONS = 24
+_KEPT_BYTES = 1 << 29
+"""Memory for projections that are kept for the next call; the last one is kept however large it is."""
+_LISTED_BYTES = 1 << 29
+"""Memory for the lists of a view's tiles, and for the weights of their entries."""
+_BYTES_OF_A_PAIR = 6
+_BYTES_OF_A_WEIGHT = 4
 _NO_LABELS = np.zeros((0, 1, 1), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """T tiles that follow each other, and the Gaussians that reach them."""
+
+    first: int
+    """Number of the first tile, row by row."""
+    starts: IntArray
+    """Where each tile's list begins in `lists`, (T + 1,)."""
+    lists: NDArray[np.int32]
+    """Indices of drawn Gaussians, from near to far, tile after tile, (P,)."""
+    spans: NDArray[np.uint8]
+    """First and one past the last row of its tile that each entry of `lists` reaches, (P, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +68,35 @@ class Projection:
     """Pixel centre (2), factor of the inverse covariance (3), opacity, half extents (2), (M, 8)."""
     colours: FloatArray
     """RGB and depth, (M, 4)."""
-    tile_starts: NDArray[np.int32]
-    """Where each tile's list begins in `tile_lists`, row-major tiles, (T + 1,)."""
-    tile_lists: NDArray[np.int32]
-    """Indices into the arrays above, from near to far, tile after tile, (P,)."""
-    tile_spans: NDArray[np.uint8]
-    """First and one past the last row of its tile that each entry of `tile_lists` reaches, (P, 2)."""
+    tile_starts: IntArray
+    """Where each tile's list begins among the lists of all tiles, row-major tiles, (T + 1,)."""
+    tiles: Tiles | None
+    """The lists of all tiles, or None where they are so long that they are made part by part."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held."""
+        lists = self.tiles.lists.nbytes + self.tiles.spans.nbytes if self.tiles else 0
+        return self.rows.nbytes + self.splats.nbytes + self.colours.nbytes + self.tile_starts.nbytes + lists
+
+    def parts(self, camera: Camera, n_labels: int = 0) -> Iterator[Tiles]:
+        """All tiles in order, in as few runs as keep lists, and n_labels weights of each entry, within memory."""
+        of_an_entry = max(_BYTES_OF_A_PAIR, _BYTES_OF_A_WEIGHT * n_labels)
+        first, n_tiles, starts = 0, len(self.tile_starts) - 1, self.tile_starts
+        while first < n_tiles:
+            room = starts[first] + _LISTED_BYTES // of_an_entry
+            last = max(int(np.searchsorted(starts, room, side="right")) - 1, first + 1)
+            yield self._listed(first, min(last, n_tiles), camera)
+            first = last
+
+    def _listed(self, first: int, last: int, camera: Camera) -> Tiles:
+        """The tiles from `first` up to before `last`."""
+        begin, end = self.tile_starts[[first, last]]
+        starts = self.tile_starts[first : last + 1] - begin
+        if self.tiles is not None:
+            return Tiles(first, starts, self.tiles.lists[begin:end], self.tiles.spans[begin:end])
+        with KERNELS:
+            return Tiles(first, starts, *bin_gaussians(self.splats, camera.width, camera.height, starts, first))
 
     def scattered(self, sums: FloatArray, n: int) -> FloatArray:
         """Sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
@@ -65,7 +111,8 @@ class NumbaRenderer:
     name = "numba"
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[int, int], tuple[Gaussians, Camera, Projection]] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, int], tuple[ref[Gaussians], ref[Camera], Projection]] = OrderedDict()
+        self._looking = threading.Lock()
 
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
@@ -101,36 +148,49 @@ class NumbaRenderer:
         """The k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
         pixels = pixels_inside(pixels, camera)
         projection = self._projection(gaussians, camera)
-        with KERNELS:
-            ids, weights = top_of_pixels(
-                projection.splats,
-                projection.tile_starts,
-                projection.tile_lists,
-                projection.tile_spans,
-                camera.width,
-                pixels,
-                k,
-            )
+        ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
+        for tiles in projection.parts(camera):
+            with KERNELS:
+                top_of_pixels(
+                    projection.splats, tiles.starts, tiles.lists, tiles.spans, tiles.first, camera.width, pixels, ids,
+                    weights,
+                )  # fmt: skip
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
-        key = (id(gaussians), id(camera))  # Both objects are kept beside the result, so the ids stay theirs.
-        if key not in self._kept:
-            self._kept[key] = (gaussians, camera, project_view(gaussians, camera))
-            if len(self._kept) > _KEPT_PROJECTIONS:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key][2]
+        """The projection of Gaussians into a camera, made at the first call and kept while there is room for it."""
+        key = id(gaussians), id(camera)
+        with self._looking:
+            known = self._kept.get(key)
+            if known and known[0]() is gaussians and known[1]() is camera:  # An id may have passed to another object.
+                self._kept.move_to_end(key)
+                return known[2]
+        projection = project_view(gaussians, camera)
+        with self._looking:
+            self._kept[key] = ref(gaussians), ref(camera), projection
+            self._kept.move_to_end(key)
+            self._forget()
+        return projection
+
+    def _forget(self) -> None:
+        """Let go of the projections of what no longer exists, and of the oldest ones beyond the memory for them."""
+        for key, (gaussians, camera, _) in list(self._kept.items()):
+            if gaussians() is None or camera() is None:
+                del self._kept[key]
+        held = sum(projection.nbytes for *_, projection in self._kept.values())
+        while len(self._kept) > 1 and held > _KEPT_BYTES:
+            held -= self._kept.popitem(last=False)[1][2].nbytes
 
 
 def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
     """Project, sort by depth (ties by row) and bin into tiles."""
     margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
-    limits = np.array([
-        (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
-        (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
-    ])  # fmt: skip
+    with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
+        limits = np.array([
+            (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
+            (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
+        ])  # fmt: skip
     lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near])
     with KERNELS:
         splats, colours, drawn = project(
@@ -145,22 +205,30 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
         rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
         splats, colours = splats[rows], colours[rows]
         counts = count_tiles(splats, camera.width, camera.height)
-        starts = np.zeros(len(counts) + 1, np.int32)
+        starts = np.zeros(len(counts) + 1, np.int64)
         np.cumsum(counts, out=starts[1:])
-        lists, spans = bin_gaussians(splats, camera.width, camera.height, starts)
-    return Projection(rows, splats, colours, starts, lists, spans)
+        check_pairs(int(starts[-1]), camera)
+        tiles = None
+        if starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES:
+            tiles = Tiles(0, starts, *bin_gaussians(splats, camera.width, camera.height, starts, 0))
+    return Projection(rows, splats, colours, starts, tiles)
 
 
 def _blend(
     projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Blended values followed by alpha, (C + 1, H, W), and blend weights under label images (L, H, W), (M, L)."""
-    with KERNELS:
-        image, pairs = blend_tiles(
-            projection.splats, values, projection.tile_starts, projection.tile_lists, projection.tile_spans,
-            camera.width, camera.height, _padded(labels),
-        )  # fmt: skip
-        sums = sum_pairs(pairs, projection.tile_lists, len(projection.rows))
+    labels = _padded(labels)
+    across, down = -(-camera.width // TILE), -(-camera.height // TILE)
+    image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
+    sums = np.zeros((len(projection.rows), len(labels)), np.float32)
+    for tiles in projection.parts(camera, len(labels)):
+        with KERNELS:
+            pairs = blend_tiles(
+                projection.splats, values, tiles.starts, tiles.lists, tiles.spans, tiles.first, camera.width,
+                camera.height, labels, image,
+            )  # fmt: skip
+            sum_pairs(pairs, tiles.lists, sums)
     return image[:, : camera.height, : camera.width], sums
 
 

@@ -6,6 +6,9 @@ How blending is made to vectorise: everything is float32; the exponential is a p
 pixels is flat and has selects instead of branches; a stopped pixel keeps its transmittance with a negative sign, so
 that one array holds both. Power is evaluated from the factored inverse covariance, |L^T d|^2, since the plain
 quadratic form loses the needles to cancellation in float32.
+
+No kernel writes beside its arrays, whatever the Gaussians and the camera hold: `project` lets nothing through that is
+not finite, and what `_columns_reached` and `_rows_reached` return lies in the image even for splats that are not.
 """
 
 from __future__ import annotations
@@ -17,7 +20,15 @@ import numpy as np
 
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import SH_C0
-from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, LOW_PASS_VARIANCE, TRANSMITTANCE_STOP
+from gaussian_trimmer.rendering import (
+    ALPHA_CAP,
+    ALPHA_CUTOFF,
+    LARGEST_LOG_SCALE,
+    LARGEST_SPREAD,
+    LARGEST_VALUE,
+    LOW_PASS_VARIANCE,
+    TRANSMITTANCE_STOP,
+)
 
 TILE = 16
 """Side of a tile in pixels."""
@@ -25,6 +36,7 @@ _AREA = TILE * TILE
 _SHARES = 8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
 _BATCH = 4  # Gaussians whose weights are found before they are added to sums together, which saves memory traffic.
 _CHECK_EVERY = 4 * _BATCH  # Gaussians between two looks at whether a tile still lets light through.
+_LOST = 1e-8  # Determinant, as a share of the product of the variances, below which their difference has lost it.
 
 _CAP = np.float32(ALPHA_CAP)
 _CUTOFF = np.float32(ALPHA_CUTOFF)
@@ -61,7 +73,7 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
         x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
         depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
         opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
-        if not depth >= near or opacity < ALPHA_CUTOFF:
+        if not (depth >= near and 0 < depth <= LARGEST_VALUE) or opacity < ALPHA_CUTOFF:
             continue
         across = (W[0, 0] * x + W[0, 1] * y + W[0, 2] * z + W[0, 3]) / depth
         down = (W[1, 0] * x + W[1, 1] * y + W[1, 2] * z + W[1, 3]) / depth
@@ -85,8 +97,14 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
             float(quaternions[i, 3]),
         )
         norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        if not 1e-15 < norm < 1e15:  # Squares beyond that leave single precision.
+            longest = max(max(abs(qw), abs(qx)), max(abs(qy), abs(qz)))
+            qw, qx, qy, qz = qw / longest, qx / longest, qy / longest, qz / longest
+            norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
         xx, xy, yy = LOW_PASS_VARIANCE, 0.0, LOW_PASS_VARIANCE
+        first_x, first_y, second_x, second_y = 0.0, 0.0, 0.0, 0.0
+        area = 0.0  # Sum of the squared areas that any two of the projected semi-axes span.
         for axis in range(3):
             # Column `axis` of the rotation matrix, scaled: one semi-axis of the ellipsoid, projected.
             if axis == 0:
@@ -95,13 +113,25 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
                 e0, e1, e2 = 2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)
             else:
                 e0, e1, e2 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
-            s = math.exp(float(log_scales[i, axis]))
+            s = math.exp(min(float(log_scales[i, axis]), LARGEST_LOG_SCALE))
             px, py = s * (ux0 * e0 + ux1 * e1 + ux2 * e2), s * (uy0 * e0 + uy1 * e1 + uy2 * e2)
+            if not px * px + py * py <= LARGEST_SPREAD * LARGEST_SPREAD:
+                length = math.hypot(px, py)
+                px, py = LARGEST_SPREAD * (px / length), LARGEST_SPREAD * (py / length)
             xx += px * px
             xy += px * py
             yy += py * py
+            area += (first_x * py - first_y * px) ** 2 + (second_x * py - second_y * px) ** 2
+            if axis == 0:
+                first_x, first_y = px, py
+            else:
+                second_x, second_y = px, py
         det = xx * yy - xy * xy
-        if not det > 0:
+        if det < _LOST * xx * yy:
+            # The same by the formula of Cauchy and Binet, a sum of squares: right for needles, where the two products
+            # are equal but for their last digits.
+            det = LOW_PASS_VARIANCE * (xx + yy - LOW_PASS_VARIANCE) + area
+        if not 0 < det < math.inf:
             continue
         reach = math.sqrt(max(0.0, 2 * math.log(opacity / ALPHA_CUTOFF)))
         half_x, half_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
@@ -119,7 +149,8 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
         distance = math.sqrt(dx * dx + dy * dy + dz * dz)
         dx, dy, dz = dx / distance, dy / distance, dz / distance
         for c in range(3):
-            colours[i, c] = max(0.0, 0.5 + _radiance(float(sh_dc[i, c]), sh_rest[i, c], dx, dy, dz))
+            colour = max(0.0, 0.5 + _radiance(float(sh_dc[i, c]), sh_rest[i, c], dx, dy, dz))
+            colours[i, c] = min(colour, LARGEST_VALUE)
         colours[i, 3] = depth
     return splats, colours, drawn
 
@@ -148,9 +179,16 @@ def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=CACHE, inline="always")
 def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
-    """First and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches."""
-    first = max(start, math.floor(max((splat[0] - splat[6]) / TILE, -1.0)))
-    last = min(end, math.floor(min((splat[0] + splat[6]) / TILE, float(end))) + 1)
+    """First and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches.
+
+    No column for an ellipse that is not finite. Numbers are compared before they become integers: beyond these lies
+    what no processor says the same of.
+    """
+    low, high = (splat[0] - splat[6]) / TILE, (splat[0] + splat[6]) / TILE
+    if not (low < end and high >= start):
+        return start, start
+    first = math.floor(low) if low > start else start
+    last = math.floor(high) + 1 if high < end else end
     return first, last
 
 
@@ -159,7 +197,7 @@ def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     """First and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
 
     On the ellipse (A dx + B dy)^2 + (C dy)^2 = q the lowest and highest dy lie at dx = +-(B / A) half_y, or, where that
-    is beside the tiles, at the pixel column nearest to it.
+    is beside the tiles, at the pixel column nearest to it. No row for an ellipse that is not finite.
     """
     A, B, C = float(splat[2]), float(splat[3]), float(splat[4])
     q = 2.0 * math.log(splat[5] / ALPHA_CUTOFF) + 1e-3  # The margin covers the blending's rounding.
@@ -171,6 +209,8 @@ def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     root_high = math.sqrt(max(square * q - (A * C * x_high) ** 2, 0.0))
     low = splat[1] - (A * B * x_low + root_low) / square - 0.5
     high = splat[1] + (root_high - A * B * x_high) / square - 0.5
+    if math.isnan(low) or math.isnan(high):
+        return 0, 0
     first = math.ceil(min(max(low - 1e-3, 0.0), float(height)))
     last = math.floor(min(max(high + 1e-3, -1.0), height - 1.0)) + 1
     return first, last
@@ -178,41 +218,52 @@ def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
 
 @_parallel
 def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
-    """Number of Gaussians that reach each tile, (T,)."""
+    """Number of Gaussians that reach each tile, (T,). Takes as long for ellipses of many rows as for those of few."""
     across, down = -(-width // TILE), -(-height // TILE)
-    counts = np.zeros(across * down, np.int32)
+    counts = np.zeros((down + 1) * across, np.int64)  # First those that begin with a tile less those that end above it.
     share = -(-across // _SHARES)
     for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
             x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
             for tx in range(x0, x1):
                 first, last = _rows_reached(splats[i], tx * TILE, height)
-                for ty in range(first // TILE, -(-last // TILE) if first < last else 0):
-                    counts[ty * across + tx] += 1
-    return counts
+                if first < last:
+                    counts[first // TILE * across + tx] += 1
+                    counts[-(-last // TILE) * across + tx] -= 1
+        for tile in range(across, down * across):
+            if share * job <= tile % across < share * (job + 1):
+                counts[tile] += counts[tile - across]
+    return counts[: down * across]
 
 
 @_parallel
-def bin_gaussians(splats, width, height, starts):  # type: ignore[no-untyped-def]
-    """Lists of the Gaussians that reach each tile, in the order of `splats`, (P,).
+def bin_gaussians(splats, width, height, starts, first_tile):  # type: ignore[no-untyped-def]
+    """Lists of the Gaussians that reach each of some tiles, in the order of `splats`, (P,).
 
-    And the first and one past the last row of the tile that each of them reaches, (P, 2).
+    The tiles are those from `first_tile` on; `starts` (T + 1,) says where each one's list begins. Also the first and
+    one past the last row of the tile that each listed Gaussian reaches, (P, 2).
     """
-    across = -(-width // TILE)
-    lists = np.empty(starts[-1], np.int32)
-    spans = np.empty((starts[-1], 2), np.uint8)
+    across, n_tiles = -(-width // TILE), len(starts) - 1
+    lists = np.zeros(starts[-1], np.int32)
+    spans = np.zeros((starts[-1], 2), np.uint8)
     ends = starts[:-1].copy()
+    above, below = first_tile // across, -(-(first_tile + n_tiles) // across)
     share = -(-across // _SHARES)
     for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
             x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
             for tx in range(x0, x1):
                 first, last = _rows_reached(splats[i], tx * TILE, height)
-                for ty in range(first // TILE, -(-last // TILE) if first < last else 0):
-                    place = ends[ty * across + tx]
-                    lists[place] = i
-                    spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
-                    ends[ty * across + tx] += 1
+                for ty in range(max(first // TILE, above), min(-(-last // TILE), below) if first < last else 0):
+                    tile = ty * across + tx - first_tile
+                    if not 0 <= tile < n_tiles:
+                        continue
+                    place = ends[tile]
+                    # Compiled in two places, the arithmetic above may round in two ways: no list grows beyond its end.
+                    if place < starts[tile + 1]:
+                        lists[place] = i
+                        spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
+                        ends[tile] += 1
     return lists, spans
 
 
@@ -227,20 +278,19 @@ def _falloff(q):  # type: ignore[no-untyped-def]
 
 
 @_parallel
-def blend_tiles(splats, values, starts, lists, spans, width, height, labels):  # type: ignore[no-untyped-def]
-    """Front-to-back blending of all tiles.
+def blend_tiles(splats, values, starts, lists, spans, first_tile, width, height, labels, image):  # type: ignore[no-untyped-def]
+    """Front-to-back blending of the tiles from `first_tile` on, as many as `starts` (T + 1,) has lists.
 
-    Returns the blended values and, last, alpha, (C + 1, H', W') with H', W' rounded up to whole tiles; and for each
-    pair of `lists` the sum of its blend weights under each of the label images (L, H', W'), (P, L).
+    Writes to the image (C + 1, H', W'), with H', W' rounded up to whole tiles, the blended values and, last, alpha.
+    Returns for each pair of `lists` the sum of its blend weights under each of the label images (L, H', W'), (P, L).
     """
-    across, down = -(-width // TILE), -(-height // TILE)
-    n_tiles, n_values, n_labels = across * down, values.shape[1], labels.shape[0]
-    image = np.empty((n_values + 1, down * TILE, across * TILE), np.float32)
+    across = -(-width // TILE)
+    n_tiles, n_values, n_labels = len(starts) - 1, values.shape[1], labels.shape[0]
     pairs = np.zeros((lists.shape[0], n_labels), np.float32)
     for job in numba.prange(n_tiles):
         # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
         tile = _interleave(job, n_tiles)
-        left, top = (tile % across) * TILE, (tile // across) * TILE
+        left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
         column = np.empty(_AREA, np.float32)
         row = np.empty(_AREA, np.float32)
         for p in range(_AREA):
@@ -318,7 +368,7 @@ def blend_tiles(splats, values, starts, lists, spans, width, height, labels):  #
                 image[c, top + p // TILE, left + p % TILE] = sums[c, p]
         for p in range(_AREA):
             image[n_values, top + p // TILE, left + p % TILE] = _ONE - abs(transmittance[p])
-    return image, pairs
+    return pairs
 
 
 @numba.njit(cache=CACHE, inline="always")
@@ -341,25 +391,27 @@ def _interleave(job, n):  # type: ignore[no-untyped-def]
 
 
 @_jit
-def sum_pairs(pairs, lists, n_drawn):  # type: ignore[no-untyped-def]
-    """Sums over tiles of the pairs' weights, always in the order of the tiles, (M, L)."""
-    totals = np.zeros((n_drawn, pairs.shape[1]), np.float32)
+def sum_pairs(pairs, lists, totals):  # type: ignore[no-untyped-def]
+    """Adds the pairs' weights to the totals (M, L), always in the order of the tiles."""
     for pair in range(pairs.shape[0]):
         for label in range(pairs.shape[1]):
             totals[lists[pair], label] += pairs[pair, label]
-    return totals
 
 
 @_parallel
-def top_of_pixels(splats, starts, lists, spans, width, pixels, k):  # type: ignore[no-untyped-def]
-    """The k largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals."""
+def top_of_pixels(splats, starts, lists, spans, first_tile, width, pixels, ids, weights):  # type: ignore[no-untyped-def]
+    """The largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals.
+
+    Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for those pixels that lie in the
+    tiles from `first_tile` on, as many as `starts` (T + 1,) has lists.
+    """
     across = -(-width // TILE)
-    n = pixels.shape[0]
-    ids = np.full((n, k), -1, np.int64)
-    weights = np.zeros((n, k), np.float32)
-    for j in numba.prange(n):
+    k = ids.shape[1]
+    for j in numba.prange(pixels.shape[0]):
         x, y = np.float32(pixels[j, 0]) + np.float32(0.5), np.float32(pixels[j, 1]) + np.float32(0.5)
-        tile = (pixels[j, 1] // TILE) * across + pixels[j, 0] // TILE
+        tile = (pixels[j, 1] // TILE) * across + pixels[j, 0] // TILE - first_tile
+        if not 0 <= tile < len(starts) - 1:
+            continue
         transmittance = _ONE
         row = pixels[j, 1] % TILE
         for pair in range(starts[tile], starts[tile + 1]):
@@ -383,4 +435,3 @@ def top_of_pixels(splats, starts, lists, spans, width, pixels, k):  # type: igno
                 ids[j, s], weights[j, s] = ids[j, s - 1], weights[j, s - 1]
             if slot < k:
                 ids[j, slot], weights[j, slot] = i, weight
-    return ids, weights

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.rendering import (
     ALPHA_CAP,
     ALPHA_CUTOFF,
     FRUSTUM_MARGIN,
+    LARGEST_LOG_SCALE,
+    LARGEST_SPREAD,
+    LARGEST_VALUE,
     LOW_PASS_VARIANCE,
     TRANSMITTANCE_STOP,
     Rendering,
@@ -36,6 +39,8 @@ class _Splat:
     """Projected centre in pixels, (2,)."""
     covariance: Float64Array
     """Projected and low-pass filtered covariance in square pixels, (2, 2)."""
+    inverse: Float64Array
+    """Its inverse, (2, 2)."""
     opacity: float
 
 
@@ -48,8 +53,9 @@ class ReferenceRenderer:
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
         """Colour, alpha and depth of a view, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
-        depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
-        seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
+        with _some_not_finite():
+            depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
+            seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
         rgb, weighted_depth, alpha = np.split(_blended(gaussians, camera, seen), [3, 4], axis=2)
         if background is not None:
             rgb = rgb + (1.0 - alpha) * background
@@ -106,7 +112,7 @@ def view_colours(gaussians: Gaussians, camera: Camera) -> Float64Array:
     directions = np.divide(directions, lengths, out=np.zeros_like(directions), where=lengths > 0)
     coefficients = np.concatenate([gaussians.sh_dc[:, :, None], gaussians.sh_rest], axis=2, dtype=np.float64)
     basis = sh_basis(directions)[:, : coefficients.shape[2]]
-    return np.asarray(np.maximum(np.einsum("nck,nk->nc", coefficients, basis) + 0.5, 0.0))
+    return np.asarray(np.clip(np.einsum("nck,nk->nc", coefficients, basis) + 0.5, 0.0, LARGEST_VALUE))
 
 
 def sh_basis(directions: Float64Array) -> Float64Array:
@@ -145,6 +151,15 @@ def projected_covariances(gaussians: Gaussians, camera: Camera) -> Float64Array:
 
     Eqs. 5 and 6 of "3D Gaussian Splatting".
     """
+    axes = _projected_axes(gaussians, camera)
+    return np.asarray(axes @ axes.transpose(0, 2, 1) + LOW_PASS_VARIANCE * np.eye(2))
+
+
+def _projected_axes(gaussians: Gaussians, camera: Camera) -> Float64Array:
+    """J W R S, whose columns are the semi-axes as the image shows them, in pixels, (N, 2, 3); R S S^T R^T is Sigma.
+
+    Those longer than `LARGEST_SPREAD` are shortened to it.
+    """
     size = np.array([camera.width, camera.height])
     focal, principal = camera.K[[0, 1], [0, 1]], camera.K[:2, 2]
     pixels, z = camera.project(gaussians.means.astype(np.float64))
@@ -155,9 +170,28 @@ def projected_covariances(gaussians: Gaussians, camera: Camera) -> Float64Array:
     J[:, 0, 0] = focal[0] / z
     J[:, 1, 1] = focal[1] / z
     J[:, :, 2] = -focal * slopes / z[:, None]
-    JW = J @ camera.rotation
-    low_pass = LOW_PASS_VARIANCE * np.eye(2)
-    return np.asarray(JW @ gaussians.covariances() @ JW.transpose(0, 2, 1) + low_pass)
+    scales = np.exp(np.minimum(gaussians.log_scales.astype(np.float64), LARGEST_LOG_SCALE))
+    axes = J @ camera.rotation @ rotation_matrices(gaussians.quaternions) * scales[:, None, :]
+    lengths = np.hypot(axes[:, 0], axes[:, 1])  # (N, 3)
+    shortened = np.divide(LARGEST_SPREAD, lengths, out=np.ones_like(lengths), where=lengths > LARGEST_SPREAD)
+    return np.asarray(axes * shortened[:, None, :])
+
+
+def _determinants(axes: Float64Array) -> Float64Array:
+    """Determinants of the covariances with these semi-axes (N, 2, 3), (N,).
+
+    By the formula of Cauchy and Binet, which is a sum of squares. The difference of products loses all digits of a
+    long needle's.
+    """
+    areas = [axes[:, 0, i] * axes[:, 1, j] - axes[:, 1, i] * axes[:, 0, j] for i, j in ((0, 1), (0, 2), (1, 2))]
+    return np.asarray(
+        LOW_PASS_VARIANCE**2 + LOW_PASS_VARIANCE * (axes**2).sum(axis=(1, 2)) + np.square(areas).sum(axis=0)
+    )
+
+
+def _some_not_finite() -> np.errstate:
+    """For what is computed of all Gaussians: those that are not finite are not drawn, so operations may fail there."""
+    return np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
 def _blended(gaussians: Gaussians, camera: Camera, values: Float64Array) -> Float64Array:
@@ -170,16 +204,21 @@ def _blended(gaussians: Gaussians, camera: Camera, values: Float64Array) -> Floa
 
 def _front_to_back(gaussians: Gaussians, camera: Camera) -> Iterator[_Splat]:
     """The visible Gaussians by rising centre depth, and by row number where depths are equal."""
-    depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
-    opacities = gaussians.opacities.astype(np.float64)
-    rows = np.flatnonzero((depths >= camera.near) & (opacities >= ALPHA_CUTOFF))
-    rows = rows[np.argsort(depths[rows], kind="stable")]
-    visible = gaussians.select(rows)
-    means, _ = camera.project(visible.means.astype(np.float64))
-    covariances = projected_covariances(visible, camera)
-    drawable = np.linalg.det(covariances) > 0
+    with _some_not_finite():
+        depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
+        opacities = gaussians.opacities.astype(np.float64)
+        near_enough = (depths >= camera.near) & (depths > 0) & (depths <= LARGEST_VALUE)
+        rows = np.flatnonzero(near_enough & (opacities >= ALPHA_CUTOFF))
+        rows = rows[np.argsort(depths[rows], kind="stable")]
+        visible = gaussians.select(rows)
+        means, _ = camera.project(visible.means.astype(np.float64))
+        axes, covariances = _projected_axes(visible, camera), projected_covariances(visible, camera)
+        determinants = _determinants(axes)
+        adjugates = covariances[:, ::-1, ::-1] * np.array([[1, -1], [-1, 1]])
+        inverses = adjugates / determinants[:, None, None]
+    drawable = np.isfinite(means).all(axis=1) & np.isfinite(determinants)
     for i in np.flatnonzero(drawable):
-        yield _Splat(int(rows[i]), means[i], covariances[i], float(opacities[rows[i]]))
+        yield _Splat(int(rows[i]), means[i], covariances[i], inverses[i], float(opacities[rows[i]]))
 
 
 def _blend(gaussians: Gaussians, camera: Camera) -> Iterator[tuple[_Splat, Box, Float64Array]]:
@@ -206,7 +245,7 @@ def _alpha(splat: _Splat, box: Box) -> Float64Array:
     rows, columns = box
     y, x = np.mgrid[rows, columns] + 0.5
     d = np.stack([x, y], axis=-1) - splat.mean  # (h, w, 2)
-    squared_distance = np.einsum("hwi,ij,hwj->hw", d, np.linalg.inv(splat.covariance), d)
+    squared_distance = np.einsum("hwi,ij,hwj->hw", d, splat.inverse, d)
     return np.asarray(np.minimum(ALPHA_CAP, splat.opacity * np.exp(-0.5 * squared_distance)))
 
 

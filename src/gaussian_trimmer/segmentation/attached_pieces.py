@@ -1,4 +1,4 @@
-"""What stands on the supporting surface in one piece with the object."""
+"""Pieces that stand on the support plane and touch the object."""
 
 from __future__ import annotations
 
@@ -6,35 +6,48 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.geometry.support_plane import Support, SupportConfig
+from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneConfig
 
 
 def attached_to_object(
-    places: FloatArray,
+    positions: FloatArray,
     spacing: FloatArray,
     labels: BoolArray,
     weights: Float64Array,
-    support: Support,
-    config: SupportConfig,
+    plane: SupportPlane,
+    config: SupportPlaneConfig,
 ) -> BoolArray:
-    """Gaussians that are not labelled object but stand in one piece with it, (N,).
+    """Gaussians that are not labelled as object but belong to a piece that is, (N,).
 
-    Pieces are what lies above the surface and is connected by steps of at most the gap.
+    A piece is what lies above the plane and is connected by steps no longer than the gap. It belongs to the object if
+    most of it is labelled so, or if some of it is and all of it lies within the bounds of what is labelled: a lawn that
+    touches a plant, or a robot of which an arm was selected, reaches beyond them.
 
     Args:
-        places: centres divided by the object's radius, (N, 3).
-        spacing: distance of each from its nearest neighbour, (N,).
-        labels: what is labelled object so far, (N,).
-        weights: how much each Gaussian is visible, (N,).
-        support: the surface.
+        positions: centres divided by the object's radius, (N, 3).
+        spacing: distance of each centre from its nearest neighbour, (N,).
+        labels: the labels so far, (N,).
+        weights: how visible each Gaussian is, (N,).
+        plane: the plane that the object stands on.
         config: what counts as a piece.
     """
     attached = np.zeros(len(labels), np.bool_)
-    rows = np.flatnonzero(support.above)
+    rows = np.flatnonzero(plane.above)
     if len(rows) == 0:
         return attached
     gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
-    piece = connected_points(places[rows].astype(np.float64), gap)
+    piece = connected_points(positions[rows].astype(np.float64), gap)
+    near = _within_bounds(positions[rows], positions[labels], config.bounds_margin)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
-    attached[rows] = (selected > config.least_selected * total)[piece] & ~labels[rows]
+    within = np.bincount(piece, weights[rows] * near) >= config.min_within_bounds * total
+    belongs = selected > np.where(within, config.min_selected_within_bounds, config.min_selected) * total
+    attached[rows] = belongs[piece] & ~labels[rows]
     return attached
+
+
+def _within_bounds(positions: FloatArray, selected: FloatArray, margin: float) -> BoolArray:
+    """Which positions (N, 3) lie in the box of the selected ones (M, 3), widened by a margin, (N,)."""
+    if len(selected) == 0:
+        return np.zeros(len(positions), np.bool_)
+    low, high = selected.min(axis=0) - margin, selected.max(axis=0) + margin
+    return np.asarray(((positions >= low) & (positions <= high)).all(axis=1))

@@ -1,19 +1,20 @@
-"""Correcting the coarse labels in 3D before any picture is segmented.
+"""Correcting the coarse labels in 3D, before any picture is segmented.
 
-A rough selection is mostly right, and where it is wrong, Gaussians that lie near each other and look alike carry
-different labels. This stage is mean-field inference in a conditional random field over the visible Gaussians: a
-Gaussian follows its neighbours in the joint space of place and colour, the colours typical of the object and of its
-surroundings, and its own coarse label, which is trusted the more the farther it lies from the selection's boundary.
-All views share the result, so the masks drawn from it agree with each other, and no edge has to be found in a picture
-that the Gaussians know already.
+A rough selection is mostly right; where it is wrong, Gaussians that lie close to each other and have similar colours
+carry different labels. This stage is mean-field inference in a conditional random field (CRF) over the visible
+Gaussians. The label of a Gaussian follows from three things: the labels of its neighbours in the joint space of
+position and colour, the colours that are typical of the object and of its surroundings, and its own coarse label, which
+is trusted more the farther it lies from the boundary of the selection. All views share the result, so the masks drawn
+from it agree with each other, and no edge has to be found in a picture that the Gaussians already determine.
 
 The mean-field update is that of Kraehenbuehl and Koltun, "Efficient Inference in Fully Connected CRFs with Gaussian
-Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over place and colour cut to the nearest neighbours.
+Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over position and colour restricted to the nearest neighbours.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,108 +22,126 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.geometry.support_plane import SupportConfig, find_support
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
+from gaussian_trimmer.settings import Range, Weight
 
 _BINS = 32
+"""Bins of the colour histograms in each channel."""
 # Blurring by one bin's standard deviation, cut at three, as a matrix.
 _STEPS = np.arange(_BINS) - np.arange(_BINS)[:, None]
 _BLUR = np.where(np.abs(_STEPS) <= 3, np.exp(-0.5 * _STEPS.astype(np.float64) ** 2), 0.0)
-_LEAST_WEIGHT = 0.05
-_LARGEST_WEIGHT = 20.0
+_EMPTY_BIN = 1e-5
+"""Added to the histograms, so that colours that occur on one side only have a finite likelihood ratio."""
+_MIN_WEIGHT = 0.05
+"""Visible weight above which a Gaussian counts as seen."""
+_MAX_WEIGHT = 20.0
+"""Visible weight from which on a neighbour counts no more than others."""
 _MAJORITY_OF = 17
-_COLOUR_LIMIT = 2.0
-_DEEPEST = 1.5
-"""Depths behind the boundary from which trust no longer grows."""
+"""Number of nearest Gaussians, itself among them, whose labels decide on which side of the boundary one lies."""
+_MAX_COLOUR_EVIDENCE = 2.0
+"""Limit of the colour models' log-likelihood ratio."""
+_CHANCE = 0.5
+"""Accuracy of the colour models at which their weight is zero."""
+_FULL_GAIN = 0.45
+"""Accuracy beyond chance from which on their weight is full."""
+_MAX_DISTANCES = 1.5
+"""Number of boundary distances from which on trust in the coarse label no longer grows."""
+_NEIGHBOURS_TO_OWN = 2
+"""Weight of the visible neighbours' probability, relative to its own label, for a hidden Gaussian."""
+
+_Neighbours = Annotated[int, Range(1, 256)]
+_Width = Annotated[float, Range(1e-3, 100)]
 
 
 @dataclass(frozen=True)
-class LabelFieldConfig:
-    """How coarse labels are corrected over Gaussians that are alike in place and colour."""
+class LabelCrfConfig:
+    """How the coarse labels are corrected by comparing Gaussians of similar position and colour."""
 
     enabled: bool = True
-    """Correct the labels; off, the coarse selection alone tells where the object is expected."""
-    passes: int = 2
-    """How often the corrected labels are taken as the coarse ones of another round."""
-    iterations: int = 5
-    """Mean-field updates a round."""
-    neighbours: int = 32
-    """Nearest neighbours in place and colour that a Gaussian follows."""
-    hidden_neighbours: int = 8
-    """Nearest visible Gaussians in place that one which no view shows follows."""
-    place_sigma: float = 0.12
-    """Standard deviation of the kernel over place, relative to the object's radius."""
-    colour_sigma: float = 0.08
+    """Correct the labels; if off, the coarse selection alone predicts where the object is in the views."""
+    passes: Annotated[int, Range(1, 100)] = 2
+    """Number of rounds; each starts from the labels that the one before has corrected."""
+    iterations: Annotated[int, Range(1, 1000)] = 5
+    """Number of mean-field updates in each round."""
+    k_neighbours: _Neighbours = 32
+    """Number of nearest neighbours in position and colour whose labels a Gaussian follows."""
+    k_hidden_neighbours: _Neighbours = 8
+    """Number of nearest visible Gaussians that decide the label of a hidden one."""
+    position_sigma: _Width = 0.12
+    """Standard deviation of the kernel over position, relative to the object's radius."""
+    colour_sigma: _Width = 0.08
     """Standard deviation of the kernel over colour, for channels in [0, 1]."""
-    smoothness: float = 4.0
+    smoothness: Weight = 4.0
     """Weight of the neighbours' mean label."""
-    colour: float = 1.3
-    """Weight of the colour models' log-likelihood ratio where they tell object and surroundings apart perfectly."""
-    trust: float = 1.0
-    """Weight of the coarse label at the selection's boundary."""
-    depth_trust: float = 2.0
-    """Weight of the coarse label gained per squared `depth` of distance from the boundary, up to 1.5 depths."""
-    depth: float = 0.12
-    """Distance over which trust grows, relative to the object's radius."""
-    attached: float = 3.0
-    """Weight for the object of what stands in one piece with it on the supporting surface."""
-    resting: float = 1.0
-    """Weight against the object of selected Gaussians in the supporting surface."""
-    support: SupportConfig = field(default_factory=SupportConfig)
+    colour: Weight = 1.3
+    """Weight of the colour models' log-likelihood ratio where they separate object and surroundings well."""
+    trust: Weight = 1.0
+    """Weight of the coarse label at the boundary of the selection."""
+    interior_trust: Weight = 2.0
+    """Weight that the coarse label gains away from the boundary: times the squared distance from it, measured in
+    boundary distances, up to 1.5 of them."""
+    boundary_distance: _Width = 0.12
+    """Unit of that distance, relative to the object's radius."""
+    attached: Weight = 3.0
+    """Weight towards the object of pieces that stand on the support plane and touch the object."""
+    resting: Weight = 1.0
+    """Weight away from the object of selected Gaussians that lie in the support plane."""
+    support_plane: SupportPlaneConfig = field(default_factory=SupportPlaneConfig)
 
 
 def correct_labels(
-    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, bounds: Bounds, config: LabelFieldConfig
+    gaussians: Gaussians, selection: BoolArray, visible: FloatArray, bounds: Bounds, config: LabelCrfConfig
 ) -> FloatArray:
-    """Probability of every Gaussian to belong to the object, (N,).
+    """Probability that each Gaussian belongs to the object, (N,).
 
     Args:
-        gaussians: the coarse object and its neighbours.
+        gaussians: the coarse object and the Gaussians around it.
         selection: the coarse labels, (N,).
         visible: blend weight of each Gaussian summed over the views, in pixels of five views of 512 x 512, (N,).
         bounds: the object's robust bounds.
         config: weights of the terms.
 
     Gaussians that no view shows take a third of their probability from their coarse label and the rest from the visible
-    Gaussians around them: what lies hidden inside an object would stay behind as its ghost, and what lies hidden in
-    the table below it would come along.
+    Gaussians around them. Otherwise what lies hidden inside an object would stay behind as a ghost of it, and what lies
+    hidden in the table below would come along with it.
     """
     probability = selection.astype(np.float32)
-    seen = np.flatnonzero(visible > _LEAST_WEIGHT)
+    seen = np.flatnonzero(visible > _MIN_WEIGHT)
     labels = selection[seen]
     if not config.enabled or labels.all() or not labels.any():
         return probability
-    places = gaussians.means[seen] / np.float32(bounds.radius)
+    positions = gaussians.means[seen] / np.float32(bounds.radius)
     colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc[seen], 0, 1).astype(np.float32)
-    graph = _Field(places, colours, visible[seen].astype(np.float64), bounds, config)
+    crf = _Crf(positions, colours, visible[seen].astype(np.float64), bounds, config)
     for _ in range(config.passes):
-        likely = graph.infer(labels)
-        labels = likely > 0.5
+        corrected = crf.infer(labels)
+        labels = corrected > 0.5
         if labels.all() or not labels.any():
             break
-    probability[seen] = likely
-    unseen = np.flatnonzero(visible <= _LEAST_WEIGHT)
+    probability[seen] = corrected
+    hidden = np.flatnonzero(visible <= _MIN_WEIGHT)
     _, near = nearest(
-        places, gaussians.means[unseen] / np.float32(bounds.radius), min(config.hidden_neighbours, len(seen))
+        positions, gaussians.means[hidden] / np.float32(bounds.radius), min(config.k_hidden_neighbours, len(seen))
     )
-    around = likely[near].mean(axis=1)
-    probability[unseen] = (probability[unseen] + 2 * around) / 3
+    around = corrected[near].mean(axis=1)
+    probability[hidden] = (probability[hidden] + _NEIGHBOURS_TO_OWN * around) / (1 + _NEIGHBOURS_TO_OWN)
     return probability
 
 
-class _Field:
-    """The graph over the visible Gaussians, built once for all rounds."""
+class _Crf:
+    """The conditional random field over the S visible Gaussians, built once for all rounds."""
 
     def __init__(
-        self, places: FloatArray, colours: FloatArray, weights: Float64Array, bounds: Bounds, config: LabelFieldConfig
+        self, positions: FloatArray, colours: FloatArray, weights: Float64Array, bounds: Bounds, config: LabelCrfConfig
     ) -> None:
-        self.places, self.weights, self.bounds, self.config = places, weights, bounds, config
-        capped = np.minimum(weights, _LARGEST_WEIGHT)
-        features = np.concatenate([places / config.place_sigma, colours / config.colour_sigma], axis=1)
-        squared, self.alike = _others(features, config.neighbours)
+        self.positions, self.weights, self.bounds, self.config = positions, weights, bounds, config
+        capped = np.minimum(weights, _MAX_WEIGHT)
+        features = np.concatenate([positions / config.position_sigma, colours / config.colour_sigma], axis=1)
+        squared, self.alike = _others(features, config.k_neighbours)
         kernel = np.exp(-0.5 * squared) * capped[self.alike]
         self.kernel = (kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9)).astype(np.float32)
-        squared, self.near = nearest(places, places, min(_MAJORITY_OF, len(places)))
+        squared, self.near = nearest(positions, positions, min(_MAJORITY_OF, len(positions)))
         self.spacing = np.sqrt(squared[:, min(1, squared.shape[1] - 1)])
         self.near_weights = capped[self.near]
         bins = np.minimum((colours * _BINS).astype(np.int64), _BINS - 1)
@@ -134,8 +153,8 @@ class _Field:
         signs = np.where(labels, 1.0, -1.0).astype(np.float32)
         unary = self._trust(labels, signs)
         _, separation = self._colour_evidence(labels.astype(np.float64))
-        colour_weight = config.colour * float(np.clip((separation - 0.5) / 0.45, 0, 1)) ** 2
-        mean = np.sign(unary)  # What stands in one piece with the object starts on its side.
+        colour_weight = config.colour * float(np.clip((separation - _CHANCE) / _FULL_GAIN, 0, 1)) ** 2
+        mean = np.sign(unary)  # So that attached pieces start on the object's side.
         for _ in range(config.iterations):
             evidence, _ = self._colour_evidence(0.5 * (mean + 1.0))
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
@@ -143,46 +162,48 @@ class _Field:
         return np.asarray(0.5 * (mean + 1), np.float32)
 
     def _trust(self, labels: BoolArray, signs: FloatArray) -> FloatArray:
-        """Log-odds of each Gaussian by its own label, its depth behind the boundary and the surface below, (S,)."""
+        """Log-odds of each Gaussian by its own label, its distance from the boundary, and the support plane, (S,)."""
         config = self.config
-        deep = np.minimum(self._distance_to_boundary(signs, _DEEPEST * config.depth) / config.depth, _DEEPEST)
-        unary = np.asarray((config.trust + config.depth_trust * deep**2) * signs, np.float32)
-        support = find_support(self.places, labels, self.weights, self.bounds, config.support)
-        if support is None:
+        reach = _MAX_DISTANCES * config.boundary_distance
+        distance = np.minimum(self._distance_to_boundary(signs, reach) / config.boundary_distance, _MAX_DISTANCES)
+        unary = np.asarray((config.trust + config.interior_trust * distance**2) * signs, np.float32)
+        plane = find_support_plane(self.positions, labels, self.weights, self.bounds, config.support_plane)
+        if plane is None:
             return unary
-        attached = attached_to_object(self.places, self.spacing, labels, self.weights, support, config.support)
+        attached = attached_to_object(self.positions, self.spacing, labels, self.weights, plane, config.support_plane)
         unary = np.where(attached, config.attached - config.trust, unary)
-        resting = support.on_surface & labels
+        resting = plane.on_surface & labels
         return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
 
     def _distance_to_boundary(self, signs: FloatArray, reach: float) -> FloatArray:
-        """Distance of each Gaussian to the nearest of the other side, infinite from `reach` on, (S,).
+        """Distance of each Gaussian from the nearest one on the other side, infinite from `reach` on, (S,).
 
-        The sides are local majorities of the labels. Where one side has all, there is no boundary, and the distance 0.
+        The sides are the local majorities of the labels. If all Gaussians are on one side, there is no boundary, and
+        the distance is zero.
         """
         majority = np.sum(signs[self.near] * self.near_weights, axis=1) > 0
         distance = np.zeros(len(signs), np.float32)
         if majority.any() and not majority.all():
             for side in (True, False):
-                squared, _ = nearest(self.places[majority != side], self.places[majority == side], 1, reach)
+                squared, _ = nearest(self.positions[majority != side], self.positions[majority == side], 1, reach)
                 distance[majority == side] = np.sqrt(squared[:, 0])
         return distance
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> tuple[Float64Array, float]:
-        """Clipped log-likelihood ratio of each Gaussian's colour (S,), and how well it tells the labels apart.
+        """Clipped log-likelihood ratio of each Gaussian's colour (S,), and how well it separates the labels.
 
         The models are blurred colour histograms of object and surroundings, weighted by visibility. The second value is
-        the balanced accuracy of the ratio's sign against the labels, 0.5 for colours that tell nothing.
+        the balanced accuracy with which the sign of the ratio predicts the labels, 0.5 at chance.
         """
         inside, outside = self.weights * object_share, self.weights * (1 - object_share)
         models = [_blurred_histogram(self.colour_bins, weights) for weights in (inside, outside)]
-        ratio = np.log((models[0] + 1e-5) / (models[1] + 1e-5))[self.colour_bins]
+        ratio = np.log((models[0] + _EMPTY_BIN) / (models[1] + _EMPTY_BIN))[self.colour_bins]
         hits = inside @ (ratio > 0) / max(inside.sum(), 1e-12), outside @ (ratio < 0) / max(outside.sum(), 1e-12)
-        return np.clip(ratio, -_COLOUR_LIMIT, _COLOUR_LIMIT), float(np.mean(hits))
+        return np.clip(ratio, -_MAX_COLOUR_EVIDENCE, _MAX_COLOUR_EVIDENCE), float(np.mean(hits))
 
 
 def _others(features: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """The k nearest others of each point: squared distances and indices, (S, k); fewer where there are not so many."""
+    """Squared distances and indices of the k nearest other points of each, (S, k); fewer columns for few points."""
     k = min(k, len(features) - 1)
     squared, indices = nearest(features, features, k + 1)
     return squared[:, 1:], indices[:, 1:]

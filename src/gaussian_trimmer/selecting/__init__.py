@@ -1,1 +1,1 @@
-"""Rough selections from clicks, boxes and masks."""
+"""Rough selections from clicks, boxes and masks of pictures."""

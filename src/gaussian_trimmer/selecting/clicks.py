@@ -1,7 +1,8 @@
-"""From a click or a box in one view to a rough selection of what is meant.
+"""From a click or a box in one view to a rough selection of the object there.
 
-The pixel's Gaussians say where in the scene it is. What stands there on a surface is found in 3D, from all around;
-where nothing does, the view is segmented by colour and the mask is lifted to the Gaussians that show it.
+The Gaussians that show at the pixel give its position in the scene. An object that stands on a plane there is found in
+3D, from all around. If there is none, a box is segmented in 3D too, and around a click the view is segmented by colour
+and the mask propagated to the object's other sides.
 """
 
 from __future__ import annotations
@@ -17,38 +18,40 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
-from gaussian_trimmer.segmentation.view_rendering import bounding_box, visible_weight
-from gaussian_trimmer.selecting.image_cut import cut_out_box, flood_from_click, lift_visible
-from gaussian_trimmer.selecting.segment_on_plane import standing_pieces
-from gaussian_trimmer.views import Box
+from gaussian_trimmer.segmentation.view_rendering import visible_weight
+from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
+from gaussian_trimmer.selecting.propagation import propagate_mask
+from gaussian_trimmer.selecting.segment_in_box import CONTRIBUTORS, box_overlap, segment_in_box, surface_depths
+from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
+from gaussian_trimmer.views import Box, bounding_box
 
-Way = Literal["piece", "colour"]
+Way = Literal["piece", "part", "colour"]
 
-_LONGEST_SIDE = 640
-_CONTRIBUTORS = 10
+_MAX_SIDE = 640
 _VISIBILITY_SCALE = 0.5
-_LEAST_ALPHA = 0.3
 _AROUND = 8
+"""Places on a circle around a point from which it is seen what is visible; the clicked view takes the first."""
 _PITCH_DEGREES = (10.0, 60.0)
 _BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
-"""Where in a box things are looked for, relative to its sides."""
+"""Pixels in a box at which objects are searched, relative to its sides."""
 _GOOD_BOX_OVERLAP = 0.85
-_LEAST_BOX_OVERLAP = 0.5
+_MIN_BOX_OVERLAP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pick:
-    """What a click or a box means."""
+    """The selection that a click or a box stands for."""
 
     selection: BoolArray
     """The rough selection, (N,)."""
     ways: tuple[Way, ...]
-    """For each click how it was understood: a `piece` that stands on a surface, or what has its `colour`."""
+    """How each click was understood: as a `piece` that stands on a plane, or as a region of its `colour`. A box may
+    also be a `part`, which stands on nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """The place in the scene that a pixel shows."""
+    """The point of the scene that a pixel shows."""
 
     point: Float64Array
     """World point, (3,)."""
@@ -63,11 +66,13 @@ def select_by_clicks(
     clicks: Sequence[tuple[int, int]],
     up: Float64Array,
     renderer: Renderer,
+    seen_from: Sequence[Camera] = (),
 ) -> Pick:
-    """The things at some pixels (x, y) of a view; of several clicks, all that they mean together.
+    """The objects at some pixels (x, y) of a view, all in one selection.
 
     Args:
         up: the scene's up vector, (3,).
+        seen_from: training cameras, if known: objects are not looked at from other sides.
 
     Raises:
         InputError: there is no click, one is outside the picture, or nothing is seen there.
@@ -78,60 +83,76 @@ def select_by_clicks(
         if not (0 <= x < camera.width and 0 <= y < camera.height):
             raise InputError(f"The pixel ({x}, {y}) is outside the view of {camera.width} x {camera.height} pixels.")
     small = _small(camera)
-    found = [_click(gaussians, small, *_rescaled((x, y), camera, small), up, renderer) for x, y in clicks]
+    found = [_click(gaussians, small, *_rescaled((x, y), camera, small), up, renderer, seen_from) for x, y in clicks]
     return Pick(np.any([selection for selection, _ in found], axis=0), tuple(way for _, way in found))
 
 
-def select_by_box(gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer) -> Pick:
-    """The thing that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+def select_by_box(
+    gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer,
+    seen_from: Sequence[Camera] = (),
+) -> Pick:  # fmt: skip
+    """The object or part that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+
+    The box is clipped to the picture; on sides where it reaches the picture's edge, the object may go on beyond it.
 
     Args:
         up: the scene's up vector, (3,).
+        seen_from: training cameras, if known: objects are not looked at from other sides.
 
     Raises:
-        InputError: the box is empty or not within the picture, or nothing is seen in it.
+        InputError: the box is empty or wholly outside the picture, or nothing is seen in it.
     """
-    x0, y0, x1, y1 = box
-    if not (0 <= x0 < x1 <= camera.width and 0 <= y0 < y1 <= camera.height):
-        raise InputError(
-            f"The box {box} is not within the view of {camera.width} x {camera.height} pixels; "
-            "give left, top, right and bottom."
-        )
     small = _small(camera)
-    x0, y0 = _rescaled((x0, y0), camera, small)
-    x1, y1 = (max(low + 1, high) for low, high in zip((x0, y0), _rescaled((x1, y1), camera, small), strict=True))
-    box = x0, y0, min(x1, small.width), min(y1, small.height)
-    best, fitting = 0.0, None
-    for piece in _pieces_in_box(gaussians, small, box, up, renderer):
-        overlap = _overlap(_visible_box(gaussians, small, piece, renderer), box)
-        if overlap > best:
-            best, fitting = overlap, piece
-        if best >= _GOOD_BOX_OVERLAP:
-            break
-    if fitting is not None and best >= _LEAST_BOX_OVERLAP:
-        return Pick(fitting, ("piece",))
+    box = _rescaled_box(_clipped(box, camera), camera, small)
+    overlap, piece = 0.0, None
+    for standing in _pieces_in_box(gaussians, small, box, up, renderer):
+        fit = box_overlap(_visible_box(gaussians, small, standing, renderer), box)
+        if fit > overlap:
+            overlap, piece = fit, standing
+        if overlap >= _GOOD_BOX_OVERLAP:
+            return Pick(standing, ("piece",))
+    segment = segment_in_box(gaussians, small, box, up, renderer, seen_from)
+    if segment is not None and segment.overlap >= max(overlap, _MIN_BOX_OVERLAP):
+        return Pick(segment.selection, ("part",))
+    if piece is not None and overlap >= _MIN_BOX_OVERLAP:
+        return Pick(piece, ("piece",))
     picture = renderer.render(gaussians, small)
-    lifted = lift_visible(gaussians, small, picture, cut_out_box(_shown(picture), box), renderer)
-    return Pick(_something(lifted), ("colour",))
+    if not (picture.alpha[box[1] : box[3], box[0] : box[2]] > 0.5).any():
+        raise InputError(f"Nothing is seen in the box {box}; choose another one or another view.")
+    mask = cut_out_box(_shown(picture), box)
+    return Pick(_object_in_mask(gaussians, small, picture, mask, up, renderer, seen_from), ("colour",))
 
 
 def _click(
-    gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer
-) -> tuple[BoolArray, Way]:
+    gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer,
+    seen_from: Sequence[Camera],
+) -> tuple[BoolArray, Way]:  # fmt: skip
     target = _look_at_pixel(gaussians, camera, x, y, renderer)
     visible = _visible_around(gaussians, camera, target, up, renderer)
     pieces = _pieces_at(gaussians, camera, target, visible, up)
     if pieces:
         return pieces[0], "piece"
     picture = renderer.render(gaussians, camera)
-    mask = flood_from_click(_shown(picture), x, y)
-    return _something(lift_visible(gaussians, camera, picture, mask, renderer)), "colour"
+    mask = cut_out_around_click(_shown(picture), x, y)
+    return _object_in_mask(gaussians, camera, picture, mask, up, renderer, seen_from), "colour"
+
+
+def _object_in_mask(
+    gaussians: Gaussians, camera: Camera, picture: Rendering, mask: BoolArray, up: Float64Array, renderer: Renderer,
+    seen_from: Sequence[Camera],
+) -> BoolArray:  # fmt: skip
+    """The object that a mask shows, on all of its sides; without a surface to follow, the Gaussians that show it."""
+    whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
+    selection = whole if whole.any() else lift_visible(gaussians, camera, picture, mask, renderer)
+    if not selection.any():
+        raise InputError("Nothing could be told apart there; choose another pixel, or draw a box around the object.")
+    return selection
 
 
 def _pieces_in_box(
     gaussians: Gaussians, camera: Camera, box: Box, up: Float64Array, renderer: Renderer
 ) -> Iterator[BoolArray]:
-    """What stands at some places in the middle of a box."""
+    """The objects that stand at some pixels in the middle of a box."""
     x0, y0, x1, y1 = box
     places = [(int(x0 + u * (x1 - x0)), int(y0 + v * (y1 - y0))) for u, v in _BOX_SEEDS]
     targets = []
@@ -141,7 +162,7 @@ def _pieces_in_box(
         except InputError:
             continue
     if not targets:
-        raise InputError(f"Nothing is seen in the middle of the box {box}; choose another one or another view.")
+        return
     middle = sorted(targets, key=lambda target: target.depth)[len(targets) // 2]
     visible = _visible_around(gaussians, camera, middle, up, renderer)
     for target in targets:
@@ -151,26 +172,20 @@ def _pieces_in_box(
 def _pieces_at(
     gaussians: Gaussians, camera: Camera, target: _Target, visible: FloatArray, up: Float64Array
 ) -> list[BoolArray]:
-    places = (gaussians.means - target.point) @ up_frame(up).T
+    positions = (gaussians.means - target.point) @ up_frame(up).T
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
-    return standing_pieces(places, target.seeds, visible, scale)
+    return pieces_on_plane(positions, target.seeds, visible, scale)
 
 
 def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> _Target:
-    """The surface point at a pixel: the weighted median depth of the Gaussians that show there."""
-    rows, weights = (
-        found[0] for found in renderer.top_contributors(gaussians, camera, np.array([[x, y]]), _CONTRIBUTORS)
-    )
-    rows, weights = rows[rows >= 0], weights[rows >= 0]
-    if weights.sum() < _LEAST_ALPHA:
+    """The surface point at a pixel, at the weighted median depth of the Gaussians that show there."""
+    rows, weights = renderer.top_contributors(gaussians, camera, np.array([[x, y]]), CONTRIBUTORS)
+    depth = float(surface_depths(gaussians, camera, rows, weights)[0])
+    if not np.isfinite(depth):
         raise InputError(f"Nothing is seen at the pixel ({x}, {y}); choose another one, or another view.")
-    depths = camera.project(gaussians.means[rows].astype(np.float64))[1]
-    order = np.argsort(depths)
-    cumulative = np.cumsum(weights[order])
-    depth = float(depths[order][np.searchsorted(cumulative, cumulative[-1] / 2)])
     ray = camera.ray_directions(np.array([[x + 0.5, y + 0.5]]))[0]
     seeds = np.zeros(len(gaussians), np.float32)
-    seeds[rows] = weights
+    seeds[rows[rows >= 0]] = weights[rows >= 0]
     return _Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
 
 
@@ -187,13 +202,13 @@ def _visible_around(
 
 
 def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Camera]:
-    """The view itself, and others on a circle around the point, as far from it and about as high; small."""
+    """The view itself, and those from the other places of a circle around the point, about as high; small."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - target.point)
     distance = float(np.linalg.norm(offset))
-    pitch = np.clip(np.arcsin(offset[2] / distance), *np.radians(_PITCH_DEGREES))
+    pitch = np.clip(np.arctan2(offset[2], np.hypot(*offset[:2])), *np.radians(_PITCH_DEGREES))
     views = [camera]
-    for yaw in np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(_AROUND) / _AROUND:
+    for yaw in np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(1, _AROUND) / _AROUND:
         outward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes
         pose = look_at(target.point + distance * outward, target.point, axes[2])
         views.append(replace(camera, world_to_camera=pose))
@@ -205,32 +220,32 @@ def _visible_box(gaussians: Gaussians, camera: Camera, selection: BoolArray, ren
     return bounding_box(shares > 0.5)
 
 
-def _overlap(a: Box, b: Box) -> float:
-    """Intersection over union of two boxes.
-
-    >>> _overlap((0, 0, 2, 2), (1, 0, 3, 2))
-    0.3333333333333333
-    """
-    width, height = (min(a[k + 2], b[k + 2]) - max(a[k], b[k]) for k in (0, 1))
-    shared = max(width, 0) * max(height, 0)
-    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
-    return shared / (sum(areas) - shared)
-
-
 def _small(camera: Camera) -> Camera:
-    """The view at a size that is quick to look at from all around."""
-    return camera.resized(min(1.0, _LONGEST_SIDE / max(camera.width, camera.height)))
+    """The view at a size at which it is quick to render from all around."""
+    return camera.resized(min(1.0, _MAX_SIDE / max(camera.width, camera.height)))
 
 
 def _rescaled(pixel: tuple[int, int], camera: Camera, small: Camera) -> tuple[int, int]:
     return pixel[0] * small.width // camera.width, pixel[1] * small.height // camera.height
 
 
+def _clipped(box: Box, camera: Camera) -> Box:
+    """A box without what is outside the view."""
+    x0, y0, x1, y1 = box
+    inside = max(x0, 0), max(y0, 0), min(x1, camera.width), min(y1, camera.height)
+    if not (inside[0] < inside[2] and inside[1] < inside[3]):
+        raise InputError(
+            f"The box {box} holds no pixel of the view of {camera.width} x {camera.height} pixels; "
+            "give left, top, right and bottom."
+        )
+    return inside
+
+
+def _rescaled_box(box: Box, camera: Camera, small: Camera) -> Box:
+    x0, y0 = _rescaled(box[:2], camera, small)
+    x1, y1 = (max(low + 1, high) for low, high in zip((x0, y0), _rescaled(box[2:], camera, small), strict=True))
+    return x0, y0, min(x1, small.width), min(y1, small.height)
+
+
 def _shown(picture: Rendering) -> FloatArray:
     return np.clip(picture.rgb, 0, 1)
-
-
-def _something(selection: BoolArray) -> BoolArray:
-    if not selection.any():
-        raise InputError("Nothing could be told apart there; choose another pixel, or draw a box around the object.")
-    return selection

@@ -1,4 +1,4 @@
-"""Coarse selections from masks of posed pictures, for scenes that no segmentation method has been run on.
+"""Coarse selections from masks of posed pictures, for scenes that no segmentation method was run on.
 
 N Gaussians, V views, H x W pixels. Masks are boolean or coverage 0..255, cut at half; the masks of several objects
 may be one image of object numbers a view. The cameras must be those of the masks' own, undistorted pictures.
@@ -15,11 +15,15 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import Renderer
 
 LabelArray = NDArray[np.uint8]
 
 _HALF_COVERAGE = 127
+_OBJECTS_PER_PASS = 16
+_WEIGHTS_PER_PASS = 1 << 25
+"""Blend weights, of Gaussians times labels, that are held at a time when several objects are lifted."""
 
 
 def lift_by_assignment(
@@ -31,7 +35,7 @@ def lift_by_assignment(
 ) -> BoolArray:
     """Gaussians that contribute more to the pixels inside the masks than to those outside, (N,).
 
-    Arguments:
+    Args:
         masks: one (H, W) a camera, boolean or coverage 0..255.
         gamma: slackness in [-1, 1]; above zero it takes fewer Gaussians, below zero more.
 
@@ -41,6 +45,7 @@ def lift_by_assignment(
     Raises:
         InputError: number or sizes of masks and cameras differ, the masks are empty, or gamma is out of range.
     """
+    _check_gamma(gamma)
     inside = _binary_masks(cameras, masks)
     labels = [mask.astype(np.uint8) for mask in inside]
     weights = sum_label_weights(gaussians, cameras, labels, 2, renderer)
@@ -54,9 +59,11 @@ def lift_objects_by_assignment(
     renderer: Renderer,
     gamma: float = 0.0,
 ) -> LabelArray:
-    """Number of the object to whose pixels each Gaussian contributes most, (N,): one pass for all objects.
+    """Number of the object to whose pixels each Gaussian contributes most, (N,): of all objects together.
 
-    Arguments:
+    Memory does not grow with the number of objects, nor time with the numbers themselves, only with how many there are.
+
+    Args:
         labels: one image of object numbers (H, W) a camera, 0 for the background.
         gamma: slackness in [-1, 1]; above zero it favours the background.
 
@@ -66,14 +73,41 @@ def lift_objects_by_assignment(
     Raises:
         InputError: number or sizes of images and cameras differ, all is background, or gamma is out of range.
     """
+    _check_gamma(gamma)
     _check_sizes(cameras, labels)
     for camera, image in zip(cameras, labels, strict=True):
         if image.dtype != np.uint8:
             raise InputError(f"{_view(camera)} has labels of type {image.dtype}; 8-bit object numbers are needed.")
-    n_labels = 1 + max(int(image.max(initial=0)) for image in labels)
-    if n_labels == 1:
+    numbers = np.setdiff1d(np.unique(np.concatenate([np.unique(image) for image in labels])), 0)
+    if not len(numbers):
         raise InputError("The label images hold nothing but background (0); number the objects from 1.")
-    return assign_labels(sum_label_weights(gaussians, cameras, labels, n_labels, renderer), gamma)
+    return _assign_in_passes(gaussians, cameras, labels, numbers, renderer, gamma)
+
+
+def _assign_in_passes(
+    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], numbers: LabelArray,
+    renderer: Renderer, gamma: float,
+) -> LabelArray:  # fmt: skip
+    """The rule of `assign_labels` for object numbers (K,), ascending, few of them at a time: as many columns of blend
+    weights as there are objects would not fit into memory."""
+    n = len(gaussians)
+    background, largest, squared_length = np.zeros(n), np.zeros(n), np.zeros(n)
+    winner = np.zeros(n, np.uint8)
+    step = max(1, min(_OBJECTS_PER_PASS, _WEIGHTS_PER_PASS // n - 1))
+    for start in range(0, len(numbers), step):
+        part = numbers[start : start + step]
+        renumbered = np.full(256, len(part) + 1, np.uint8)  # numbers of other passes: left out by the renderer
+        renumbered[0], renumbered[part] = 0, np.arange(1, len(part) + 1)
+        images = [renumbered[image] for image in labels]
+        weights = sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
+        background, objects = weights[:, 0], weights[:, 1:]
+        squared_length += np.square(objects).sum(axis=1)
+        best = objects.argmax(axis=1)
+        ahead = objects[np.arange(n), best] > largest
+        winner[ahead], largest[ahead] = part[best[ahead]], objects[ahead, best[ahead]]
+    length = np.sqrt(squared_length + np.square(background))
+    length[length == 0] = 1.0
+    return np.where(largest / length > background / length + gamma, winner, 0).astype(np.uint8)
 
 
 def lift_by_vote(
@@ -86,7 +120,7 @@ def lift_by_vote(
 ) -> BoolArray:
     """Gaussians whose centres are projected into more than a share of the masks, (N,), whether they are seen or not.
 
-    Arguments:
+    Args:
         masks: one (H, W) a camera, boolean or coverage 0..255.
         threshold: share of the votes that must be exceeded.
         every_view_votes: a view that does not have the centre in its frame votes against it instead of abstaining;
@@ -124,27 +158,9 @@ def sum_label_weights(
     return weights
 
 
-def assign_labels(weights: Float64Array, gamma: float = 0.0) -> LabelArray:
-    """Label of the largest weight in each row of (N, n_labels), after rows are scaled to unit length, as (N,).
-
-    Before the comparison `gamma` is added to the weight of label 0, the background. Ties go to the lower label and
-    rows of zeros to the background, whatever gamma is. The slackness of FlashSplat (Shen et al. 2024).
-
-    Raises:
-        InputError: gamma is not in [-1, 1].
-
-    >>> assign_labels(np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]])).tolist()
-    [1, 0, 0]
-    >>> assign_labels(np.array([[3.0, 4.0], [4.0, 3.0], [0.0, 0.0]]), gamma=-0.3).tolist()
-    [1, 1, 0]
-    """
+def _check_gamma(gamma: float) -> None:
     if not -1 <= gamma <= 1:
         raise InputError(f"The slackness gamma is {gamma}; it must lie between -1 and 1.")
-    lengths = np.linalg.norm(weights, axis=1, keepdims=True)
-    seen = lengths[:, 0] > 0
-    scaled = weights / np.where(lengths > 0, lengths, 1.0)
-    scaled[:, 0] += gamma
-    return np.where(seen, scaled.argmax(axis=1), 0).astype(np.uint8)
 
 
 def _binary_masks(cameras: Sequence[Camera], masks: Sequence[NDArray[Any]]) -> list[BoolArray]:

@@ -1,4 +1,4 @@
-"""Views to click in, for scenes that come without cameras: from all around the part that holds most detail."""
+"""Views to click in, for scenes without cameras: from all around the part with most detail."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 _MIDDLE_SHARE = 0.25
 """Share of the Gaussians nearest to the middle that the views frame."""
 _WHOLE_SHARE = 0.95
-"""Share of the Gaussians by which it is told whether a capture is compact."""
+"""Share of the Gaussians whose distance tells whether a capture is compact."""
 _COMPACT = 3.2
-"""A capture that has that share within so many radii of the middle share, as one of a single thing, is framed whole."""
+"""A capture is compact, as of a single object, if it has the latter share within this many radii of the former."""
 _REACH = 3.0
-"""Gaussians farther from the middle than this many radii of what is framed are left out: walls stand in the way."""
+"""Gaussians farther from the middle than this many radii of what is framed are left out: walls would hide the rest."""
 _ROUNDS = 5
 _SIZE = 640
 _MIDDLE_FILL, _WHOLE_FILL = 0.6, 0.9
@@ -25,19 +25,19 @@ _MIDDLE_FILL, _WHOLE_FILL = 0.6, 0.9
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """Views around the middle of a scene, and what they show of it."""
+    """Views around the middle of a scene, and which Gaussians they show."""
 
     cameras: list[Camera]
     rows: IntArray
-    """Rows of the Gaussians that are drawn, (L,); the others may stand before them."""
+    """Rows of the Gaussians that are drawn, (L,); the others may be in front of them."""
 
 
 def plan_overview(gaussians: Gaussians, up: Float64Array, views: int = 8) -> Overview:
     """Views on a circle around the middle of a scene, 30 degrees above the horizon.
 
     Training makes many small Gaussians where there is detail and few large ones elsewhere, so the middle is where the
-    centres lie densest, found by repeated medians of the nearest. A compact capture, as of a single thing, is framed
-    whole.
+    centres are densest, found by repeated medians of the nearest ones. A compact capture, as of a single object, is
+    framed as a whole.
 
     Args:
         up: the scene's up vector, (3,).

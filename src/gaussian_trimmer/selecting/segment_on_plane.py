@@ -1,9 +1,12 @@
-"""Things that stand on a surface: the piece around a seed that stays the same however wide its parts may lie apart.
+"""Objects that stand on a plane: the connected piece around a seed that is stable under changes of the gap.
 
-Below the seed a horizontal layer is looked for, a table top or a floor. What is above it falls apart into pieces of
-Gaussians that lie within some gap of each other. A gap that is too small breaks things, one that is too large joins
-them; in between, over a span as wide as the thing stands apart from others, the piece that holds the seed hardly
-changes. All of this is done in windows of several sizes, since nothing tells the size of the thing beforehand.
+Below the seed a horizontal layer is searched, a table top or a floor. What lies above it falls apart into pieces of
+Gaussians that are connected across some gap. Too small a gap breaks objects, too large a gap joins them; in between,
+over a range that grows with the object's distance from others, the piece that holds the seed hardly changes. All this
+is done in windows of several sizes, since the size of the object is not known beforehand.
+
+Two seeds on one object must give one object. So pieces are connected by distance, not by cells of a grid that would
+move with the seed, and windows and gaps come from one ladder of lengths for all seeds of a scene.
 """
 
 from __future__ import annotations
@@ -15,42 +18,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.geometry.components import connected_voxels
+from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.support_plane import densest_layer
 
-_WINDOWS = (0.14, 0.2, 0.28, 0.4, 0.56, 0.8)
-"""Radii of the windows, relative to half of the picture's longer side at the seed's depth."""
-_GAPS = np.geomspace(0.02, 0.4, 14)
-"""Gaps that are tried, relative to the window's radius."""
+_STEPS_PER_OCTAVE = 2
+"""Windows of the ladder within a factor of two."""
+_WINDOWS = 0.8 * 2.0 ** (np.arange(-5, 1) / _STEPS_PER_OCTAVE)
+"""Radii of the windows, relative to half of the picture's longer side at the seed's depth, rounded to the ladder."""
+_GAPS = np.geomspace(0.03, 0.6, 14)
+"""Gaps to try, relative to the window's radius."""
 _BIN = 0.02
-"""Height of the bins in which the layer is looked for, relative to the window's radius; it is three bins thick."""
+"""Height of the histogram's bins, relative to the window's radius; the layer is three bins thick."""
 _DEEPEST = 4.0
-"""The layer is looked for down to this many radii below the seed."""
+"""Depth below the seed down to which the layer is searched, in window radii."""
+_AROUND = 1.5
+"""Horizontal distance from the seed within which the layer is searched, in window radii."""
 _CLEARANCE = 0.03
-"""What stands is this many radii above the layer's middle."""
-_LEAST_VISIBLE = 0.5
-"""Gaussians that show less, in pixels of five views of 512 x 512, connect nothing."""
-_LEAST_GAUSSIANS = 200
-_LEAST_STABILITY, _STABLE = 2, 3
-"""Steps between gaps over which a piece must stay the same, and over which it is preferred."""
+"""Height above the layer from which on Gaussians belong to what stands on it, in window radii."""
+_MIN_VISIBLE = 0.5
+"""Gaussians with less visible weight, in pixels of five views of 512 x 512, connect nothing."""
+_MIN_GAUSSIANS = 200
+"""Smallest number of Gaussians in a piece."""
+_MIN_STABILITY, _STABLE = 2, 3
+"""Number of steps between gaps over which a piece must be stable, and from which on it is preferred."""
 _SAME = 0.85
-"""Two pieces are the same if the visible weight of one is this share of the other's."""
-_WIDEST_GAP = 0.25
-"""Gap beyond which nothing counts as one piece, relative to the piece's radius."""
-_LARGEST, _WELL_JUDGED = 2.5, 1.3
-"""Radius of the largest piece that a window can judge, and that it judges well, relative to the window's."""
+"""Two pieces are the same if the smaller one has at least this share of the other's visible weight."""
+_MAX_GAP = 0.375
+"""Largest gap within one piece, relative to the piece's radius."""
+_MAX_RADIUS, _GOOD_RADIUS = 2.5, 1.3
+"""Radius of the largest piece that a window can hold, and up to which it is preferred, relative to the window's."""
 _SAME_SURFACE = 0.1
-"""Surfaces nearer to each other than this, relative to the scale, are the same one."""
-_HIGHEST_FOOT = 0.5
-"""Height of the foot above the surface at which a thing no longer stands, relative to its radius."""
+"""Layers closer to each other than this, relative to the scale, are the same one."""
+_HIDDEN_GAP = 1 / 3
+"""Hardly visible Gaussians belong to a piece within this share of its gap."""
+_MAX_FOOT_HEIGHT = 0.5
+"""Largest height of a piece's foot above the layer that it stands on, relative to the piece's radius."""
+_EXTREMES = (0.02, 0.98)
+"""Quantiles that are taken for the ends of a piece, so that single Gaussians do not count."""
 _FOOT = 0.3
-"""Height of the foot, relative to the thing's radius."""
+"""Height of the part that is a piece's foot, relative to its radius."""
 _CELL, _RING = 0.15, 2
-"""Cells that the surface is counted in, relative to the thing's radius; width of the ring around the foot in cells."""
+"""Side of the cells in which the layer is counted, relative to the piece's radius; width of a ring around the foot."""
 _LAYER = 0.05
-"""Half of the surface's thickness, relative to the window's radius."""
-_LEAST_COVERED = 0.7
-"""Smallest share of that ring that the surface must cover."""
+"""Half of the layer's thickness, relative to the window's radius."""
+_MIN_COVERED = 0.7
+"""Smallest share of that ring that the layer must cover."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,81 +72,86 @@ class _Piece:
     gap: float
     radius: float
     stability: int
-    """Steps between gaps over which the piece stays the same."""
+    """Number of steps between gaps over which the piece stays the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """A radius around the seeds, and what stands on the surface that is found within it."""
+    """A radius around the seeds, and what stands on the layer that is found within it."""
 
     radius: float
     surface: float
-    """Height of the surface."""
+    """Height of the layer."""
     rows: IntArray
-    """What is above the surface and visible."""
+    """Visible Gaussians above the layer."""
     hidden: IntArray
-    """What is above the surface and hardly visible."""
+    """Hardly visible Gaussians above the layer."""
 
 
-def standing_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float) -> list[BoolArray]:
-    """The things that hold the seeds and stand on a surface below them, (N,) each, the likeliest first.
+def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float) -> list[BoolArray]:
+    """The objects that hold the seeds and stand on a layer below them, (N,) each, the likeliest first.
 
-    Nearer surfaces come first: of a statue on a plinth, first the statue, then both.
+    Nearer layers come first: for a statue on a plinth, first the statue, then both.
 
     Args:
-        places: centres relative to the point asked for, the third axis upwards, (N, 3).
-        seeds: how much each Gaussian is meant, zero for most, (N,).
-        visible: how much each Gaussian shows, in pixels of five views of 512 x 512, (N,).
-        scale: half of what the picture's longer side spans at the depth of the point, in scene units.
+        positions: centres relative to the selected point, the third axis upwards, (N, 3).
+        seeds: blend weight of each Gaussian at the selected pixel, zero for most, (N,).
+        visible: visible weight of each Gaussian, in pixels of five views of 512 x 512, (N,).
+        scale: half of the length that the picture's longer side spans at the depth of the point, in scene units.
     """
     found = []
-    for radius in np.array(_WINDOWS) * scale:
-        window = _open_window(places, visible, float(radius))
+    for radius in _WINDOWS * _rounded_to_ladder(scale, positions):
+        window = _open_window(positions, visible, float(radius))
         if window is None or not seeds[window.rows].any():
             continue
-        for piece in _stable_pieces(places, seeds, visible, window):
-            if piece.radius <= _LARGEST * radius and _stands(places, visible, piece, window):
+        for piece in _stable_pieces(positions, seeds, visible, window):
+            if piece.radius <= _MAX_RADIUS * radius and _stands(positions, visible, piece, window):
                 found.append((window, piece))
     highest = max((window.surface for window, _ in found), default=0.0)
 
     def order(candidate: tuple[_Window, _Piece]) -> tuple[bool, int, bool]:
         window, piece = candidate
         level = round((highest - window.surface) / (_SAME_SURFACE * scale))
-        return piece.stability < _STABLE, level, piece.radius > _WELL_JUDGED * window.radius
+        return piece.stability < _STABLE, level, piece.radius > _GOOD_RADIUS * window.radius
 
-    return [_with_hidden(places, window, piece) for window, piece in sorted(found, key=order)]
+    return [_with_hidden(positions, window, piece) for window, piece in sorted(found, key=order)]
 
 
-def _open_window(places: Float64Array, visible: FloatArray, radius: float) -> _Window | None:
-    surface = _find_layer(places, visible, radius)
+def _rounded_to_ladder(scale: float, positions: Float64Array) -> float:
+    """The scale, rounded to a length that is the same for all seeds and views of a scene (N, 3) near that scale."""
+    scene_size = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
+    if scene_size == 0:
+        return scale
+    return float(scene_size * 2.0 ** (round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE))
+
+
+def _open_window(positions: Float64Array, visible: FloatArray, radius: float) -> _Window | None:
+    surface = _find_layer(positions, visible, radius)
     if surface is None:
         return None
-    above = (places[:, 2] > surface + _CLEARANCE * radius) & (np.linalg.norm(places, axis=1) < _DEEPEST * radius)
-    shows = visible > _LEAST_VISIBLE
+    above = (positions[:, 2] > surface + _CLEARANCE * radius) & (np.linalg.norm(positions, axis=1) < _DEEPEST * radius)
+    shows = visible > _MIN_VISIBLE
     return _Window(radius, surface, np.flatnonzero(above & shows), np.flatnonzero(above & ~shows))
 
 
-def _find_layer(places: Float64Array, visible: FloatArray, window: float) -> float | None:
-    """Height of the layer below the origin that shows most, or None where nothing is below."""
-    height, bin_height = places[:, 2], _BIN * window
+def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> float | None:
+    """Height of the most visible layer below the origin, or None where nothing is below it."""
+    height, bin_height = positions[:, 2], _BIN * window
     below = (
-        (np.hypot(places[:, 0], places[:, 1]) < 1.5 * window)
+        (np.hypot(positions[:, 0], positions[:, 1]) < _AROUND * window)
         & (height < -bin_height)
         & (height > -_DEEPEST * window)
     )  # fmt: skip
     if visible[below].sum() <= 0:
         return None
-    edges = np.arange(-_DEEPEST * window, 0, bin_height)
-    shown = np.convolve(np.histogram(height[below], edges, weights=visible[below])[0], [1, 1, 1], "same")
-    middle = edges[int(np.argmax(shown))] + bin_height / 2
-    layer = below & (np.abs(height - middle) < 1.5 * bin_height)
-    return float(np.average(height[layer], weights=visible[layer])) if visible[layer].sum() > 0 else None
+    layer = densest_layer(height[below], visible[below], -_DEEPEST * window, 0.0, bin_height)
+    return layer[0] if layer else None
 
 
-def _stable_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
+def _stable_pieces(positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
     """The pieces around the seeds that stay the same over several gaps, the most stable first, each once."""
     gaps = _GAPS * window.radius
-    members = [window.rows[_piece_of(places[window.rows], seeds[window.rows], gap)] for gap in gaps]
+    members = _nested_pieces(positions, seeds, window.rows, gaps)
     sizes = np.array([visible[rows].sum() for rows in members])
     found = {}
     for k in range(len(gaps)):
@@ -141,29 +159,37 @@ def _stable_pieces(places: Float64Array, seeds: FloatArray, visible: FloatArray,
         first = int(different[different < k].max(initial=-1)) + 1
         last = int(different[different > k].min(initial=len(gaps))) - 1
         middle = (first + last) // 2
-        rows, gap, radius = members[middle], float(gaps[middle]), _radius(places[members[middle]])
-        if last - first >= _LEAST_STABILITY and len(rows) >= _LEAST_GAUSSIANS and gap <= _WIDEST_GAP * radius:
+        rows, gap, radius = members[middle], float(gaps[middle]), _radius(positions[members[middle]])
+        if last - first >= _MIN_STABILITY and len(rows) >= _MIN_GAUSSIANS and gap <= _MAX_GAP * radius:
             found[middle] = _Piece(rows, gap, radius, last - first)
     return sorted(found.values(), key=lambda piece: (-piece.stability, -len(piece.rows)))
 
 
-def _piece_of(places: Float64Array, seeds: FloatArray, gap: float) -> IntArray:
-    """Rows of the connected piece that holds most of the seeds."""
-    piece = connected_voxels(places, gap)
-    return np.flatnonzero(piece == np.bincount(piece, seeds).argmax())
+def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, gaps: Float64Array) -> list[IntArray]:
+    """For each gap, rising, the rows of the connected piece that holds most of the seeds.
+
+    A piece is searched within that of the next larger gap, which is what it falls out of as the gap shrinks.
+    """
+    pieces = []
+    for gap in gaps[::-1]:
+        piece = connected_points(positions[rows], gap)
+        rows = rows[piece == np.bincount(piece, seeds[rows]).argmax()]
+        pieces.append(rows)
+    return pieces[::-1]
 
 
-def _radius(places: Float64Array) -> float:
-    low, high = np.quantile(places, [0.02, 0.98], axis=0)
+def _radius(positions: Float64Array) -> float:
+    low, high = np.quantile(positions, _EXTREMES, axis=0)
     return float(np.linalg.norm(high - low) / 2)
 
 
-def _stands(places: Float64Array, visible: FloatArray, piece: _Piece, window: _Window) -> bool:
-    """Whether the piece reaches down to the surface, and the surface goes on around its foot."""
-    height = places[piece.rows, 2] - window.surface
-    if np.quantile(height, 0.02) > _HIGHEST_FOOT * piece.radius:
+def _stands(positions: Float64Array, visible: FloatArray, piece: _Piece, window: _Window) -> bool:
+    """Whether the piece reaches down to the layer, and the layer continues around its foot."""
+    height = positions[piece.rows, 2] - window.surface
+    lowest = np.quantile(height, _EXTREMES[0])
+    if lowest > _MAX_FOOT_HEIGHT * piece.radius:
         return False
-    foot = places[piece.rows[height <= np.quantile(height, 0.02) + _FOOT * piece.radius], :2]
+    foot = positions[piece.rows[height <= lowest + _FOOT * piece.radius], :2]
     cell = _CELL * piece.radius
     origin = foot.min(axis=0) - (_RING + 1) * cell
     corners = np.floor((foot - origin) / cell).astype(np.int32)
@@ -171,24 +197,24 @@ def _stands(places: Float64Array, visible: FloatArray, piece: _Piece, window: _W
     cv2.fillConvexPoly(footprint, cv2.convexHull(corners), 1)
     ring = (_grown(footprint, _RING) > 0) & (footprint == 0)
 
-    layer = (np.abs(places[:, 2] - window.surface) < _LAYER * window.radius) & (visible > _LEAST_VISIBLE)
-    x, y = np.floor((places[layer, :2] - origin) / cell).astype(np.int64).T
+    layer = (np.abs(positions[:, 2] - window.surface) < _LAYER * window.radius) & (visible > _MIN_VISIBLE)
+    x, y = np.floor((positions[layer, :2] - origin) / cell).astype(np.int64).T
     within = (x >= 0) & (y >= 0) & (x < footprint.shape[1]) & (y < footprint.shape[0])
     covered = np.zeros_like(footprint)
     covered[y[within], x[within]] = 1
-    return bool(np.mean(_grown(covered, 1)[ring] > 0) >= _LEAST_COVERED)
+    return bool(np.mean(_grown(covered, 1)[ring] > 0) >= _MIN_COVERED)
 
 
 def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.dilate(cells, np.ones((2 * steps + 1, 2 * steps + 1), np.uint8)))
 
 
-def _with_hidden(places: Float64Array, window: _Window, piece: _Piece) -> BoolArray:
-    """The piece, and whatever hardly shows but lies within half a gap of it, (N,)."""
-    chosen = np.zeros(len(places), np.bool_)
+def _with_hidden(positions: Float64Array, window: _Window, piece: _Piece) -> BoolArray:
+    """The piece, and the hardly visible Gaussians near it, (N,)."""
+    chosen = np.zeros(len(positions), np.bool_)
     chosen[piece.rows] = True
     if len(window.hidden):
-        points, queries = (places[rows].astype(np.float32) for rows in (piece.rows, window.hidden))
+        points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, window.hidden))
         squared, _ = nearest(points, queries, 1)
-        chosen[window.hidden[squared[:, 0] < (0.5 * piece.gap) ** 2]] = True
+        chosen[window.hidden[squared[:, 0] < (_HIDDEN_GAP * piece.gap) ** 2]] = True
     return chosen

@@ -13,10 +13,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
+from gaussian_trimmer.settings import check_settings
 
 __all__ = ["KINDS", "Kind", "SelectionOptions", "load_selection", "offered_kinds"]
 
@@ -32,6 +33,7 @@ KINDS = {
     "checkpoint": "gaussian_trimmer.selection_files.checkpoint",
     "flashsplat": "gaussian_trimmer.selection_files.flashsplat",
 }
+_LISTED = 12
 
 
 class SelectionKind(Protocol):
@@ -52,11 +54,12 @@ def load_selection(path: str | Path, gaussians: Gaussians, options: SelectionOpt
     """Which Gaussians of the scene a selection file means, (N,); at least one.
 
     Raises:
-        InputError: the file cannot be read, does not fit the scene or the options, could be of several kinds, or
-            selects nothing.
+        InputError: an option is not possible, or the file cannot be read, does not fit the scene or the options, could
+            be of several kinds, or selects nothing.
     """
     path, options = Path(path), options or SelectionOptions()
-    file = open_selection(path)
+    check_settings(options, "selection")
+    file = open_selection(path, len(gaussians))
     kind = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
     module = _module(kind)
     if unused := sorted(options.given() - module.OPTIONS):
@@ -89,8 +92,10 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
 def _content(file: SelectionFile) -> str:
     if not file.arrays:
         return "with splats" if file.rows is not None else "with a checkpoint"
-    arrays = (f"{name or 'one'}: {array.dtype} {array.shape}" for name, array in file.arrays.items())
-    return f"with the arrays ({'; '.join(arrays)})"
+    listed = list(file.arrays.items())[:_LISTED]
+    arrays = [f"{shown(name) or 'one'}: {array.dtype} {array.shape}" for name, array in listed]
+    more = f"; and {len(file.arrays) - _LISTED} more" if len(file.arrays) > _LISTED else ""
+    return f"with the arrays ({'; '.join(arrays)}{more})"
 
 
 def _module(kind: str) -> SelectionKind:

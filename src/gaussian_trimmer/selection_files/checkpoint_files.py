@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.reading import is_file, reading
 from gaussian_trimmer.selection_files import torch_files
+from gaussian_trimmer.selection_files.torch_files import TorchFile
 
 PLAIN_LENGTH = 12
 EXTENDED_LENGTH = 13
@@ -45,46 +48,45 @@ class Checkpoint:
 
 
 def is_checkpoint(value: Any) -> bool:
-    """Whether what torch loaded looks like a checkpoint rather than like tensors of another use."""
+    """Whether what a torch file holds looks like a checkpoint rather than like tensors of another use."""
     state = _state(value)
     return state is not None and len(state) in (PLAIN_LENGTH, EXTENDED_LENGTH)
 
 
-def parse_checkpoint(value: Any, path: Path) -> Checkpoint:
-    """Gaussians and extra entry of a loaded checkpoint.
+def parse_checkpoint(file: TorchFile) -> Checkpoint:
+    """Gaussians and extra entry of a checkpoint.
 
     Raises:
         InputError: entries are missing, have other shapes than the original's, or are not finite.
     """
-    state = _state(value)
+    path, state = file.path, _state(file.value)
     assert state is not None
     n_tensors = 8 if len(state) == EXTENDED_LENGTH else 7
     if not all(torch_files.is_tensor(entry) for entry in state[1:n_tensors]):
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: entries 1 to 6 are not all tensors.")
-    means, dc, rest, scales, rotations, opacities, *extra = (
-        torch_files.as_array(entry, path) for entry in state[1:n_tensors]
-    )
+    entries = {str(place): entry for place, entry in enumerate(state[1:n_tensors])}
+    means, dc, rest, scales, rotations, opacities, *extra = torch_files.as_arrays(file, entries).values()
     n = len(means) if means.ndim else 0
     if dc.shape != (n, 1, 3) or rest.ndim != 3 or rest.shape[::2] != (n, 3) or opacities.shape != (n, 1):
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: the shapes of its colours do not fit.")
     try:
-        gaussians = Gaussians(
-            means=np.asarray(means, np.float32),
-            log_scales=np.asarray(scales, np.float32),
-            quaternions=np.asarray(rotations, np.float32),
-            opacity_logits=np.asarray(opacities[:, 0], np.float32),
-            sh_dc=np.asarray(dc[:, 0], np.float32),
-            sh_rest=np.asarray(rest.transpose(0, 2, 1), np.float32),
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found below
+            gaussians = Gaussians(
+                means=np.asarray(means, np.float32),
+                log_scales=np.asarray(scales, np.float32),
+                quaternions=np.asarray(rotations, np.float32),
+                opacity_logits=np.asarray(opacities[:, 0], np.float32),
+                sh_dc=np.asarray(dc[:, 0], np.float32),
+                sh_rest=np.asarray(rest.transpose(0, 2, 1), np.float32),
+            )
     except ValueError as error:
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: {error}") from error
     if n == 0:
         raise InputError(f"'{path}' holds zero Gaussians.")
-    if not all(np.isfinite(array).all() for array in (means, dc, rest, scales, rotations, opacities)):
-        raise InputError(f"'{path}' holds Gaussians that are NaN or infinite; use an earlier checkpoint.")
+    check_values(gaussians, path)
     if extra and (extra[0].ndim == 0 or len(extra[0]) != n):
         raise InputError(f"'{path}' has an entry of shape {extra[0].shape} at place 7; {n} rows are needed.")
-    return Checkpoint(gaussians, _iteration(value), extra[0] if extra else None)
+    return Checkpoint(gaussians, _iteration(file.value), extra[0] if extra else None)
 
 
 def read_checkpoint(path: str | Path) -> Checkpoint:
@@ -94,13 +96,16 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
         InputError: the file cannot be read, or holds no checkpoint.
     """
     path = Path(path)
-    value = torch_files.load(path)
-    if not is_checkpoint(value):
-        raise InputError(
-            f"'{path}' holds no checkpoint: neither a tuple of {PLAIN_LENGTH} or {EXTENDED_LENGTH} entries nor one "
-            "with the iteration behind it."
-        )
-    return parse_checkpoint(value, path)
+    if not is_file(path):
+        raise InputError(f"There is no file '{path}'.")
+    with reading(path):
+        file = torch_files.load(path)
+        if not is_checkpoint(file.value):
+            raise InputError(
+                f"'{path}' holds no checkpoint: neither a tuple of {PLAIN_LENGTH} or {EXTENDED_LENGTH} entries nor one "
+                "with the iteration behind it."
+            )
+        return parse_checkpoint(file)
 
 
 def _state(value: Any) -> tuple[Any, ...] | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.reading import LARGEST
 from gaussian_trimmer.selection_files.object_ids import check_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
@@ -23,7 +24,8 @@ OPTIONS = frozenset({"classifier", "object_id", "threshold"})
 PROBABILITY = 0.3
 """Gaussian Grouping's threshold on the softmax."""
 _FEATURES = 16
-_ROWS_PER_CHUNK = 1 << 14
+_MAX_IDS = 1 << 12
+_PROBABILITIES_AT_ONCE = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +50,9 @@ def classifier_of(file: SelectionFile) -> LinearClassifier | None:
         return None
     if weight.dtype.kind != "f" or weight.ndim < 2 or weight.shape[2:] not in ((), (1,), (1, 1)):
         return None
-    weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
-    bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
+        weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
+        bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
     return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
 
 
@@ -64,13 +67,19 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
     Raises:
         InputError: features or classifier are missing or do not fit each other, or the ids are not chosen or absent.
     """
-    source = file if options.classifier is None else open_selection(options.classifier)
+    source = file if options.classifier is None else open_selection(options.classifier, len(gaussians))
     classifier = classifier_of(source)
     if classifier is None:
         raise InputError(
             f"'{source.path.name}' holds no classifier of identity features; give the method's classifier.pth with "
             f"{flag('classifier')}."
         )
+    if len(classifier.bias) > _MAX_IDS:
+        raise InputError(
+            f"'{source.path.name}' tells {len(classifier.bias)} ids apart; at most {_MAX_IDS} can be read."
+        )
+    if not all((np.abs(values) <= LARGEST).all() for values in (classifier.weight, classifier.bias)):
+        raise InputError(f"'{source.path.name}' holds weights that are NaN, infinite or huge; train again.")
     features, rows = features_and_rows(file, gaussians)
     if features.shape[1] != classifier.weight.shape[1]:
         raise InputError(
@@ -98,15 +107,18 @@ def features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatA
             "The scene has no identity features obj_dc_0, obj_dc_1, ...; give the PLY that the method wrote as the "
             "scene."
         )
-    if not np.isfinite(features).all():
-        raise InputError(f"'{file.path.name}' is used with identity features that are NaN or infinite; train again.")
+    if not (np.abs(features) <= LARGEST).all():
+        raise InputError(
+            f"'{file.path.name}' is used with identity features that are NaN, infinite or huge; train again."
+        )
     return features, np.arange(len(gaussians)) if own is None else file.scene_rows(gaussians)
 
 
 def _probabilities(features: FloatArray, classifier: LinearClassifier) -> Iterator[FloatArray]:
     """Softmax over the ids, in chunks of rows (C, K)."""
-    for start in range(0, len(features), _ROWS_PER_CHUNK):
-        logits = features[start : start + _ROWS_PER_CHUNK] @ classifier.weight.T + classifier.bias
+    rows_per_chunk = max(1, min(1 << 14, _PROBABILITIES_AT_ONCE // max(1, len(classifier.bias))))
+    for start in range(0, len(features), rows_per_chunk):
+        logits = features[start : start + rows_per_chunk] @ classifier.weight.T + classifier.bias
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
         yield odds / odds.sum(axis=1, keepdims=True)
 

@@ -1,7 +1,6 @@
-"""FlashSplat's `view_num_*_objnum_*.pth`: blend weights of every Gaussian summed by the label of the pixel.
+"""FlashSplat's `view_num_*_objnum_*.pth`: blend weights of every Gaussian, summed by the label of the pixel.
 
-Row 0 is the background. A Gaussian gets the label with the largest share of its weights, after a bias is added to the
-background's: FlashSplat (ECCV 2024), section 3.
+Row 0 is the background. The labels are assigned as in FlashSplat itself, see `label_assignment`.
 """
 
 from __future__ import annotations
@@ -12,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.selection_files.object_ids import select_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.selection_file import SelectionFile
 
 OPTIONS = frozenset({"object_id", "gamma"})
-_ROWS_PER_CHUNK = 1 << 16
+_LARGEST_WEIGHT = 1e30
 
 
 def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
@@ -28,7 +28,7 @@ def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
 
 
 def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians of the chosen objects, (N,); where there is one object alone, it need not be chosen.
+    """The Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
 
     Raises:
         InputError: there are no such weights for N Gaussians, or the objects are not chosen or have no Gaussians.
@@ -40,27 +40,10 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
             f"'{file.path.name}' does not hold weights of shape (objects + 1, {len(gaussians)}){shape}; give the "
             "scene that they were accumulated on."
         )
+    if not (np.abs(weights) <= _LARGEST_WEIGHT).all():
+        raise InputError(f"'{file.path.name}' holds weights that are NaN, infinite or huge; accumulate them again.")
     wanted = options.object_id or ((1,) if len(weights) == 2 else ())
-    return select_ids(assign_labels(weights, options.gamma), wanted, file.path)
-
-
-def assign_labels(weights: NDArray[Any], gamma: float) -> IntArray:
-    """Label of every Gaussian, (N,), from accumulated weights (objects + 1, N) and the background's bias.
-
-    Weights are normalised to length one over the labels. Gaussians that no view saw are background, whatever the bias.
-
-    >>> assign_labels(np.array([[3.0, 1.0, 0.0], [1.0, 3.0, 0.0]]), gamma=-0.9).tolist()
-    [1, 1, 0]
-    """
-    labels = np.zeros(weights.shape[1], np.int64)
-    for start in range(0, len(labels), _ROWS_PER_CHUNK):
-        chunk = np.array(weights[:, start : start + _ROWS_PER_CHUNK], np.float64)
-        length = np.linalg.norm(chunk, axis=0)
-        seen = length > 0
-        chunk[:, seen] /= length[seen]
-        chunk[0] += gamma
-        labels[start : start + _ROWS_PER_CHUNK] = np.where(seen, np.argmax(chunk, axis=0), 0)
-    return labels
+    return select_ids(assign_labels(weights.T, options.gamma), wanted, file.path)
 
 
 def _weights(file: SelectionFile) -> NDArray[Any] | None:

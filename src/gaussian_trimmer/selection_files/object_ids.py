@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.selection_files.options import flag
 
@@ -25,6 +26,20 @@ def list_ids(ids: Sequence[int], counts: Sequence[int]) -> str:
     frequent = sorted(sorted(range(len(ids)), key=lambda i: -counts[i])[:_LISTED])
     left_out = f" and {len(ids) - _LISTED} more ids" if len(ids) > _LISTED else ""
     return ", ".join(f"{ids[i]} ({counts[i]})" for i in frequent) + left_out
+
+
+def list_names(names: Iterable[str]) -> str:
+    """Names of columns from a file, the first ones if there are many; runs that differ in their last number are one.
+
+    >>> list_names(["mask", "obj_dc_0", "obj_dc_1", "obj_dc_2"])
+    'mask, obj_dc_0 to obj_dc_2'
+    """
+    runs: dict[str, list[str]] = {}
+    for name in names:
+        runs.setdefault(re.sub(r"\d+$", "#", name), []).append(name)
+    listed = [shown(run[0]) if len(run) == 1 else f"{shown(run[0])} to {shown(run[-1])}" for run in runs.values()]
+    left_out = f" and {len(listed) - _LISTED} more" if len(listed) > _LISTED else ""
+    return ", ".join(listed[:_LISTED]) + left_out
 
 
 def count_ids(labels: NDArray[Any]) -> tuple[list[int], list[int]]:

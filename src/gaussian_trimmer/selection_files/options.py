@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from gaussian_trimmer.settings import Range
 
 Kind = Literal[
     "auto",
@@ -23,22 +25,22 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class SelectionOptions:
-    """How a selection file is read. The defaults suffice wherever the file itself says which Gaussians it means."""
+    """How a selection file is read. The defaults suffice unless the file can be understood in several ways."""
 
     kind: Kind = "auto"
-    """What the file holds; found from its content unless forced."""
-    object_id: tuple[int, ...] = ()
-    """Id of the object among several in the file; more than one id are united."""
+    """What the file holds; detected from its content by default."""
+    object_id: tuple[Annotated[int, Range(-(1 << 31), 1 << 31)], ...] = ()
+    """Id of the object, if the file has several; several ids are selected together."""
     property: str | None = None
     """Name of the PLY property, or of the array in an .npz, that holds the selection."""
-    threshold: float | None = None
+    threshold: Annotated[float, Range(-1e30, 1e30)] | None = None
     """Values above it are selected. Default: 0 for a property, 0.3 for a classifier's probability, 0.9 for a similarity
     and for a checkpoint's probability; scores in an array have no default."""
     classifier: Path | None = None
     """Classifier of the identity features that the PLY or the checkpoint holds."""
-    query_row: int | None = None
-    """Row number, from 0, of a scene Gaussian on the object; similar identity features are selected."""
-    gamma: float = 0.0
+    query_row: Annotated[int, Range(0, 1 << 32)] | None = None
+    """Row number, from 0, of a Gaussian on the object; Gaussians with similar identity features are selected."""
+    gamma: Annotated[float, Range(-1, 1)] = 0.0
     """FlashSplat's background bias: positive values select less, negative ones more; -1 to 1 is useful."""
 
     def given(self) -> frozenset[str]:

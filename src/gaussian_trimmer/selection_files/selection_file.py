@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats import FORMATS
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.reading import file_bytes, is_file, reading
 from gaussian_trimmer.selection_files import torch_files
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_checkpoint, parse_checkpoint
+from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.row_matching import match_centres, match_rows
 from gaussian_trimmer.selection_files.splat_rows import (
@@ -28,8 +29,11 @@ from gaussian_trimmer.selection_files.splat_rows import (
 
 TEXT_SUFFIXES = (".txt", ".csv")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, *torch_files.SUFFIXES)
-_MAX_ARRAY_BYTES = 1 << 30
-_MAX_TEXT_BYTES = 1 << 28
+_MAX_TEXT_BYTES = 1 << 27
+_TEXT_BYTES_AT_ONCE = 1 << 20
+_FREE_ARCHIVE_BYTES = 1 << 26
+_ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
+_ARCHIVE_BYTES_WITHOUT_SCENE = 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,19 +89,27 @@ class SelectionFile:
         return array.reshape(-1)
 
 
-def open_selection(path: Path) -> SelectionFile:
+def open_selection(path: Path, n: int | None = None) -> SelectionFile:
     """Read a .npy, .npz, .txt, .csv, .pt, .pth or splat file.
 
+    Arguments:
+        n: number of Gaussians of the scene, where there is one. It bounds what a compressed file may unpack to.
+
     Raises:
-        InputError: the file is missing, of no known kind, damaged, or too large for its purpose.
+        InputError: the file is missing, of no known kind, damaged, too large for its purpose, or changes meanwhile.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
+    with reading(path):
+        return _open(path, n)
+
+
+def _open(path: Path, n: int | None) -> SelectionFile:
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        return SelectionFile(path, {"": _read_npy(path)})
+        return SelectionFile(path, {"": read_npy(path)})
     if suffix == ".npz":
-        return SelectionFile(path, _read_npz(path))
+        return SelectionFile(path, read_npz(path, _archive_limit(n)))
     if suffix in TEXT_SUFFIXES:
         return SelectionFile(path, {"": _read_numbers(path)})
     if suffix in torch_files.SUFFIXES:
@@ -110,79 +122,40 @@ def open_selection(path: Path) -> SelectionFile:
     )
 
 
-def _read_npy(path: Path) -> NDArray[Any]:
-    # Mapped, so that a header that announces more than the file holds is refused without allocating it.
-    try:
-        array = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
-        raise _damaged(path, "NumPy array of numbers") from error
-    return _numeric(array, path)
-
-
-def _read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of numbers in an .npz; others, such as text, are left out."""
-    arrays = {}
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for entry in archive.infolist():
-                if entry.filename.endswith(".npy") and (array := _read_member(archive, entry, path)) is not None:
-                    arrays[entry.filename.removesuffix(".npy")] = array
-    except InputError:
-        raise
-    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        raise _damaged(path, "NumPy .npz archive of numbers") from error
-    if not arrays:
-        raise InputError(f"'{path}' holds no array of numbers.")
-    return arrays
-
-
-def _read_member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> NDArray[Any] | None:
-    """One array of an .npz, or None if it is not numeric; compression must not hide an array beyond all need."""
-    with archive.open(entry) as file:
-        version = np.lib.format.read_magic(file)
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read_header(file)
-        n_bytes = int(np.prod([int(size) for size in shape], dtype=object)) * dtype.itemsize
-    if dtype.kind not in "biuf":
-        return None
-    if n_bytes > min(_MAX_ARRAY_BYTES, entry.file_size):
-        raise InputError(f"'{path}' announces {n_bytes} bytes for the array '{entry.filename}', too many to be true.")
-    with archive.open(entry) as file:
-        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+def _archive_limit(n: int | None) -> int:
+    """Bytes that the arrays of a selection for n Gaussians may have together: some dozens of numbers for each."""
+    return _ARCHIVE_BYTES_WITHOUT_SCENE if n is None else _FREE_ARCHIVE_BYTES + _ARCHIVE_BYTES_PER_GAUSSIAN * n
 
 
 def _read_numbers(path: Path) -> NDArray[Any]:
-    if path.stat().st_size > _MAX_TEXT_BYTES:
-        raise InputError(f"'{path}' has more than {_MAX_TEXT_BYTES >> 20} MB; save so long a list as .npy.")
-    lines = path.read_text("utf-8", "replace").splitlines()
-    words = " ".join(line.partition("#")[0] for line in lines).replace(",", " ").split()
+    """The whole numbers in a text, between white space and commas, without what stands behind a '#' in its line."""
+    text = re.sub(rb"#[^\r\n]*", b"", file_bytes(path, _MAX_TEXT_BYTES).removeprefix(b"\xef\xbb\xbf"))
+    text = text.replace(b",", b" ")
+    parts = [np.zeros(0, np.int64)]
+    start = 0
     try:
-        return np.array([int(word) for word in words], np.int64)
+        while start < len(text):  # a piece at a time, since a word takes twenty times its bytes
+            gap = re.compile(rb"\s|$").search(text, start + _TEXT_BYTES_AT_ONCE)
+            end = gap.start() if gap else len(text)
+            parts.append(np.array([int(word) for word in text[start:end].split()], np.int64))
+            start = end
     except (ValueError, OverflowError) as error:
-        raise InputError(f"'{path}' is no list of whole numbers: {error}.") from error
+        raise InputError(f"'{path}' is no list of whole numbers: {shown(str(error))}.") from error
+    return np.concatenate(parts)
 
 
 def _read_torch(path: Path) -> SelectionFile:
-    value = torch_files.load(path)
+    file = torch_files.load(path)
+    value = file.value
     if torch_files.is_tensor(value):
-        return SelectionFile(path, {"": _numeric(torch_files.as_array(value, path), path)})
+        return SelectionFile(path, {"": torch_files.as_array(file, value)})
     if is_checkpoint(value):
-        return SelectionFile(path, checkpoint=parse_checkpoint(value, path))
+        return SelectionFile(path, checkpoint=parse_checkpoint(file))
     if isinstance(value, dict):
         tensors = {str(name): entry for name, entry in value.items() if torch_files.is_tensor(entry)}
         if tensors:
-            return SelectionFile(path, {name: torch_files.as_array(entry, path) for name, entry in tensors.items()})
+            return SelectionFile(path, torch_files.as_arrays(file, tensors))
     raise InputError(
-        f"'{path}' holds a {type(value).__name__} that is no selection; a tensor, a dict of tensors or a training "
-        "checkpoint is needed."
+        f"'{path}' holds a {torch_files.type_name(value)} that is no selection; a tensor, a dict of tensors or a "
+        "training checkpoint is needed."
     )
-
-
-def _numeric(array: NDArray[Any], path: Path) -> NDArray[Any]:
-    if array.dtype.kind not in "biuf":
-        raise InputError(f"'{path}' holds values of type {array.dtype}; booleans or numbers are needed.")
-    return array
-
-
-def _damaged(path: Path, expected: str) -> InputError:
-    return InputError(f"'{path}' is damaged or no {expected}; save it again with NumPy, without pickled objects.")

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.selection_files.object_ids import select_ids
+from gaussian_trimmer.selection_files.object_ids import list_names, select_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile
 
 OPTIONS = frozenset({"property", "threshold", "object_id"})
+_LARGEST_ID = 2**53
 MASK = "mask"
 """The property that SA3D-GS adds."""
 
@@ -37,14 +38,14 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
     name = options.property or MASK
     if name not in file.rows.columns:
         raise InputError(
-            f"'{file.path.name}' has no property '{name}'; choose with {flag('property')} among: "
-            f"{', '.join(file.rows.columns)}."
+            f"'{file.path.name}' has no property '{shown(name)}'; choose with {flag('property')} among: "
+            f"{list_names(file.rows.columns)}."
         )
     values = np.asarray(file.rows.columns[name])
     if options.object_id:
-        if (values != np.rint(values)).any():
+        if not ((values == np.rint(values)) & (np.abs(values) <= _LARGEST_ID)).all():
             raise InputError(
-                f"The property '{name}' of '{file.path.name}' is no id: it has values that are not whole; use "
+                f"The property '{name}' of '{file.path.name}' is no id: it has values that are not whole, or huge; use "
                 f"{flag('threshold')} instead of {flag('object_id')}."
             )
         chosen = select_ids(values.astype(np.int64), options.object_id, file.path)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.packing import finite_log_scales, finite_opacity_logits
 from gaussian_trimmer.formats.ply_table import read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 
@@ -77,7 +78,8 @@ def identity_features(columns: Columns) -> FloatArray | None:
     if not has_identity_features(columns):
         return None
     names = takewhile(columns.__contains__, (f"obj_dc_{i}" for i in count()))
-    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
+    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
+        return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
 def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:
@@ -87,4 +89,10 @@ def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:
     if n_rest % 3 == 0 and all(f"f_rest_{i}" in columns for i in range(n_rest)):
         per_channel = n_rest // 3
         renamed |= {f"sh_{i % per_channel}_{i // per_channel}": columns[f"f_rest_{i}"] for i in range(n_rest)}
-    return {name: column for name, column in renamed.items() if _ATTRIBUTE.fullmatch(name)}
+    attributes = {name: column for name, column in renamed.items() if _ATTRIBUTE.fullmatch(name)}
+    # What has no finite value in the file has one in the scene that was read from such a file.
+    for name in attributes.keys() & {"opacity", "scale_0", "scale_1", "scale_2"}:
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = np.asarray(attributes[name], np.float32)
+        attributes[name] = finite_opacity_logits(values) if name == "opacity" else finite_log_scales(values)
+    return attributes

@@ -1,124 +1,195 @@
-"""Files of torch.save, read without running anything that they contain.
+"""Files of torch.save, read without torch and without running anything that they contain.
 
-Only zip archives without compression are taken (torch has written them since 1.6). They are memory-mapped, so a
-checkpoint's optimizer state costs nothing.
+Only zip archives without compression are taken (torch has written them since 1.6). Of the numbers, those of the
+tensors that are asked for are read, so a checkpoint's optimizer state costs nothing.
 """
 
 from __future__ import annotations
 
+import math
+import struct
 import zipfile
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.reading import read_into
+from gaussian_trimmer.selection_files.torch_structure import (
+    OtherTensor,
+    StructureError,
+    TensorEntry,
+    TorchObject,
+    parse_structure,
+)
+from gaussian_trimmer.zip_members import member_bytes, open_archive
 
 SUFFIXES = (".pt", ".pth")
-_MAX_PICKLE_BYTES = 1 << 24
-# Before this version, weights_only did not keep files from running code (CVE-2025-32434).
-_OLDEST_SAFE_TORCH = (2, 6)
+_MAX_PICKLE_BYTES = 1 << 20
+_MAX_DIMENSIONS = 8
+_MAX_TENSORS = 1 << 12
+_LOCAL_HEADER = struct.Struct("<4s5H3I2H")
+_NUMBERS = ("f2", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "b1")
 
 
-def load(path: Path) -> Any:
-    """The tensors, containers and numbers of a torch file; tensors lie on the CPU, as views onto the file.
+@dataclass(frozen=True)
+class TorchFile:
+    """What a torch file holds, and where its storages are."""
+
+    path: Path
+    value: Any
+    """Containers, numbers and text as they are; tensors as `TensorEntry` or `OtherTensor`."""
+    storages: dict[str, tuple[int, int]]
+    """Beginning and length in bytes of each storage, by its key."""
+    byte_order: Literal["<", ">"]
+    """Of the numbers in the storages."""
+    size: int
+    """Bytes of the file."""
+
+
+def load(path: Path) -> TorchFile:
+    """The structure of a torch file.
 
     Raises:
-        InputError: torch is missing or too old, or the file is damaged, of the old format, or holds other objects.
+        InputError: the file is damaged, of the old format, compressed, or holds other objects.
     """
-    torch = _import_torch(path)
-    _check_archive(path)
     try:
-        with torch.serialization.safe_globals(_number_globals()):
-            return torch.load(str(path), map_location="cpu", weights_only=True, mmap=True)
-    except MemoryError:
-        raise
-    except Exception as error:  # whatever a strange file makes torch raise, the file is at fault
+        with path.open("rb") as file:
+            is_archive = file.read(4) == b"PK\3\4"
+    except OSError as error:
+        raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
+    expected = "torch file of the zip format"
+    if not is_archive:
+        raise InputError(f"'{path}' is no {expected}, or is damaged; load it and save it again with torch.save.")
+    with open_archive(path, expected) as archive:
+        entries = _checked_entries(archive, path)
+        structures = [name for name in entries if name.rpartition("/")[2] == "data.pkl"]
+        if len(structures) != 1:
+            raise InputError(f"'{path}' is no {expected}: it has {len(structures)} members 'data.pkl' instead of one.")
+        home = structures[0].removesuffix("data.pkl")
+        if entries[structures[0]].file_size > _MAX_PICKLE_BYTES:
+            raise InputError(
+                f"'{path}' holds a structure of more than {_MAX_PICKLE_BYTES >> 20} MB beside its tensors."
+            )
+        structure = member_bytes(archive, entries[structures[0]], _MAX_PICKLE_BYTES, path)
+        big = f"{home}byteorder" in entries and member_bytes(archive, f"{home}byteorder", 16, path) == b"big"
+    try:
+        value = parse_structure(structure)
+    except StructureError as error:
         raise InputError(
-            f"'{path}' is damaged or holds more than tensors and numbers, and other objects are not loaded because "
-            "they can run code; save the tensors alone with torch.save."
+            f"'{path}' is damaged or holds more than tensors and numbers ({shown(str(error))}), and other objects are "
+            "not loaded because they can run code; save the tensors alone with torch.save."
         ) from error
-
-
-def as_array(tensor: Any, path: Path) -> NDArray[Any]:
-    """A dense tensor as an array that shares its memory; bfloat16 becomes float32.
-
-    Raises:
-        InputError: the tensor is sparse or quantised, or a small storage is expanded to more than the file holds.
-    """
-    import torch
-
-    if tensor.layout is not torch.strided or tensor.is_quantized or tensor.device.type != "cpu":
-        raise InputError(f"'{path}' holds a sparse or quantised tensor; save it as a dense one.")
-    if tensor.numel() * tensor.element_size() > path.stat().st_size:
-        raise InputError(f"'{path}' holds an expanded tensor of shape {tuple(tensor.shape)}; save a contiguous one.")
-    tensor = tensor.detach()
-    return np.asarray((tensor.float() if tensor.dtype is torch.bfloat16 else tensor).numpy())
+    prefix = f"{home}data/"
+    storages = {
+        name.removeprefix(prefix): (entry.header_offset, entry.file_size)
+        for name, entry in entries.items()
+        if name.startswith(prefix)
+    }
+    return TorchFile(path, value, storages, ">" if big else "<", path.stat().st_size)
 
 
 def is_tensor(value: Any) -> bool:
     """Whether a loaded value is a tensor or parameter."""
-    import torch
-
-    return isinstance(value, torch.Tensor)
+    return isinstance(value, (TensorEntry, OtherTensor))
 
 
-def _import_torch(path: Path) -> Any:
-    try:
-        torch: Any = import_module("torch")
-    except ImportError as error:
+def type_name(value: Any) -> str:
+    """What a loaded value is called in messages."""
+    return value.name if isinstance(value, TorchObject) else type(value).__name__
+
+
+def as_arrays(file: TorchFile, tensors: dict[str, Any]) -> dict[str, NDArray[Any]]:
+    """Dense tensors as arrays; bfloat16 becomes float32.
+
+    Raises:
+        InputError: a tensor is sparse or quantised, of no number type, or not whole in the file; or the tensors
+            together are larger than the file, because they share numbers.
+    """
+    if len(tensors) > _MAX_TENSORS:
+        raise InputError(f"'{file.path}' holds {len(tensors)} tensors; at most {_MAX_TENSORS} can be read.")
+    total = 0
+    for tensor in tensors.values():
+        if isinstance(tensor, TensorEntry):
+            total += math.prod(tensor.shape) * _width(tensor, file.path)
+    # Tensors may share a storage, as tied weights do; beyond that, a small file must not become much memory.
+    if total > 2 * file.size:
         raise InputError(
-            f"'{path.name}' can only be read with torch; install it with: pip install \"gaussian-trimmer[torch]\""
-        ) from error
-    if tuple(int(part) for part in torch.__version__.split(".")[:2]) < _OLDEST_SAFE_TORCH:
-        raise InputError(
-            f"torch {torch.__version__} does not read files from others safely; update it to 2.6 or later with: "
-            "pip install --upgrade torch"
+            f"'{file.path}' holds an expanded tensor, or tensors that share their numbers, {total} bytes of them in a "
+            f"file of {file.size}; save contiguous ones."
         )
-    return torch
+    return {name: as_array(file, tensor) for name, tensor in tensors.items()}
 
 
-def _check_archive(path: Path) -> None:
-    """Refuse what torch would unpack to more than the file's own size."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-    except (zipfile.BadZipFile, OSError, ValueError) as error:
-        raise InputError(
-            f"'{path}' is no torch file of the zip format, or is damaged; load it and save it again with torch.save."
-        ) from error
-    compressed = any(entry.compress_type != zipfile.ZIP_STORED for entry in entries)
-    if compressed or sum(entry.file_size for entry in entries) > path.stat().st_size:
+def as_array(file: TorchFile, tensor: Any) -> NDArray[Any]:
+    """A dense tensor as an array; bfloat16 becomes float32.
+
+    Raises:
+        InputError: the tensor is sparse or quantised, of no number type, not whole in the file, or larger than it.
+    """
+    path = file.path
+    if not isinstance(tensor, TensorEntry):
+        raise InputError(f"'{path}' holds a sparse or quantised tensor; save it as a dense one.")
+    width, count = _width(tensor, path), math.prod(tensor.shape)
+    if count * width > file.size:
+        raise InputError(f"'{path}' holds an expanded tensor of shape {tensor.shape}; save a contiguous one.")
+    if len(tensor.shape) > _MAX_DIMENSIONS:
+        raise InputError(f"'{path}' holds a tensor of {len(tensor.shape)} dimensions, which is no selection.")
+    kind = tensor.storage.kind
+    if count == 0:
+        return np.zeros(0, np.float32 if kind == "bfloat16" else kind)
+    dtype = np.dtype({"bfloat16": "u2", "b1": "u1"}.get(kind, kind)).newbyteorder(file.byte_order)
+    steps = list(zip(tensor.shape, tensor.strides, strict=True))
+    run = _read_run(file, tensor, 1 + sum((size - 1) * stride for size, stride in steps), dtype)
+    strides = [stride * width if size > 1 else 0 for size, stride in steps]
+    values = np.ascontiguousarray(np.lib.stride_tricks.as_strided(run, tensor.shape, strides))
+    if kind == "bfloat16":
+        return (values.astype(np.uint32) << 16).view(np.float32)
+    if kind == "b1":
+        return np.asarray(values != 0)
+    return values.astype(dtype.newbyteorder("="), copy=False)
+
+
+def _width(tensor: TensorEntry, path: Path) -> int:
+    """Bytes of one entry."""
+    kind = tensor.storage.kind
+    if kind == "bfloat16":
+        return 2
+    if kind not in _NUMBERS:
+        raise InputError(f"'{path}' holds values of type {shown(kind)}; booleans or numbers are needed.")
+    return int(kind[1])
+
+
+def _read_run(file: TorchFile, tensor: TensorEntry, reach: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The numbers of a storage from a tensor's first to its last, (reach,)."""
+    if tensor.storage.key not in file.storages:
+        raise InputError(f"'{file.path}' is damaged: it lacks the numbers of a tensor.")
+    header_offset, n_bytes = file.storages[tensor.storage.key]
+    if (tensor.offset + reach) * dtype.itemsize > n_bytes:
+        raise InputError(f"'{file.path}' is damaged: a tensor of shape {tensor.shape} reaches beyond its numbers.")
+    with file.path.open("rb") as stream:
+        stream.seek(header_offset)
+        header = stream.read(_LOCAL_HEADER.size)
+        if len(header) < _LOCAL_HEADER.size or header[:4] != b"PK\3\4":
+            raise InputError(f"'{file.path}' is damaged: the numbers of a tensor are not where its list says.")
+        *_, name_length, extra_length = _LOCAL_HEADER.unpack(header)
+        stream.seek(name_length + extra_length + tensor.offset * dtype.itemsize, 1)
+        run = np.empty(reach, dtype)
+        read_into(run, stream, file.path)
+    return run
+
+
+def _checked_entries(archive: zipfile.ZipFile, path: Path) -> dict[str, zipfile.ZipInfo]:
+    """The members by name; what would unpack to more than the file's own size is refused.
+
+    Raises:
+        InputError: a member is compressed, or the members claim more bytes than the file has.
+    """
+    entries = {entry.filename: entry for entry in archive.infolist()}
+    compressed = any(entry.compress_type != zipfile.ZIP_STORED for entry in entries.values())
+    if compressed or sum(entry.file_size for entry in entries.values()) > path.stat().st_size:
         raise InputError(f"'{path}' is a compressed or damaged archive, which torch.save does not write.")
-    if any(entry.filename.endswith(".pkl") and entry.file_size > _MAX_PICKLE_BYTES for entry in entries):
-        raise InputError(f"'{path}' holds a structure of more than {_MAX_PICKLE_BYTES >> 20} MB beside its tensors.")
-
-
-class _NumberType:
-    """Stands in for numpy.dtype in a file: keeps the code of a number and drops everything else."""
-
-    def __init__(self, code: str, *_: object) -> None:
-        if code not in ("f2", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "b1"):
-            raise ValueError(f"{code!r} is no number type.")
-        self.code = code
-        self.byte_order = "<"
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self.byte_order = ">" if state[1] == ">" else "<"
-
-
-def _number(kind: _NumberType, data: bytes) -> Any:
-    """Stands in for the function that rebuilds a NumPy scalar."""
-    return np.frombuffer(data, kind.byte_order + kind.code, count=1)[0].item()
-
-
-def _number_globals() -> list[tuple[Any, str]]:
-    # Learning rates and scene extents in the optimizer's state are often NumPy scalars. NumPy's own functions would
-    # accept states that corrupt memory, so these two names are bound to the harmless stand-ins above.
-    return [
-        (_NumberType, "numpy.dtype"),
-        (_number, "numpy.core.multiarray.scalar"),
-        (_number, "numpy._core.multiarray.scalar"),
-    ]
+    return entries

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import field, make_dataclass
 from importlib import import_module
 from typing import Any, Protocol, cast
 
@@ -12,31 +13,56 @@ from gaussian_trimmer.views import View
 
 
 class Segmenter(Protocol):
-    """Finds the object in every view, starting from where the coarse object is."""
+    """Finds the object in every view, starting from where the coarse object is.
+
+    Two further methods are optional. `describe() -> str` is a line for the report, in place of the name.
+    `own_cameras(cameras: CameraSet | None) -> list[Camera]` names the cameras whose pictures the segmenter has masks
+    of; the command line then uses these in place of virtual ones.
+    """
 
     name: str
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) a view, True on the object. Views are ordered by yaw, as the frames of a video."""
+        """One mask (H, W) for each view, True on the object. Views are ordered by yaw, as the frames of a video."""
         ...
 
 
-# Name -> module and class; the class takes its configuration, if any, as its only argument.
+# Name -> module, class, and the dataclass of its options if it has any; the class takes these as its only argument.
+# On the command line the options are `--NAME.OPTION`.
 SEGMENTERS = {
-    "label-field": ("gaussian_trimmer.segmentation.segmenters.silhouette", "LabelFieldSegmenter"),
-    "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter"),
-    "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter"),
-    "mask-files": ("gaussian_trimmer.segmentation.segmenters.mask_files", "MaskFilesSegmenter"),
+    "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter", "SilhouetteConfig"),
+    "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig"),
+    "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter", "Sam2Config"),
+    "mask-files": ("gaussian_trimmer.segmentation.segmenters.mask_files", "MaskFilesSegmenter", "MaskFilesConfig"),
 }
+DEFAULT_SEGMENTER = "silhouette"
+PAPER_SEGMENTER = "grabcut"
+"""The segmenter of the paper's preset: the paper's own, SAM2, needs weights that must be downloaded."""
 
 
-def get_segmenter(name: str, *config: Any) -> Segmenter:
-    """The segmenter of that name, made with its configuration.
+def get_segmenter(name: str, *options: Any) -> Segmenter:
+    """The segmenter of that name, made with its options, if any are given.
 
     Raises:
         InputError: no segmenter has that name, or what it needs is not installed.
     """
     if name not in SEGMENTERS:
         raise InputError(f"Unknown segmenter '{name}'; available: {', '.join(SEGMENTERS)}.")
-    module, attribute = SEGMENTERS[name]
-    return cast(Segmenter, getattr(import_module(module), attribute)(*config))
+    module, attribute, _ = SEGMENTERS[name]
+    return cast(Segmenter, getattr(import_module(module), attribute)(*options))
+
+
+def all_options() -> type[Any]:
+    """A dataclass with a field for each segmenter that has options: its name, with underscores, and its options."""
+    kinds = {name: getattr(import_module(module), kind) for name, (module, _, kind) in SEGMENTERS.items() if kind}
+    fields = [(field_name(name), kind, field(default_factory=kind)) for name, kind in kinds.items()]
+    return make_dataclass("SegmenterOptions", fields, frozen=True)
+
+
+def field_name(name: str) -> str:
+    """The field of `all_options` that belongs to a segmenter.
+
+    >>> field_name("mask-files")
+    'mask_files'
+    """
+    return name.replace("-", "_")

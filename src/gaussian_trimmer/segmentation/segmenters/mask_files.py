@@ -1,11 +1,11 @@
-"""Masks that the user brings, for cameras of pictures that exist: segmentation without virtual views.
+"""Masks from the user, for cameras whose pictures exist: segmentation without virtual views.
 
-A mask belongs to the camera whose picture has its name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`.
+A mask belongs to the camera whose picture has the same name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.picture_headers import picture_header
+from gaussian_trimmer.reading import file_bytes, is_file, reading
 from gaussian_trimmer.views import View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _HALF_COVERAGE = 127
+_MAX_FILE_BYTES = 1 << 28
+_MAX_PICTURE_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class MaskFilesConfig:
     """Where the masks are."""
 
     folder: Path | None = None
-    """Folder of the masks, named as the pictures of the cameras; bright is the object."""
+    """Folder of the masks, each named like the picture of its camera; the object is bright."""
 
 
 class MaskFilesSegmenter:
@@ -46,8 +50,18 @@ class MaskFilesSegmenter:
             raise InputError("The segmenter 'mask-files' needs the folder of the masks: --mask-files.folder DIR.")
         self._folder = folder
 
+    def own_cameras(self, cameras: CameraSet | None) -> list[Camera]:
+        """The cameras that have a mask.
+
+        Raises:
+            InputError: there are no cameras, their images are distorted, or the folder has no mask for any.
+        """
+        if cameras is None:
+            raise InputError("The segmenter 'mask-files' needs the cameras of the masks' pictures: --cameras PATH.")
+        return cameras_with_masks(cameras.pinhole_cameras(), self._folder)
+
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) a view, True where the file is brighter than half.
+        """One mask (H, W) for each view, True where the file is brighter than half.
 
         Raises:
             InputError: a view has no mask, or one that cannot be read or is of another size.
@@ -86,16 +100,33 @@ def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
     """
     if not folder.is_dir():
         raise InputError(f"There is no folder '{folder}' to read masks from.")
-    found = [camera for camera in cameras if find_mask(folder, camera) is not None]
+    listing = _Listing()
+    found = [camera for camera in cameras if find_mask(folder, camera, listing) is not None]
     if not found:
-        example = cameras[0].name or "the pictures, but the cameras have no names"
+        example = shown(cameras[0].name) or "the pictures, but the cameras have no names"
         raise InputError(
             f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}."
         )
     return found
 
 
-def find_mask(folder: Path, camera: Camera) -> Path | None:
+class _Listing:
+    """The names in folders, each listed once: a camera has fourteen names that its mask may have."""
+
+    def __init__(self) -> None:
+        self._names: dict[Path, frozenset[str]] = {}
+
+    def may_have(self, folder: Path, names: Iterable[str]) -> bool:
+        """Whether a folder has one of the names, in capitals or not: some systems do not tell these apart."""
+        if folder not in self._names:
+            try:
+                self._names[folder] = frozenset(path.name.casefold() for path in folder.iterdir())
+            except (OSError, ValueError):  # there is no such folder, or there can be none
+                self._names[folder] = frozenset()
+        return not self._names[folder].isdisjoint(name.casefold() for name in names)
+
+
+def find_mask(folder: Path, camera: Camera, listing: _Listing | None = None) -> Path | None:
     """The mask of a camera's picture, or None.
 
     Raises:
@@ -105,7 +136,9 @@ def find_mask(folder: Path, camera: Camera) -> Path | None:
         return None
     picture = folder / camera.name
     names = {f"{stem}{suffix}" for stem in (picture.name, picture.stem) for suffix in _SUFFIXES}
-    found = sorted(path for path in map(picture.with_name, names) if path.is_file())
+    if listing is not None and not listing.may_have(picture.parent, names):
+        return None
+    found = sorted(path for path in map(picture.parent.joinpath, names) if is_file(path))
     if len(found) > 1:
         raise InputError(f"'{camera.name}' has several masks ({', '.join(p.name for p in found)}); leave one.")
     return found[0] if found else None
@@ -115,17 +148,32 @@ def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
     path = find_mask(folder, camera)
     if path is None:
         raise InputError(f"The folder '{folder}' has no mask for the view '{camera.name}'.")
+    with reading(path):
+        data = file_bytes(path, _MAX_FILE_BYTES)
+    header = picture_header(data)
+    if header is None:
+        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+    # A picture that its camera turned on its side says its size before the turn; OpenCV turns it back.
+    if sorted((header.width, header.height)) != sorted((camera.width, camera.height)):
+        raise _wrong_size(path, header.width, header.height, camera)
+    if header.n_bytes > _MAX_PICTURE_BYTES:
+        raise InputError(
+            f"The mask '{path}' has {header.bits} bits in each of {header.width} x {header.height} pixels, too many to "
+            "decode; save masks with 8 bits of grey."
+        )
     try:
-        picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), mode)
-    except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
-    except cv2.error:  # an empty file, or a picture larger than OpenCV allows
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
+    except cv2.error:
         picture = None
     if picture is None:
         raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
     if picture.shape[:2] != (camera.height, camera.width):
-        raise InputError(
-            f"The mask '{path}' has {picture.shape[1]} x {picture.shape[0]} pixels, but its camera has "
-            f"{camera.width} x {camera.height}; resize the masks, keeping hard edges, or the cameras."
-        )
+        raise _wrong_size(path, picture.shape[1], picture.shape[0], camera)
     return picture
+
+
+def _wrong_size(path: Path, width: int, height: int, camera: Camera) -> InputError:
+    return InputError(
+        f"The mask '{path}' has {width} x {height} pixels, but its camera has {camera.width} x {camera.height}; resize "
+        "the masks, keeping hard edges, or the cameras."
+    )

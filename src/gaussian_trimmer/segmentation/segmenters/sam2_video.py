@@ -17,6 +17,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.views import View
 
 Tensor = Any  # torch is imported late, so its types have no name here.
@@ -82,6 +83,7 @@ class Sam2Segmenter:
 
     def __init__(self, config: Sam2Config | None = None) -> None:
         self.config = config or Sam2Config()
+        check_settings(self.config, self.name)
         self._torch, transformers = _import_libraries()
         self._device = _find_device(self._torch, self.config.device)
         self._dtype = _find_dtype(self._torch, self.config.dtype, self._device)
@@ -100,10 +102,10 @@ class Sam2Segmenter:
         return f"sam2 with {self._source} ({self._model_type}), {how}, on {self._device} in {dtype}"
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) a view. Views are taken in order of yaw, as the frames of a video.
+        """One mask (H, W) for each view. Views are taken in order of yaw, as the frames of a video.
 
-        A view without a prompt, where the coarse object is not to be seen, gets an empty mask; so do all views of a
-        video whose first has none.
+        A view without a prompt, because the coarse object is not visible in it, gets an empty mask; so do all views of
+        a video whose first view has none.
 
         Eq. 6 of GaussianTrimmer for the first view, and the tracking that follows it.
         """
@@ -111,7 +113,7 @@ class Sam2Segmenter:
             if self.config.prompting == "video":
                 masks = self._segment_as_video(views)
             else:
-                masks = [self._segment_alone(view) for view in views]
+                masks = [self._segment_by_itself(view) for view in views]
             return [mask.cpu().numpy() for mask in masks]
 
     def _segment_as_video(self, views: Sequence[View]) -> list[Tensor]:
@@ -135,7 +137,7 @@ class Sam2Segmenter:
             logits = [logits[-1], *logits[1:-1]]
         return [self._mask(frame, view) for frame, view in zip(logits, views, strict=True)]
 
-    def _segment_alone(self, view: View) -> Tensor:
+    def _segment_by_itself(self, view: View) -> Tensor:
         if not self._has_prompt(view):
             return self._empty_mask(view)
         prompt = {"input_boxes": self._corners(view).reshape(1, 1, 4)}

@@ -1,0 +1,57 @@
+"""All that a trim leaves on disk, for the command line and for `TrimResult.save`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.atomic import atomic_folder
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.output.report import RESULTS, describe, result_files, write_results
+from gaussian_trimmer.result import TrimResult
+
+
+def save(result: TrimResult, folder: str | Path, *, overwrite: bool = False, format: str | None = None) -> Path:
+    """Write a trim into a folder, which appears whole or not at all; returns the folder. See `TrimResult.save`."""
+    folder, suffix = Path(folder), suffix_of(format or "ply")
+    with atomic_folder(folder, RESULTS, names=result_files(suffix), overwrite=overwrite) as part:
+        write_trim(result, part, suffix, {})
+    return folder
+
+
+def write_trim(
+    result: TrimResult, folder: Path, suffix: str, inputs: Mapping[str, Any], seconds: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Write everything into an existing folder, and return the report.
+
+    Args:
+        result: the trim.
+        folder: where to write.
+        suffix: ending of the splat files, one of `formats.FORMATS`.
+        inputs: where the scene, the selection and so on came from, as JSON holds it.
+        seconds: time taken outside the trimmer, by stage.
+
+    Raises:
+        InputError: a file cannot be written, or the format cannot hold the Gaussians.
+    """
+    report = describe(result, result.selection, result.config, inputs, result.segmenter_description, seconds)
+    write_results(result, result.selection, report, folder, result.used_renderer, suffix)
+    return report
+
+
+def suffix_of(format: str) -> str:
+    """The ending of files of a format, whose name may be given with or without a leading dot.
+
+    Raises:
+        InputError: no format has that name.
+
+    >>> suffix_of("Compressed.PLY")
+    '.compressed.ply'
+    """
+    suffix = f".{format.lower().lstrip('.')}"
+    if suffix not in formats.FORMATS:
+        known = ", ".join(name.lstrip(".") for name in formats.FORMATS)
+        raise InputError(f"Unknown format '{format}'; available: {known}.")
+    return suffix

@@ -1,0 +1,59 @@
+"""From where the training cameras saw an object: which of them did, and the span of yaws and pitches they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.geometry.bounds import Bounds
+
+_FULL_CIRCLE_GAP = np.radians(100)
+"""Training cameras without a wider gap between their yaws stand all around the object."""
+_MIN_SPAN = np.radians(20)
+"""Smallest span of yaws: one camera, or several close together, saw nearly as much from a little to either side."""
+_STEEPEST = np.radians(80)
+"""Largest pitch of planned views. The yaw of a steeper training camera says nothing, since it looks from above."""
+
+
+def cameras_that_see(cameras: Sequence[Camera], bounds: Bounds) -> list[Camera]:
+    """Those cameras whose pictures may show the object, in their order.
+
+    The centre of the object's bounds, or one of the eight points halfway to their corners, lies before the camera and
+    within its picture. Whether something else stands before the object is not asked.
+    """
+    points = np.concatenate([bounds.centre[None], (bounds.corners() + bounds.centre) / 2])
+    return [camera for camera in cameras if _shows_any(camera, points)]
+
+
+def observed_angles(cameras: Sequence[Camera], bounds: Bounds, wished_pitch: float) -> tuple[float, float, float]:
+    """First yaw, span of yaws, and the pitch nearest to the wished one that the cameras cover, all in radians.
+
+    Args:
+        cameras: training cameras that see the object, at least one.
+        bounds: the object's; yaws and pitches are those around its centre, in the frame of its axes.
+        wished_pitch: what to look from where the cameras looked from both above and below it, in radians.
+    """
+    offsets = (np.array([camera.centre for camera in cameras]) - bounds.centre) @ bounds.axes.T
+    pitches = np.arctan2(offsets[:, 2], np.linalg.norm(offsets[:, :2], axis=1))
+    pitch = float(np.clip(np.clip(wished_pitch, *np.percentile(pitches, [25, 75])), -_STEEPEST, _STEEPEST))
+    aside = offsets[np.abs(pitches) <= _STEEPEST]
+    if not len(aside):
+        return 0.0, 2 * np.pi, pitch
+    yaws = np.sort(np.arctan2(aside[:, 1], aside[:, 0]))
+    gaps = np.diff(np.append(yaws, yaws[0] + 2 * np.pi))
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= _FULL_CIRCLE_GAP:
+        return 0.0, 2 * np.pi, pitch
+    first, span = float(yaws[(widest + 1) % len(gaps)]), float(2 * np.pi - gaps[widest])
+    if span < _MIN_SPAN:
+        first, span = first - (_MIN_SPAN - span) / 2, float(_MIN_SPAN)
+    return first, span, pitch
+
+
+def _shows_any(camera: Camera, points: Float64Array) -> bool:
+    """Whether one of some points (P, 3) lies in the camera's picture."""
+    pixels, _ = camera.project(points)  # those behind the camera are NaN, which no comparison lets through
+    return bool(((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1).any())

@@ -1,0 +1,296 @@
+"""The visible surface around a point as a graph: its nodes are Gaussians, its edges say which belong together.
+
+Views from all around tell which Gaussians are visible; the others follow the nearest visible ones. An edge between
+neighbours is weak where their colours differ and where the surface is concave: objects that touch each other, and the
+parts of an object, meet in concave edges ("Object Partitioning using Local Convexity", Stein et al., CVPR 2014). A
+minimum cut of this graph is a short boundary that runs along such places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.gaussians import (
+    SH_C0,
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    Gaussians,
+    IntArray,
+    rotation_matrices,
+)
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.min_cut import min_cut
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.segmentation.view_rendering import visible_weight
+
+_REACH = 3.0
+"""Distance from the point within which Gaussians are looked at, in radii."""
+_RINGS = ((5.0, 8), (35.0, 8), (65.0, 4))
+"""Pitch in degrees and number of views of each ring around the point."""
+_MAX_ANGLE = np.cos(np.radians(50))
+"""Cosine of the largest angle between a view and the nearest training camera: beyond it nothing was photographed."""
+_SIZE, _FOV, _DISTANCE = 256, np.radians(60), 4.0
+"""Size in pixels, field of view and distance in radii of these views."""
+_REFERENCE_RADIUS = 64.0
+"""Radius in pixels to which the weights of the user's view are scaled, whatever its resolution."""
+_MIN_VISIBLE, _MIN_VISIBLE_IN_VIEW = 0.5, 0.3
+"""Smallest visible weight of a node, in pixels over all views, and in the user's view to be judged by it."""
+_MAX_NODES = 15_000
+_NEIGHBOURS, _NEIGHBOURHOOD = 10, 17
+"""Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""
+_MAX_WEIGHT = 20.0
+"""Visible weight beyond which a Gaussian counts no more in these estimates."""
+_COLOUR_SIGMA = 10.0
+"""Standard deviation of edge weights over Lab colours."""
+_LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
+"""Weights of the channels in distances between Lab colours: lightness changes with shading."""
+_CONCAVITY = 0.3
+"""Concavity at which an edge weighs 1/e: the difference of the normals along the edge."""
+_UNEVEN = 0.5
+"""Weight of edges where the surface is too uneven to have a normal, relative to those of a convex surface."""
+_MIN_EDGE = 0.05
+"""Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
+_GAP, _GAP_SPACINGS = 0.1, 3.0
+"""Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
+_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
+"""Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
+_MAX_RATIO = 2.0
+"""Log-ratio at which colour evidence is clipped."""
+_HIDDEN_NEIGHBOURS, _HIDDEN_REACH = 4, 0.5
+"""Number of nodes that a hidden Gaussian follows, and its largest distance from the nearest, in radii."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGraph:
+    """The S visible Gaussians, of a scene's N, around a point."""
+
+    centre: Float64Array
+    """The point, (3,)."""
+    radius: float
+    """The unit of lengths and areas, about half the object's size, in scene units."""
+    rows: IntArray
+    """Rows of the nodes in the scene, (S,)."""
+    hidden: IntArray
+    """Rows of the other Gaussians around the point, (H,)."""
+    means: FloatArray
+    """Centres of the nodes, (S, 3)."""
+    colours: FloatArray
+    """Lab colours of the nodes, smoothed along the surface, (S, 3)."""
+    areas: Float64Array
+    """Area of surface that each node stands for, in squared radii, (S,)."""
+    visible_in_view: BoolArray
+    """Which nodes are visible in the user's view, (S,)."""
+    edges: IntArray
+    """Pairs of neighbouring nodes, each once, (E, 2)."""
+    lengths: Float64Array
+    """Length of boundary that passes between both nodes of an edge, in radii, (E,)."""
+    weights: Float64Array
+    """That length times how much both belong together, 0 to 1, (E,)."""
+
+    @property
+    def gap(self) -> float:
+        """Largest distance between nodes in one connected piece, in scene units."""
+        return self.radius * max(_GAP, _GAP_SPACINGS * float(np.sqrt(np.median(self.areas))))
+
+    def cut(self, unaries: Float64Array) -> BoolArray:
+        """Which nodes are object by the minimum cut, (S,).
+
+        Args:
+            unaries: the cost of each node as background, or, below zero, of each as object, (S,); minus infinity for
+                certain background.
+        """
+        free = ~np.isneginf(unaries)
+        numbers = np.cumsum(free) - 1
+        ends = free[self.edges]
+        within, across = ends.all(axis=1), ends[:, 0] != ends[:, 1]
+        border = self.edges[across][ends[across]]
+        unaries = unaries - np.bincount(border, self.weights[across], len(unaries))
+        found = np.zeros(len(unaries), np.bool_)
+        found[free] = min_cut(unaries[free], numbers[self.edges[within]], self.weights[within])
+        return found
+
+    def boundary(self, part: BoolArray) -> tuple[float, float]:
+        """Weight and length of the boundary between some nodes (S,) and the others, in radii."""
+        cut = part[self.edges[:, 0]] != part[self.edges[:, 1]]
+        return float(self.weights[cut].sum()), float(self.lengths[cut].sum())
+
+    def colour_evidence(self, part: BoolArray) -> tuple[Float64Array, float]:
+        """Clipped log-likelihood ratio of each node's colour in a part (S,) against the rest, (S,).
+
+        The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
+        """
+        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
+        flat = np.ravel_multi_index(tuple(bins.T), _BINS)
+        inside, outside = self.areas * part, self.areas * ~part
+        models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
+        ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[flat]
+        hits = [
+            areas[right].sum() / max(areas.sum(), 1e-12)
+            for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
+        ]  # fmt: skip
+        return np.clip(ratio, -_MAX_RATIO, _MAX_RATIO), float(np.mean(hits))
+
+    def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
+        """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
+        selection = np.zeros(len(gaussians), np.bool_)
+        selection[self.rows[part]] = True
+        rows = self.hidden[allowed[self.hidden]]
+        if len(rows):
+            squared, near = nearest(self.means, gaussians.means[rows], min(_HIDDEN_NEIGHBOURS, len(self.means)))
+            beside = (part[near].mean(axis=1) > 0.5) & (squared[:, 0] < (_HIDDEN_REACH * self.radius) ** 2)
+            selection[rows[beside]] = True
+        return selection
+
+
+def build_surface_graph(
+    gaussians: Gaussians, camera: Camera, centre: Float64Array, radius: float, candidates: BoolArray, up: Float64Array,
+    renderer: Renderer, seen_from: Sequence[Camera] = (), reach: float = 1.0,
+) -> SurfaceGraph:  # fmt: skip
+    """The visible surface around a point, from the user's view and from all around.
+
+    Args:
+        camera: the user's view.
+        centre: the point, (3,).
+        radius: about half the size of the object there, in scene units.
+        candidates: which Gaussians may become nodes, (N,).
+        up: the scene's up vector, (3,).
+        seen_from: training cameras, if known: views from other sides are left out.
+        reach: factor on the distance within which Gaussians are looked at.
+    """
+    near = np.flatnonzero(np.linalg.norm(gaussians.means - centre, axis=1) < _REACH * reach * radius)
+    local = gaussians.select(near)
+    views = _views_around(camera, centre, reach * radius, up, seen_from)
+    pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
+    in_view = _visible(gaussians, camera, renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
+    weights = [_visible(local, view, renderer) for view in views]
+    visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
+    nodes = candidates[near] & (visible > _MIN_VISIBLE)
+    if np.count_nonzero(nodes) > _MAX_NODES:
+        nodes &= visible >= np.partition(visible[nodes], -_MAX_NODES)[-_MAX_NODES]
+    facing = np.zeros((np.count_nonzero(nodes), 3), np.float32)
+    for weight, view in zip([*weights, in_view], [*views, camera], strict=True):
+        facing += weight[nodes, None] * _directions(local.means[nodes], view.centre)
+
+    means = local.means[nodes]
+    squared, beside = nearest(means, means, min(_NEIGHBOURHOOD, len(means)))
+    sigmas = np.maximum(squared[:, [squared.shape[1] // 2]], 1e-30)
+    shares = np.minimum(visible[nodes], _MAX_WEIGHT)[beside] * np.exp(-0.5 * squared / sigmas)
+    colours = _smoothed(np.clip(0.5 + SH_C0 * local.sh_dc[nodes], 0, 1), beside, shares)
+    normals, flatness = _normals(means, beside, shares, facing)
+    spacing = np.sqrt(squared[:, squared.shape[1] // 4])
+    edges, lengths = _edges(beside, np.sqrt(squared), spacing)
+    affinity = _affinity(edges, means, colours, normals, flatness)
+    return SurfaceGraph(
+        centre, radius, near[nodes], near[~nodes], means, colours, np.square(spacing / radius, dtype=np.float64),
+        in_view[nodes] > _MIN_VISIBLE_IN_VIEW, edges, lengths / radius, lengths / radius * affinity,
+    )  # fmt: skip
+
+
+def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
+    """Both ends of each Gaussian's longest axis, two standard deviations from its centre, (N, 3) each."""
+    longest = np.argmax(gaussians.log_scales, axis=1)
+    axes = rotation_matrices(gaussians.quaternions)[np.arange(len(gaussians)), :, longest]
+    arms = 2 * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))[:, None] * axes
+    return gaussians.means - arms, gaussians.means + arms
+
+
+def _views_around(
+    camera: Camera, centre: Float64Array, radius: float, up: Float64Array, seen_from: Sequence[Camera]
+) -> list[Camera]:
+    """Small views of a point from all around, starting at the user's yaw."""
+    axes = up_frame(up)
+    offset = axes @ (camera.centre - centre)
+    directions = []
+    for pitch, number in _RINGS:
+        yaws = np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(number) / number
+        level, rise = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
+        directions += [np.array([np.cos(yaw) * level, np.sin(yaw) * level, rise]) @ axes for yaw in yaws]
+    photographed = -_directions(np.array([taken.centre for taken in seen_from]).reshape(-1, 3), centre)
+    if len(photographed):
+        directions = [way for way in directions if (photographed @ way).max() > _MAX_ANGLE]
+    K = intrinsics(_FOV, _SIZE, _SIZE)
+    poses = [look_at(centre + _DISTANCE * radius * way, centre, axes[2]) for way in directions]
+    return [Camera(pose, K, _SIZE, _SIZE, near=0.01 * radius) for pose in poses]
+
+
+def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
+    """Blend weight of each Gaussian in a view, in pixels, (N,)."""
+    labels = np.zeros((camera.height, camera.width), np.uint8)
+    return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
+
+
+def _directions(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
+    """Unit vectors from points (P, 3) to a target (3,), (P, 3)."""
+    offset = np.asarray(target - points, np.float32)
+    return np.asarray(offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-30))
+
+
+def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) -> FloatArray:
+    """Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
+    lab = np.asarray(cv2.cvtColor(rgb.astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0])
+    for _ in range(2):
+        difference = np.square(lab[beside] - lab[:, None]).sum(axis=2)
+        alike = shares * np.exp(-0.5 * difference / (2 * _COLOUR_SIGMA) ** 2)
+        lab = np.einsum("sk,ski->si", alike, lab[beside]) / np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
+    return np.asarray(lab, np.float32)
+
+
+def _normals(
+    means: FloatArray, beside: NDArray[np.int32], shares: FloatArray, facing: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Unit normals (S, 3) of the neighbourhoods (S, K), on the side that is seen, and their flatness, 0 to 1, (S,)."""
+    shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-30)
+    around = means[beside]
+    offsets = around - np.einsum("sk,ski->si", shares, around)[:, None]
+    variances, axes = np.linalg.eigh(np.einsum("sk,ski,skj->sij", shares, offsets, offsets))
+    normals = axes[:, :, 0]
+    normals = normals * np.where(np.einsum("si,si->s", normals, facing) < 0, -1, 1)[:, None]
+    flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
+    return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
+
+
+def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray) -> tuple[IntArray, Float64Array]:
+    """Pairs of neighbours, each once, (E, 2), and the length of boundary that passes between them, (E,).
+
+    The edges of a node share the length of boundary that passes it, so that the length of a cut does not depend on how
+    densely a surface is covered.
+    """
+    n, k = len(beside), min(_NEIGHBOURS, beside.shape[1] - 1)
+    starts, ends = np.repeat(np.arange(n), k), beside[:, 1 : k + 1].ravel().astype(np.int64)
+    keys = np.minimum(starts, ends) * n + np.maximum(starts, ends)
+    _, first, count = np.unique(keys, return_index=True, return_counts=True)
+    a, b = starts[first], ends[first]
+    width = np.sqrt(spacing[a] * spacing[b]).astype(np.float64)
+    near = np.exp(-0.5 * (distances[:, 1 : k + 1].ravel()[first] / np.maximum(1.5 * width, 1e-30)) ** 2)
+    return np.stack([a, b], axis=1), near * width * (2 * count / max(k, 1))
+
+
+def _affinity(
+    edges: IntArray, means: FloatArray, colours: FloatArray, normals: FloatArray, flatness: FloatArray
+) -> Float64Array:
+    """How much both ends of each edge belong together by colour and convexity, 0 to 1, (E,)."""
+    a, b = edges.T
+    difference = np.square((colours[a] - colours[b]) * _LAB_WEIGHTS).sum(axis=1)
+    step = (means[b] - means[a]).astype(np.float64)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)
+    concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
+    flat = np.minimum(flatness[a], flatness[b])
+    convex = flat * np.exp(-concavity / _CONCAVITY) + (1 - flat) * _UNEVEN
+    return np.asarray(_MIN_EDGE + (1 - _MIN_EDGE) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
+
+
+def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
+    """Normalised colour histogram over flat bins, blurred by one bin, flat."""
+    counts = np.bincount(bins, areas, int(np.prod(_BINS))).reshape(_BINS)
+    for axis in range(3):
+        padded = np.pad(np.moveaxis(counts, axis, 0), ((1, 1), (0, 0), (0, 0)))
+        counts = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
+    return np.asarray((counts / max(counts.sum(), 1e-12)).ravel())

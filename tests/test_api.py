@@ -1,0 +1,434 @@
+"""The library in one import: what it loads and when, what `trim` takes, and what results can do."""
+
+import inspect
+import json
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+
+import gaussian_trimmer as gt
+from gaussian_trimmer.arguments import mask_of_selection
+from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.commands.select import Select
+from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.config import BoundaryConfig
+from gaussian_trimmer.output.report import RESULT_FILES
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.result import RowLabel
+
+SCENE, TRUTH = toy.ball_on_floor()
+ROUGH = toy.dilated(SCENE, TRUTH)
+CONFIG = toy.small_config(boundary=BoundaryConfig(min_share=0.1, min_area=1e-5))  # low enough for splits
+HEAVY = {"numba", "cv2", "numpy", "tyro", "rich", "torch"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_pixels_need_one_thread():
+    with toy.one_thread():
+        yield
+
+
+@pytest.fixture(scope="module")
+def result():
+    return gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.TightMasks())
+
+
+def loaded_by(code):
+    """Names of the packages and modules that a fresh interpreter has loaded after some code."""
+    code = f"import sys; sys.argv = ['gaussian-trimmer']; {code}; print(); print(*sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": str(Path(gt.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+# The import
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    modules = loaded_by("import gaussian_trimmer")
+    assert not modules & HEAVY
+    assert {name for name in modules if name.startswith("gaussian_trimmer")} == {"gaussian_trimmer"}
+
+
+def test_listing_names_and_catching_errors_loads_nothing_heavy():
+    assert not loaded_by("import gaussian_trimmer as gt; dir(gt); gt.InputError") & HEAVY
+
+
+def test_reading_a_scene_compiles_nothing():
+    modules = loaded_by("import gaussian_trimmer as gt; gt.read, gt.write, gt.read_selection, gt.Gaussians")
+    assert "numpy" in modules and not modules & {"numba", "cv2", "gaussian_trimmer.pipeline"}
+
+
+def test_the_overview_of_the_commands_loads_nothing_heavy():
+    assert not loaded_by("from gaussian_trimmer.cli import main; main(['--help'])") & HEAVY
+
+
+def test_help_of_reading_commands_does_not_load_the_trimmer():
+    code = "from gaussian_trimmer.cli import main\ntry: main(['convert', '--help'])\nexcept SystemExit: pass\nprint()"
+    modules = loaded_by(f"exec({code!r})")
+    assert "tyro" in modules
+    assert not modules & {"numba", "torch", "gaussian_trimmer.pipeline"}
+
+
+def test_all_names_exist_and_are_listed():
+    assert set(gt.__all__) <= set(dir(gt))
+    for name in gt.__all__:
+        assert getattr(gt, name) is not None
+    assert {"read", "write", "read_selection", "read_cameras", "trim", "TrimConfig", "TrimResult"} <= set(gt.__all__)
+
+
+def test_unknown_names_are_refused_as_by_any_module():
+    with pytest.raises(AttributeError, match=r"'gaussian_trimmer' has no attribute 'trimm'"):
+        gt.trimm  # noqa: B018
+
+
+def test_read_cameras_gives_what_trim_takes(tmp_path):
+    frame = {"world_to_camera": np.eye(4).tolist(), "K": np.eye(3).tolist(), "width": 2, "height": 2}
+    (tmp_path / "cameras.json").write_text(json.dumps({"frames": [frame]}))
+    assert isinstance(gt.read_cameras(tmp_path / "cameras.json"), CameraSet)
+
+
+# What trim takes
+
+
+def test_everything_after_the_selection_is_given_by_name():
+    parameters = list(inspect.signature(gt.trim).parameters.values())
+    assert [p.name for p in parameters if p.kind is not p.KEYWORD_ONLY] == ["scene", "selection"]
+
+
+def test_python_and_the_command_line_have_the_same_defaults():
+    defaults = {name: p.default for name, p in inspect.signature(gt.trim).parameters.items()}
+    for command in (Trim, Select):
+        assert defaults["renderer"] == command.__dataclass_fields__["renderer"].default
+    assert defaults["segmenter"] == Trim.__dataclass_fields__["segmenter"].default
+
+
+def test_views_and_up_need_no_nested_settings(result):
+    other = gt.trim(SCENE, ROUGH, config=toy.small_config(up=None), segmenter=toy.TightMasks(), up="z", views=3)
+    assert len(other.views) == 3
+    assert (other.config.plan.views, other.config.plan.size, other.up.source) == (3, 160, "given")
+    np.testing.assert_array_equal(other.up.direction, toy.UP)
+
+
+@pytest.mark.parametrize(
+    ("up", "vector"),
+    [
+        ("x", (1, 0, 0)),
+        ("-y", (0, -1, 0)),
+        ("+Z", (0, 0, 1)),
+        (np.float32([0, 0, 2]), (0, 0, 1)),
+        ([0, 1, 0], (0, 1, 0)),
+    ],
+)
+def test_up_is_an_axis_or_a_vector(up, vector):
+    found = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=1, up=up)
+    np.testing.assert_array_equal(found.up.direction, vector)
+
+
+@pytest.mark.parametrize(
+    "same",
+    [
+        ROUGH.astype(np.uint8),
+        255 * ROUGH.astype(np.uint8),
+        ROUGH.astype(np.int64),
+        np.flatnonzero(ROUGH),
+        np.flatnonzero(ROUGH)[::-1].astype(np.uint16),
+        np.flatnonzero(ROUGH).tolist(),
+        ROUGH.tolist(),
+    ],
+)
+def test_masks_of_whole_numbers_and_row_numbers_are_selections(same):
+    np.testing.assert_array_equal(mask_of_selection(same, len(SCENE)), ROUGH)
+
+
+def test_trim_takes_row_numbers(result):
+    other = gt.trim(SCENE, np.flatnonzero(ROUGH), config=CONFIG, segmenter=toy.TightMasks())
+    np.testing.assert_array_equal(other.source_index, result.source_index)
+    np.testing.assert_array_equal(other.selection, ROUGH)
+
+
+def test_all_rows_in_any_order_are_row_numbers():
+    assert mask_of_selection(np.arange(5)[::-1], 5).all()
+
+
+@pytest.mark.parametrize(
+    ("selection", "n", "sentence"),
+    [
+        (
+            np.array([0, 1]),
+            2,
+            r"selection \[0, 1\] can be a mask of 2 Gaussians or a list of row numbers; give booleans",
+        ),
+        (np.array([0]), 1, "can be a mask of 1 Gaussians or a list"),
+        (np.array([3, 3]), 5, "2 whole numbers from 3 to 3, some of them equal, for 5 Gaussians: .*'labels == 3'"),
+        (np.array([0, 1, 2, 2, 0]), 5, "some of them equal"),
+        (np.array([0, 1, 255, 0, 0]), 5, "names row 255, but the scene's 5 Gaussians have the row numbers 0 to 4"),
+        (np.array([0, 1, 1]), 5, "some of them equal"),
+        (np.array([-1, 2]), 5, "names row -1"),
+        (np.array([0.2, 0.9]), 2, "float64; 2 booleans are needed, such as 'scores > 0.5'"),
+        (np.zeros((5, 1), np.int64), 5, r"shape \(5, 1\)"),
+        (np.zeros(4, np.bool_), 5, r"shape \(4,\) and type bool; 5 booleans are needed"),
+        ([], 5, "selection is empty"),
+        (np.zeros(5, np.int64), 5, "selection is empty"),
+        ([[1], [2, 3]], 5, "is a list that NumPy cannot read"),
+        ("rough.npy", 5, "5 booleans are needed"),
+    ],
+)
+def test_selections_that_can_be_misunderstood_are_refused(selection, n, sentence):
+    with pytest.raises(gt.InputError, match=sentence) as refusal:
+        mask_of_selection(selection, n)
+    assert "\n" not in str(refusal.value)
+
+
+def test_ambiguity_ends_where_only_one_reading_is_possible():
+    assert mask_of_selection(np.array([1, 1]), 2).tolist() == [True, True]
+    assert mask_of_selection(np.array([0, 255]), 2).tolist() == [False, True]
+    assert mask_of_selection(np.array([1]), 1).tolist() == [True]
+    assert mask_of_selection(np.array([0, 1]), 3).tolist() == [True, True, False]
+
+
+def test_a_selection_that_changes_later_does_not_change_the_result():
+    selection = ROUGH.copy()
+    result = gt.trim(SCENE, selection, config=CONFIG, segmenter=toy.EmptyMasks(), views=1)
+    selection[:] = False
+    np.testing.assert_array_equal(result.selection, ROUGH)
+
+
+CAMERA = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=1).views[0].view.camera
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"views": [CAMERA]}, "views is a list; it is the number of virtual views, and view_cameras is the list"),
+        ({"views": True}, "views is a bool"),
+        ({"views": 2.0}, "views is a float"),
+        ({"views": 0}, "number of views is 0; at least one is needed"),
+        ({"views": 3, "view_cameras": [CAMERA]}, "3 virtual views cannot be had beside 1 view_cameras"),
+        ({"view_cameras": []}, "view_cameras is an empty list"),
+        ({"view_cameras": CAMERA}, "view_cameras must be a list"),
+        ({"view_cameras": CameraSet((CAMERA,), None, (True,), False)}, "view_cameras is a CameraSet"),
+        ({"cameras": [CAMERA]}, "cameras are a list; give a CameraSet, from gaussian_trimmer.read_cameras"),
+        ({"cameras": "sparse/0"}, "cameras are a str"),
+        ({"up": "up"}, "up vector is 'up'; give x, y, z, -x, -y or -z, or three numbers"),
+        ({"up": "--z"}, "up vector is '--z'"),
+        ({"up": (0, 0, 0)}, "up vector"),
+        ({"up": 3}, "up vector"),
+        ({"config": {"up": "z"}}, "config is a dict; give a TrimConfig"),
+        ({"scene": "scene.ply"}, "scene is a str; give Gaussians, from gaussian_trimmer.read"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_in_one_sentence(wrong, sentence):
+    with pytest.raises(gt.InputError, match=sentence) as refusal:
+        gt.trim(**{"scene": SCENE, "selection": ROUGH, "config": CONFIG, **wrong})
+    assert "\n" not in str(refusal.value)
+
+
+# Gaussians of other number types and from other programs
+
+
+def doubled():
+    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+    return gt.Gaussians(*(getattr(SCENE, name).astype(np.float64) for name in names))
+
+
+def test_float64_is_converted_and_nothing_compiled_for_it(result):
+    from gaussian_trimmer.rendering import numba_kernels
+
+    def compiled():
+        kernels = [value for value in vars(numba_kernels).values() if hasattr(value, "signatures")]
+        assert kernels
+        return [list(kernel.signatures) for kernel in kernels]
+
+    before, scene = compiled(), doubled()
+    assert {getattr(scene, name).dtype for name in ("means", "quaternions", "sh_rest")} == {np.dtype(np.float32)}
+    other = gt.trim(scene, ROUGH, config=CONFIG, segmenter=toy.TightMasks())
+    assert compiled() == before
+    np.testing.assert_array_equal(other.source_index, result.source_index)
+    np.testing.assert_array_equal(other.object.means, result.object.means)
+
+
+def test_float32_arrays_are_not_copied():
+    means = SCENE.means
+    assert SCENE.replace(means=means).means is means
+
+
+def coloured(degree, n=6):
+    rng = np.random.default_rng(degree)
+    return gt.Gaussians(
+        rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=n),
+        rng.normal(size=(n, 3)), rng.normal(size=(n, 3, (degree + 1) ** 2 - 1)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_arrays_there_and_back_are_the_same_to_the_last_bit(degree):
+    scene = coloured(degree)
+    arrays = scene.to_arrays()
+    assert arrays["sh"].shape == (6, (degree + 1) ** 2, 3)
+    again = gt.Gaussians.from_arrays(**arrays)
+    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(scene, name))
+        assert getattr(again, name).flags.c_contiguous
+        assert not np.shares_memory(getattr(again, name), getattr(scene, name)) or not getattr(again, name).size
+
+
+def test_coefficients_come_before_channels_in_arrays():
+    sh = np.arange(12.0).reshape(1, 4, 3)
+    scene = gt.Gaussians.from_arrays([[0, 0, 0]], [[1, 0, 0, 0]], sh, log_scales=[[0, 0, 0]], opacity_logits=[0])
+    assert scene.sh_dc.tolist() == [[0, 1, 2]]
+    assert scene.sh_rest[0, 0].tolist() == [3, 6, 9]  # red
+
+
+def test_linear_values_are_given_by_name():
+    arrays = {**coloured(1).to_arrays(activated=True)}
+    assert {"scales", "opacities"} < set(arrays) and "log_scales" not in arrays
+    again = gt.Gaussians.from_arrays(**arrays)
+    np.testing.assert_allclose(again.log_scales, coloured(1).log_scales, atol=1e-6)
+    np.testing.assert_allclose(again.opacity_logits, coloured(1).opacity_logits, atol=1e-5)
+    arrays["opacities"] = arrays["opacities"][:, None]  # as Inria's code holds them
+    assert gt.Gaussians.from_arrays(**arrays).opacity_logits.shape == (6,)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"log_scales": None}, "Give either scales or log_scales"),
+        ({"scales": np.ones((6, 3))}, "Give either scales or log_scales"),
+        ({"log_scales": None, "scales": -np.ones((6, 3))}, "scales go down to -1; give logarithms as log_scales"),
+        (
+            {"opacity_logits": None, "opacities": np.linspace(-3, 5, 6)},
+            "from -3 to 5, not from 0 to 1; .*opacity_logits",
+        ),
+        ({"sh": np.zeros((6, 3, 16))}, r"sh has shape \(6, 3, 16\); \(6, any, 3\) is needed"),
+        ({"sh": np.zeros((6, 5, 3))}, "K = 1, 4, 9 or 16"),
+        ({"means": np.full((6, 3), np.nan)}, "means holds NaN or infinite"),
+        ({"means": np.full((6, 3), 1e300)}, "means holds NaN or infinite"),
+        ({"quaternions": np.zeros((6, 4))}, "Quaternion 0 has length zero"),
+        ({"quaternions": np.ones((5, 4))}, r"quaternions has shape \(5, 4\); \(6, 4\) is needed"),
+        ({"opacity_logits": np.zeros((6, 2))}, r"opacity_logits has shape \(6, 2\); \(6,\) is needed"),
+        ({"means": "scene"}, "means is a str that NumPy cannot read"),
+    ],
+)
+def test_arrays_that_are_no_gaussians_are_refused(change, sentence):
+    with pytest.raises(gt.InputError, match=sentence):
+        gt.Gaussians.from_arrays(**{**coloured(3).to_arrays(), **change})
+
+
+def test_tensors_are_arrays_once_they_are_detached():
+    torch = pytest.importorskip("torch")
+    arrays = {name: torch.tensor(array) for name, array in coloured(2).to_arrays().items()}
+    np.testing.assert_array_equal(gt.Gaussians.from_arrays(**arrays).sh_rest, coloured(2).sh_rest)
+    arrays["means"].requires_grad_()
+    with pytest.raises(gt.InputError, match=r"means is a Tensor .*'.detach\(\).cpu\(\).numpy\(\)'"):
+        gt.Gaussians.from_arrays(**arrays)
+
+
+# What results can do
+
+
+def test_the_mask_of_the_object_has_whole_and_split_gaussians(result):
+    assert result.count(RowLabel.SPLIT_INSIDE) > 0
+    assert result.object_mask.shape == (len(SCENE),) and result.object_mask.dtype == np.bool_
+    np.testing.assert_array_equal(result.object_mask, toy.object_rows(result))
+
+
+def test_a_refused_trim_has_the_mask_of_the_selection():
+    result = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks())
+    assert result.refused
+    np.testing.assert_array_equal(result.object_mask, ROUGH)
+
+
+def test_saving_writes_what_the_command_writes(result, tmp_path):
+    gt.write(SCENE, tmp_path / "scene.ply")
+    np.save(tmp_path / "rough.npy", ROUGH)
+    settings = {"config": CONFIG, "quiet": True, "output": tmp_path / "command"}
+    Trim(tmp_path / "scene.ply", tmp_path / "rough.npy", **settings).run()
+    trimmed = gt.trim(gt.read(tmp_path / "scene.ply"), ROUGH, config=CONFIG)
+    assert trimmed.save(tmp_path / "python") == tmp_path / "python"
+    names = {path.relative_to(tmp_path / "python") for path in (tmp_path / "python").rglob("*")}
+    assert names == {path.relative_to(tmp_path / "command") for path in (tmp_path / "command").rglob("*")}
+    assert len(names) == len(RESULT_FILES) + 5
+    for name in names - {next(name for name in names if name.name == "report.json")}:
+        if (tmp_path / "python" / name).is_file() and name.suffix != ".npz":
+            assert (tmp_path / "python" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
+    one, other = (json.loads((tmp_path / folder / "report.json").read_text()) for folder in ("python", "command"))
+    assert one.keys() == other.keys()
+    for key in one.keys() - {"inputs", "seconds"}:
+        assert one[key] == other[key], key
+    assert one == json.loads(json.dumps(trimmed.report))
+
+
+def test_saving_replaces_only_what_it_may(result, tmp_path):
+    result.save(tmp_path / "trimmed")
+    with pytest.raises(gt.InputError, match="not empty"):
+        result.save(tmp_path / "trimmed")
+    result.save(str(tmp_path / "trimmed"), overwrite=True, format="splat")
+    assert (tmp_path / "trimmed" / "object.splat").is_file()
+    with pytest.raises(gt.InputError, match="Unknown format 'obj'; available: ply"):
+        result.save(tmp_path / "other", format="obj")
+    assert not (tmp_path / "other").exists()
+
+
+def test_saving_draws_with_the_renderer_of_the_trim(tmp_path):
+    class Counting(NumbaRenderer):
+        name = "counting"
+        calls = 0
+
+        def render(self, *arguments, **options):
+            self.calls += 1
+            return super().render(*arguments, **options)
+
+    renderer = Counting()
+    result = gt.trim(SCENE, ROUGH, config=CONFIG, renderer=renderer, views=2)
+    before = renderer.calls
+    result.save(tmp_path / "trimmed")
+    assert renderer.calls > before
+    assert result.report["renderer"] == "counting"
+
+
+def test_a_segmenter_describes_itself_in_the_report():
+    class Described(toy.TightMasks):
+        def describe(self):
+            return "tight by two pixels"
+
+    result = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=Described(), views=2)
+    assert (result.segmenter, result.report["segmenter"]) == ("tight", "tight by two pixels")
+
+
+def test_slim_results_keep_decisions_and_let_go_of_the_rest(result):
+    import pickle  # only to weigh it
+
+    slim = result.slim()
+    np.testing.assert_array_equal(slim.object_mask, result.object_mask)
+    np.testing.assert_array_equal(slim.object_label, result.label[: len(result.object)])
+    rest = slice(len(result.object), None)
+    pruned = result.source_index[rest][result.label[rest] == RowLabel.PRUNED]
+    np.testing.assert_array_equal(slim.pruned_rows, pruned)
+    assert len(slim.masks) == len(result.views)
+    for mask, view in zip(slim.masks, result.views, strict=True):
+        assert mask.dtype == np.bool_
+        np.testing.assert_array_equal(mask, view.mask)
+    assert (slim.report, slim.refused) == (result.report, result.refused)
+    arrays = [slim.object_rows, slim.object_label, slim.pruned_rows, *(bits for _, bits in slim.packed_masks)]
+    assert all(array.base is None for array in arrays)  # views would hold what they are views of
+    # Five masks of 160 x 160 bits, five bytes for each row of the object, and the report.
+    assert len(pickle.dumps(slim)) < 5 * 160 * 160 / 8 + 5 * len(result.object) + 4 * len(pruned) + 10_000
+
+
+def test_stages_are_logged_and_no_handler_is_installed(caplog):
+    stages = []
+    with caplog.at_level(logging.INFO, logger="gaussian_trimmer"):
+        result = gt.trim(SCENE, ROUGH, config=CONFIG, views=2, progress=stages.append)
+    logged = [record for record in caplog.records if record.name == "gaussian_trimmer"]
+    assert {record.levelno for record in logged} == {logging.INFO}
+    lines = [record.getMessage() for record in logged]
+    assert lines[:-1] == [f"stage: {stage}" for stage in stages]
+    assert lines[-1] == f"object of {len(result.object)} Gaussians from a selection of {ROUGH.sum()}"
+    assert logging.getLogger("gaussian_trimmer").handlers == []

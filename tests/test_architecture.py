@@ -1,0 +1,198 @@
+"""Which modules may import which, read from the source: imports point one way, and stages do not know each other."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import gaussian_trimmer
+from gaussian_trimmer.rendering import RENDERERS
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, SEGMENTERS
+
+PACKAGE = Path(gaussian_trimmer.__file__).parent
+STAGES = ("planning", "segmentation", "decomposition")
+FILES = ("formats", "camera_files", "selection_files")
+BASE = (
+    "settings", "errors", "compiling", "atomic", "reading", "zip_members", "picture_headers", "gaussians", "cameras",
+    "label_assignment", "sample",
+)  # fmt: skip
+LAYERS = (
+    BASE,
+    ("geometry", "rendering"),
+    ("views",),
+    FILES,
+    STAGES,
+    ("config", "plugin_checks"),
+    ("arguments", "result"),
+    ("pipeline",),
+    ("output", "evaluation", "selecting"),
+    ("commands", "app", "batch"),
+    ("cli",),
+    ("__main__", "__init__"),
+)
+"""Rooms of the package, callers last. A room imports from itself and from layers before its own; base modules, of which
+each is one file, also from each other."""
+
+EXCEPTIONS = {
+    ("selection_files", "formats"): "a splat file can be a selection: its rows are read with the scene's own reader",
+    ("result", "output"): "a result saves itself as the command line does; what writes is loaded when it is asked to",
+}
+"""Imports between rooms that the layers would forbid, with the reason."""
+
+HEAVY = ("torch", "transformers", "onnxruntime", "gsplat", "viser", "ray")
+"""Packages that take seconds to import or are not installed with the package itself."""
+HEAVY_FILES: dict[str, str] = {}
+"""Files that may import one of these when they are loaded, because they are loaded late themselves."""
+
+
+def modules() -> list[Path]:
+    return sorted(path for path in PACKAGE.rglob("*.py"))
+
+
+def room(path: Path) -> str:
+    """The folder in the package's root that holds a file, or the file itself."""
+    first = path.relative_to(PACKAGE).parts[0]
+    return first.removesuffix(".py")
+
+
+def imported_modules(tree: ast.AST) -> Iterator[str]:
+    """Full names of what is imported anywhere in a module, late or not."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            # What is imported from a package may be a module of it, or a name in it.
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def imported_rooms(tree: ast.AST) -> set[str]:
+    rooms = {name for layer in LAYERS for name in layer} | {room(path) for path in modules()}
+    parts = [name.split(".") for name in imported_modules(tree)]
+    return {part[1] for part in parts if part[0] == "gaussian_trimmer" and len(part) > 1 and part[1] in rooms}
+
+
+def loaded_with(tree: ast.Module) -> Iterator[str]:
+    """Names of the packages that are imported when a module is, not when one of its functions is called."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            continue
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            waiting += node.orelse
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module.split(".")[0]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module") and node.args:
+            yield ast.unparse(node.args[0]).strip("'\"").split(".")[0]
+        waiting += ast.iter_child_nodes(node)
+
+
+def may_import(importer: str, imported: str) -> bool:
+    if importer == imported or (importer, imported) in EXCEPTIONS:
+        return True
+    if importer in BASE or imported in BASE:
+        return imported in BASE
+    if importer in FILES:
+        return imported == "geometry"
+    layers = {name: number for number, layer in enumerate(LAYERS) for name in layer}
+    return layers[imported] < layers[importer]
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in modules()}
+
+
+def test_every_room_has_a_layer() -> None:
+    known = {name for layer in LAYERS for name in layer}
+    assert {room(path) for path in modules()} <= known
+
+
+def test_imports_point_one_way(trees: dict[Path, ast.Module]) -> None:
+    wrong = [
+        f"{path.relative_to(PACKAGE)} imports {imported}"
+        for path, tree in trees.items()
+        for imported in sorted(imported_rooms(tree))
+        if not may_import(room(path), imported)
+    ]
+    assert wrong == []
+
+
+def test_stages_do_not_import_each_other(trees: dict[Path, ast.Module]) -> None:
+    for path, tree in trees.items():
+        if room(path) in STAGES:
+            assert imported_rooms(tree) & set(STAGES) <= {room(path)}, path
+
+
+def test_no_exception_is_left_over(trees: dict[Path, ast.Module]) -> None:
+    used = {(room(path), imported) for path, tree in trees.items() for imported in imported_rooms(tree)}
+    assert set(EXCEPTIONS) <= used
+
+
+def test_base_modules_do_not_import_each_other_in_a_circle(trees: dict[Path, ast.Module]) -> None:
+    imports = {room(path): imported_rooms(tree) & set(BASE) for path, tree in trees.items() if room(path) in BASE}
+    while imports:
+        free = [name for name, needed in imports.items() if not needed & imports.keys()]
+        assert free, f"{sorted(imports)} import each other in a circle"
+        imports = {name: needed for name, needed in imports.items() if name not in free}
+
+
+def test_heavy_packages_are_imported_late(trees: dict[Path, ast.Module]) -> None:
+    for path, tree in trees.items():
+        heavy = set(loaded_with(tree)) & set(HEAVY)
+        assert heavy <= {HEAVY_FILES.get(path.relative_to(PACKAGE).as_posix())}, path
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("import torch", {"torch"}),
+        ("if True:\n    from torch.nn import Module", {"torch"}),
+        ("class A:\n    import gsplat.cuda", {"gsplat"}),
+        ("torch = import_module('torch.cuda')", {"torch"}),
+        ("def late():\n    import torch", set()),
+        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch", {"typing"}),
+    ],
+)
+def test_what_is_loaded_with_a_module(source: str, found: set[str]) -> None:
+    assert set(loaded_with(ast.parse(source))) == found
+
+
+@pytest.mark.parametrize(
+    ("importer", "imported", "allowed"),
+    [
+        ("pipeline", "planning", True),
+        ("planning", "pipeline", False),
+        ("planning", "segmentation", False),
+        ("decomposition", "rendering", True),
+        ("geometry", "rendering", False),
+        ("cameras", "gaussians", True),
+        ("cameras", "geometry", False),
+        ("formats", "geometry", True),
+        ("formats", "rendering", False),
+        ("selection_files", "formats", True),
+        ("formats", "selection_files", False),
+        ("output", "evaluation", False),
+        ("result", "output", True),
+        ("result", "pipeline", False),
+        ("commands", "output", True),
+        ("segmentation", "segmentation", True),
+    ],
+)
+def test_the_rule(importer: str, imported: str, allowed: bool) -> None:
+    assert may_import(importer, imported) == allowed
+
+
+def test_names_in_tables_are_those_of_the_classes() -> None:
+    rows = {name: row[:2] for table in (RENDERERS, SEGMENTERS) for name, row in table.items()}
+    for name, (module, attribute) in rows.items():
+        assert getattr(import_module(module), attribute).name == name
+    assert {DEFAULT_SEGMENTER, PAPER_SEGMENTER} <= SEGMENTERS.keys()

@@ -1,0 +1,708 @@
+"""Files that were made to hurt: what they would cost, print, open or break is refused with a sentence."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import struct
+import sys
+import tracemalloc
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from command_line import run
+from format_samples import sample
+from selection_builders import make_scene, rows_mask, save_ply
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import json_files, read_camera_set
+from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.commands.inspection import describe_file
+from gaussian_trimmer.errors import InputError, printable, shown
+from gaussian_trimmer.formats import ply
+from gaussian_trimmer.reading import file_bytes, reading
+from gaussian_trimmer.segmentation.segmenters import mask_files
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask, ids_of, mask_of
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
+from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.zip_members import member_bytes, open_archive
+
+N = 12
+SCENE = make_scene(N)
+ENDINGS = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".ksplat")
+ESCAPES = "\x1b]0;owned\x07\x1b[31mred"
+
+
+@contextmanager
+def memory_below(limit: float) -> Iterator[None]:
+    """Refuse more memory of Python's and NumPy's than a limit in bytes."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < limit
+    finally:
+        tracemalloc.stop()
+
+
+def save(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def npy(header: str, data: bytes = bytes(64), version: int = 1) -> bytes:
+    text = header.encode("latin-1") + b"\n"
+    return b"\x93NUMPY" + bytes([version, 0]) + struct.pack("<H" if version == 1 else "<I", len(text)) + text + data
+
+
+def shape(text: str, descr: str = "|b1") -> str:
+    return f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {text}, }}"
+
+
+def zipped(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w", compression) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return target.getvalue()
+
+
+def png(width: int, height: int, depth: int = 8, colours: int = 0, rows: int = 1) -> bytes:
+    """A PNG that announces a size, with some of its rows."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    channels = {0: 1, 2: 3, 6: 4}[colours]
+    pixels = zlib.compress(bytes(rows * (1 + (width * channels * depth + 7) // 8)))
+    head = struct.pack(">IIBBBBB", width, height, depth, colours, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+def frame(**changes: Any) -> dict[str, Any]:
+    K = [[30, 0, 12], [0, 30, 8], [0, 0, 1]]
+    return {"file": "a.png", "width": 24, "height": 16, "K": K, "world_to_camera": np.eye(4).tolist()} | changes
+
+
+def cameras_of(path: Path, *frames: dict[str, Any], **document: Any) -> tuple[Camera, ...]:
+    path.write_text(json.dumps({"frames": list(frames), **document}))
+    return read_camera_set(path).cameras
+
+
+class TestMessages:
+    def test_escapes_line_ends_and_bidirectional_marks_are_spelt_out(self):
+        assert printable("a\x1b[2J\x07\u202eb\ud800\n\tc") == "a\\x1b[2J\\x07\\u202eb\\ud800  c"
+        assert printable("Fläche, 面") == "Fläche, 面"
+
+    def test_long_texts_lose_their_middle(self):
+        assert printable("a" * 600 + "b" * 600, 1000) == "a" * 499 + "..." + "b" * 498
+        assert len(shown("\x1b" * 200)) == 80
+        assert len(str(InputError("x" * 20_000))) == 1000
+
+    def test_names_in_a_ply_do_not_reach_the_terminal_as_they_are(self, tmp_path, capsys):
+        scene = SCENE.replace(extras={ESCAPES: np.zeros(N, np.float32)})
+        path = save_ply(tmp_path / "a.ply", scene)
+        assert run("info", path) == 0
+        assert run("trim", path, path, "--selection.property", "absent", "--output", tmp_path / "out") == 2
+        printed = "".join(capsys.readouterr())
+        assert "\\x1b]0;owned\\x07" in printed
+        assert not set("\x1b\x07") & set(printed)
+
+    def test_names_in_archives_pictures_and_arrays_do_not_either(self, tmp_path, capsys):
+        formats.write(sample(40, 0), tmp_path / "a.sog")
+        with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        meta = json.loads(members["meta.json"])
+        meta["quats"]["files"] = [ESCAPES]
+        save(tmp_path / "a.sog", zipped({**members, "meta.json": json.dumps(meta).encode()}))
+        np.savez(tmp_path / "a.npz", **{ESCAPES: np.zeros((2, 2))})
+        cameras_of(tmp_path / "c.json", frame(file=ESCAPES), frame(file=f"{ESCAPES}2"))
+        assert run("info", tmp_path / "a.sog") == 2
+        assert run("info", tmp_path / "a.npz") == 0
+        formats.write(sample(40, 0), tmp_path / "a.ply")
+        assert (
+            run("select", tmp_path / "a.ply", "--cameras", tmp_path / "c.json", "--box", 1, 1, 2, 2, "--view", "b") == 2
+        )
+        printed = "".join(capsys.readouterr())
+        assert printed.count("\\x1b") >= 3
+        assert "\x1b" not in printed
+
+    def test_names_of_files_do_not_either(self, tmp_path, capsys):
+        scene, target = tmp_path / f"{ESCAPES}.ply", tmp_path / f"{ESCAPES}.splat"
+        formats.write(sample(5, 0), scene)
+        assert run("convert", scene, target) == 0
+        assert run("info", scene) == 0
+        assert run("convert", scene, target) == 2
+        printed = "".join(capsys.readouterr())
+        assert printed.count("\\x1b[31mred") == 3
+        assert "\x1b" not in printed
+
+    def test_a_thousand_columns_are_not_listed(self, tmp_path, capsys):
+        names = [f"column_{chr(97 + i % 26)}{chr(97 + i // 26)}" for i in range(400)]
+        scene = SCENE.replace(extras={name: np.zeros(N, np.float32) for name in names})
+        path = save_ply(tmp_path / "a.ply", scene)
+        with pytest.raises(InputError, match=r"and 38\d more"):
+            load_selection(path, scene, SelectionOptions(property="absent"))
+        assert len(describe_file(path)) < 2000
+
+    def test_a_name_beyond_ascii_on_an_ascii_terminal(self, tmp_path, monkeypatch):
+        formats.write(sample(5, 0), tmp_path / "ä.ply")
+        for name, code in (("ä.ply", 0), ("ö.ply", 2), (os.fsdecode(b"\xff.ply"), 2)):
+            streams = [io.TextIOWrapper(io.BytesIO(), encoding="ascii") for _ in range(2)]
+            monkeypatch.setattr(sys, "stdout", streams[0])
+            monkeypatch.setattr(sys, "stderr", streams[1])
+            assert run("info", tmp_path / name) == code
+            written = b""
+            for stream in streams:
+                stream.flush()
+                written += stream.buffer.getvalue()
+            assert b".ply" in written and b"\\" in written
+
+
+class TestFilesThatChange:
+    def test_size_and_time_are_compared(self, tmp_path):
+        path = save(tmp_path / "a", b"12345678")
+        with pytest.raises(InputError, match="changed while it was read"), reading(path):
+            save(path, b"1234567")
+        with pytest.raises(InputError, match="changed while it was read"), reading(path):
+            os.utime(path, (1, 1))
+        with pytest.raises(InputError, match="changed while it was read"), reading(path):
+            save(tmp_path / "b", b"7654321").replace(path)
+        with pytest.raises(InputError, match="Cannot read"), reading(path):
+            path.unlink()
+
+    @pytest.mark.parametrize("ending", ENDINGS)
+    def test_scenes(self, ending, tmp_path, monkeypatch):
+        path = tmp_path / f"a{ending}"
+        formats.write(sample(40, 0), path)
+        find_module = formats._module
+
+        def found(suffix: str) -> Any:
+            path.touch()
+            os.utime(path, (7, 7))
+            return find_module(suffix)
+
+        monkeypatch.setattr(formats, "_module", found)
+        with pytest.raises(InputError, match="changed while it was read"):
+            formats.read(path)
+
+    def test_selections(self, tmp_path, monkeypatch):
+        np.save(tmp_path / "a.npy", rows_mask(N, 2))
+        read = selection_file.read_npy
+        monkeypatch.setattr(selection_file, "read_npy", lambda path: (read(path), os.utime(path, (7, 7)))[0])
+        with pytest.raises(InputError, match="changed while it was read"):
+            load_selection(tmp_path / "a.npy", SCENE)
+
+    @pytest.mark.parametrize("changed", ["cameras.txt", "images.txt"])
+    def test_cameras(self, changed, tmp_path, monkeypatch):
+        (tmp_path / "cameras.txt").write_text("1 PINHOLE 24 16 30 30 12 8\n")
+        (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+        assert len(read_camera_set(tmp_path).cameras) == 1
+        import gaussian_trimmer.camera_files as camera_files
+
+        read = camera_files.read_colmap_frames
+        monkeypatch.setattr(
+            camera_files, "read_colmap_frames", lambda path: [*read(path), os.utime(tmp_path / changed, (7, 7))][:-1]
+        )
+        with pytest.raises(InputError, match=f"{changed}' changed while it was read"):
+            read_camera_set(tmp_path)
+
+    def test_masks(self, tmp_path, monkeypatch):
+        path = save(tmp_path / "a.png", png(24, 16, rows=16))
+        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.png")
+        assert mask_of(camera, tmp_path).shape == (16, 24)
+        read = file_bytes
+        monkeypatch.setattr(mask_files, "file_bytes", lambda *args: (read(*args), os.utime(path, (7, 7)))[0])
+        with pytest.raises(InputError, match="changed while it was read"):
+            mask_of(camera, tmp_path)
+
+
+class TestMemory:
+    def test_arrays_of_an_archive_have_one_limit(self, tmp_path):
+        array = npy(shape("(30000000,)"), bytes(30_000_000))
+        path = save(tmp_path / "a.npz", zipped({f"{i}.npy": array for i in range(4)}, zipfile.ZIP_DEFLATED))
+        with memory_below(100e6), pytest.raises(InputError, match="too many to be true"):
+            load_selection(path, SCENE)
+        assert "30000000" in describe_file(path)  # without a scene the limit is another
+
+    def test_an_array_is_measured_before_it_is_unpacked(self, tmp_path):
+        array = npy(shape("(300000000,)"), bytes(10))
+        for name, data in (("a.npz", zipped({"a.npy": array}, zipfile.ZIP_DEFLATED)), ("a.npy", array)):
+            with memory_below(1e6), pytest.raises(InputError, match=r"damaged|too many"):
+                load_selection(save(tmp_path / name, data), SCENE)
+
+    def test_text_is_read_in_pieces(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(selection_file, "_TEXT_BYTES_AT_ONCE", 1 << 14)
+        path = save(tmp_path / "a.txt", b"11 " * 100_000)
+        with memory_below(5e6), pytest.raises(InputError, match="some of them equal"):
+            load_selection(path, SCENE)  # twenty times its size, if it were split at once
+
+    @pytest.mark.parametrize("gap", [b" ", b"\n", b",", b", \r\n"])
+    def test_pieces_of_a_text_meet_between_numbers(self, gap, tmp_path, monkeypatch):
+        monkeypatch.setattr(selection_file, "_TEXT_BYTES_AT_ONCE", 7)
+        rows = [100_000 + i for i in range(50)]
+        path = save(tmp_path / "a.txt", gap.join(str(row).encode() for row in rows) + b" # 5 6\n" + gap)
+        assert open_selection(path).arrays[""].tolist() == rows
+
+    def test_json_of_millions_of_values_is_not_parsed(self, tmp_path):
+        path = save(tmp_path / "a.json", b'{"frames":[' + b"{}," * 4_200_000 + b"{}]}")
+        with memory_below(30e6), pytest.raises(InputError, match="too many for a camera file"):
+            read_camera_set(path)
+
+    def test_claims_of_compressed_scenes_are_held_against_the_size_of_the_file(self, tmp_path):
+        n = 400_000
+        header = struct.pack("<4sIIBBBB", b"NGSP", 3, n, 3, 12, 0, 0)
+        packed = gzip.compress(header + bytes(n * 65))
+        for data in (packed, packed + bytes(n)):  # what follows the data is no Gaussian either
+            with memory_below(10e6), pytest.raises(InputError, match="announces 400000 Gaussians"):
+                formats.read(save(tmp_path / "a.spz", data))
+
+    def test_textures_are_held_against_the_number_of_gaussians(self, tmp_path):
+        formats.write(sample(40, 0), tmp_path / "a.sog")
+        with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        empty = cv2.imencode(".webp", np.zeros((3000, 3000, 4), np.uint8), [cv2.IMWRITE_WEBP_QUALITY, 101])[1].tobytes()
+        data = zipped({**members, "scales.webp": empty, "filler": os.urandom(9_000_000)})
+        with memory_below(40e6), pytest.raises(InputError, match=r"claims 3000 x 3000 pixels"):
+            formats.read(save(tmp_path / "a.sog", data))
+
+    @pytest.mark.parametrize("picture", [png(30_000, 30_000, 1), png(60_000, 60_000), png(24, 17, rows=17)])
+    def test_masks_are_measured_before_they_are_decoded(self, picture, tmp_path, monkeypatch):
+        save(tmp_path / "a.png", picture)
+        monkeypatch.setattr(cv2, "imdecode", None)
+        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.png")
+        for read in (mask_of, ids_of):
+            with pytest.raises(InputError, match="pixels, but its camera has 24 x 16"):
+                read(camera, tmp_path)
+
+    def test_masks_of_the_right_size_but_of_many_bits(self, tmp_path, monkeypatch):
+        save(tmp_path / "a.png", png(8000, 8000, 16, 6))
+        monkeypatch.setattr(cv2, "imdecode", None)
+        with pytest.raises(InputError, match="64 bits in each of 8000 x 8000"):
+            mask_of(Camera(np.eye(4), intrinsics(1.0, 8000, 8000), 8000, 8000, "a.png"), tmp_path)
+
+    def test_a_jpeg_of_thousands_of_passes(self, tmp_path):
+        data = cv2.imencode(".jpg", np.zeros((16, 24), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.png")
+        save(tmp_path / "a.jpg", data)
+        assert not mask_of(camera, tmp_path).any()
+        scan = data[data.rindex(b"\xff\xda") : -2]
+        save(tmp_path / "a.jpg", data[:-2] + 2000 * scan + data[-2:])
+        with pytest.raises(InputError, match="no picture that can be read"):
+            mask_of(camera, tmp_path)
+
+    def test_frames_share_what_they_have_in_common(self, tmp_path, monkeypatch):
+        """Nothing that a frame takes grows with what stands beside the frames."""
+
+        class Watched(list):  # type: ignore[type-arg]
+            looks = 0
+
+            def __contains__(self, name: object) -> bool:
+                Watched.looks += 1
+                return super().__contains__(name)
+
+        frames = [{"file_path": f"{i}.png", "transform_matrix": np.eye(4).tolist()} for i in range(50)]
+        document = {"w": 24, "h": 16, "fl_x": 30.0, "frames": frames, "train_filenames": Watched(["7.png", ["x"], 3])}
+        document |= {f"key {i}": 0 for i in range(1000)}
+        path = save(tmp_path / "transforms.json", b"{}")
+        monkeypatch.setattr(json_files.json, "loads", lambda data: document)
+        lenses: list[Any] = []
+        make_lens = json_files.make_lens
+        monkeypatch.setattr(json_files, "make_lens", lambda *args: lenses.append(args) or make_lens(*args))
+        assert sum(read_camera_set(path).train) == 1
+        assert Watched.looks == 0
+        assert len(lenses) == 1
+        assert len(json_files._Reader(document, path, False)._shared) == 3
+
+    def test_masks_of_many_cameras_are_looked_up_in_one_list(self, tmp_path, monkeypatch):
+        save(tmp_path / "7.png", png(24, 16, rows=16))
+        cameras = [Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, f"{i}.JPG") for i in range(100)]
+        looked: list[Path] = []
+        is_file = mask_files.is_file
+        monkeypatch.setattr(mask_files, "is_file", lambda path: looked.append(path) or is_file(path))
+        assert [camera.name for camera in cameras_with_masks(cameras, tmp_path)] == ["7.JPG"]
+        assert len(looked) == 14
+
+
+class TestSmallFilesThatBrokeReaders:
+    @pytest.mark.parametrize("packed", [False, True])
+    @pytest.mark.parametrize(
+        "header",
+        [
+            shape("(40"), shape("(" + "-" * 3000 + "1,)"), shape("(99999999999999999999,)"), shape("(40, -1)"),
+            shape("(True,)"), shape("(" + "[" * 900 + "]" * 900 + ")"), shape("(0, 999999999999999, 999999999999999)"),
+            shape("(1" + ", 1" * 40 + ")"), shape("(²,)"), shape("(1,,2)"), shape("40"), shape("(40,)", "|b8"),
+            shape("(40,)", "<i3"), shape("(40,)", "x"), shape("(40,)") * 2, "", "{", "{'descr': '|b1'}", "[" * 5000,
+        ],
+    )  # fmt: skip
+    def test_headers_of_arrays(self, header, packed, tmp_path):
+        data = npy(header)
+        path = save(tmp_path / ("a.npz" if packed else "a.npy"), zipped({"a.npy": data}) if packed else data)
+        with pytest.raises(InputError, match=r"damaged|booleans or numbers|no array of numbers"):
+            load_selection(path, SCENE)
+
+    @pytest.mark.parametrize("version", [1, 2, 3])
+    @pytest.mark.parametrize("text", ["(12,)", "(12)", "( 12 , )", "(12L,)", "(12, 1)"])
+    def test_headers_that_others_write(self, version, text, tmp_path):
+        header = shape(text).replace("'", '"') if version == 2 else shape(text)
+        path = save(tmp_path / "a.npy", npy(header, rows_mask(N, 3).tobytes(), version))
+        if text == "(12)":  # a number in brackets, no tuple; NumPy refuses it too
+            assert open_selection(path).arrays[""].shape == (12,)
+        else:
+            assert np.flatnonzero(load_selection(path, SCENE)).tolist() == [3]
+
+    def test_orders_and_types_of_arrays(self, tmp_path):
+        for values in (np.arange(24).reshape(4, 6).T, np.arange(6, dtype=">u2"), np.float16([1, 2]), np.zeros((0, 3))):
+            np.save(tmp_path / "a.npy", values)
+            found = open_selection(tmp_path / "a.npy").arrays[""]
+            assert found.dtype == values.dtype
+            np.testing.assert_array_equal(found, values)
+
+    def test_booleans_that_are_neither_true_nor_false(self, tmp_path):
+        path = save(tmp_path / "a.npy", npy(shape("(12,)"), bytes([0, 2, 255, 1] + [0] * 8)))
+        assert open_selection(path).arrays[""].view(np.uint8).tolist() == [0, 1, 1, 1] + [0] * 8
+
+    @pytest.mark.parametrize("data", [b"PK\3\4" + bytes(50), b"PK\5\6" + bytes(18), b"\x93NUMPY", b"\x93NUMPY\1\0\xff"])
+    @pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.sog", "a.pt"])
+    def test_heads_without_bodies(self, name, data, tmp_path):
+        path = save(tmp_path / name, data)
+        with pytest.raises(InputError):
+            formats.read(path) if name == "a.sog" else load_selection(path, SCENE)
+
+    def test_an_archive_of_arrays_is_no_array(self, tmp_path):
+        np.savez_compressed(tmp_path / "a.npz", mask=rows_mask(N, 2))
+        with pytest.raises(InputError, match="no NumPy array"):
+            load_selection((tmp_path / "a.npz").rename(tmp_path / "a.npy"), SCENE)
+
+    @pytest.mark.parametrize("files", [[["quats.webp"]], [{"a": 1}], [None], {"quats.webp": 1}, 7])
+    def test_names_of_textures_that_are_no_text(self, files, tmp_path):
+        formats.write(sample(40, 0), tmp_path / "a.sog")
+        with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        meta = json.loads(members["meta.json"])
+        meta["quats"]["files"] = files
+        save(tmp_path / "a.sog", zipped({**members, "meta.json": json.dumps(meta).encode()}))
+        if isinstance(files, dict):
+            assert len(formats.read(tmp_path / "a.sog")) == 40
+        else:
+            with pytest.raises(InputError, match="not that of a SOG"):
+                formats.read(tmp_path / "a.sog")
+
+    def test_sections_of_a_ksplat_that_are_empty(self, tmp_path):
+        """Viewers reserve sections that they do not fill."""
+        formats.write(sample(3, 1), tmp_path / "a.ksplat")
+        data = bytearray((tmp_path / "a.ksplat").read_bytes())
+        struct.pack_into("<II", data, 4, 3, 3)
+        empty = struct.pack("<IIIIfHxxIIIIH", 0, 0, 256, 0, 5.0, 12, 1, 0, 0, 0, 1).ljust(1024, b"\0")
+        full = bytes(data[4096:5120])
+        for sections in (full + empty + empty, empty + full + empty):
+            path = save(tmp_path / "b.ksplat", bytes(data[:4096]) + sections + bytes(data[5120:]))
+            assert len(formats.read(path)) == 3
+
+    @pytest.mark.parametrize("least", [np.inf, np.nan, -3e38])
+    def test_ranges_of_a_ksplat_that_are_not_finite(self, least, tmp_path):
+        row = struct.pack("<3H7e4B9B", 0, 0, 0, *[1.0] * 7, *[9] * 13)
+        header = struct.pack("<BBxxIIIIHxx3f2f", 0, 1, 1, 1, 1, 1, 2, 0, 0, 0, least, 3e38).ljust(4096, b"\0")
+        section = struct.pack("<IIIIfHxxIIIIH", 1, 1, 4, 1, 5.0, 12, 32767, 0, 0, 1, 1).ljust(1024, b"\0")
+        path = save(tmp_path / "a.ksplat", header + section + struct.pack("<I3f", 1, 0, 0, 0) + row)
+        with pytest.raises(InputError, match=r"infinite sh_rest|sh_rest of"):
+            formats.read(path)
+
+    def test_a_picture_that_claims_more_than_can_be(self, tmp_path):
+        save(tmp_path / "a.png", png(60_000, 60_000, 1))
+        pose = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
+        with pytest.raises(InputError, match="60000 x 60000 pixels is not possible"):
+            cameras_of(tmp_path / "transforms.json", pose, camera_angle_x=0.8)
+
+    @pytest.mark.parametrize("name", ["x" * 300 + ".png", "\x00.png", "\ud800.png", "a/" * 3000 + "x", "..", "/", "-"])
+    def test_names_that_no_file_has(self, name, tmp_path):
+        cameras = cameras_of(tmp_path / "c.json", frame(file=name if len(name) < 4096 else name[:4000]))
+        assert find_mask(tmp_path, cameras[0]) is None
+        with pytest.raises(InputError, match="No mask in"):
+            cameras_with_masks(cameras, tmp_path)
+        pose = {"file_path": name, "transform_matrix": np.eye(4).tolist()}
+        with pytest.raises(InputError, match=r"image size|outside|longer than"):
+            cameras_of(tmp_path / "transforms.json", pose, camera_angle_x=0.8)
+
+    @pytest.mark.parametrize("name", [["a"], {"a": 1}, "x" * 5000])
+    def test_names_of_pictures_that_are_no_names(self, name, tmp_path):
+        with pytest.raises(InputError, match="a name that is no text"):
+            cameras_of(tmp_path / "c.json", frame(file=name))
+
+    def test_a_path_too_long_for_the_file_system(self):
+        with pytest.raises(InputError, match="There is no file"):
+            formats.read("x" * 5000 + ".ply")
+        with pytest.raises(InputError, match="There is no file"):
+            load_selection("x" * 5000 + ".npy", SCENE)
+
+
+class TestExtremeValues:
+    @pytest.mark.parametrize(
+        ("name", "value", "message"),
+        [
+            ("means", 1e19, r"means of 1e\+19, first in row 7"),
+            ("means", -1e30, r"means of -1e\+30, first in row 7"),
+            ("log_scales", 89.0, "log_scales of 89, first in row 7"),
+            ("quaternions", 1e-30, "quaternion of length 2e-30 in row 7"),
+            ("quaternions", 1e20, r"quaternion of length 2e\+20 in row 7"),
+            ("sh_dc", 1e30, r"sh_dc of 1e\+30, first in row 7"),
+            ("sh_rest", -1e30, r"sh_rest of -1e\+30, first in row 7"),
+        ],
+    )
+    @pytest.mark.parametrize("kind", ["float", "double", "ascii"])
+    def test_scenes(self, name, value, message, kind, tmp_path):
+        gaussians = sample(40, 1)
+        array = getattr(gaussians, name).copy()
+        array[7] = value
+        path = tmp_path / "a.ply"
+        ply.write(gaussians.replace(**{name: array}), path)
+        if kind != "float":
+            header, data = path.read_bytes().split(b"end_header\n", 1)
+            rows = np.frombuffer(data, "<f4").reshape(40, -1).astype("<f8")
+            text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist()).encode()
+            header = (
+                header.replace(b"float", b"double")
+                if kind == "double"
+                else header.replace(b"binary_little_endian", b"ascii")
+            )
+            save(path, header + b"end_header\n" + (rows.tobytes() if kind == "double" else text))
+        with pytest.raises(InputError, match=message):
+            formats.read(path)
+
+    @pytest.mark.parametrize("bits", [0x7FF0000000000001, 0x7FF8000000000000, 0xFFF0000000000000, 0x7FEFFFFFFFFFFFFF])
+    def test_doubles_that_float32_has_not(self, bits, tmp_path):
+        """Among them NaN that makes processors complain."""
+        ply.write(sample(40, 0), tmp_path / "a.ply")
+        header, data = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)
+        rows = np.frombuffer(data, "<f4").reshape(40, -1).astype("<f8")
+        for column, name in ((0, "means"), (-1, "quaternions"), (9, "opacity_logits")):
+            changed = rows.copy()
+            changed.view("<u8")[7, column] = bits
+            path = save(tmp_path / "b.ply", header.replace(b"float", b"double") + b"end_header\n" + changed.tobytes())
+            if name == "opacity_logits" and bits in (0xFFF0000000000000, 0x7FEFFFFFFFFFFFFF):
+                assert abs(formats.read(path).opacities[7] - (bits == 0x7FEFFFFFFFFFFFFF)) < 1e-6
+            else:
+                with pytest.raises(InputError, match=f"infinite {name}, first in row 7"):
+                    formats.read(path)
+
+    def test_scales_of_zero_and_opacities_of_any_size_are_right(self, tmp_path):
+        gaussians = sample(40, 1)
+        log_scales, logits = gaussians.log_scales.copy(), gaussians.opacity_logits.copy()
+        log_scales[3], log_scales[4], logits[3], logits[4] = -1e30, -90, 1e30, -1e30
+        ply.write(gaussians.replace(log_scales=log_scales, opacity_logits=logits), tmp_path / "a.ply")
+        found = formats.read(tmp_path / "a.ply")
+        np.testing.assert_allclose(found.scales[3:5], 1e-12, rtol=1e-5)
+        assert found.opacities[3:5].tolist() == [1, 0]
+        np.testing.assert_array_equal(found.log_scales[5:], gaussians.log_scales[5:])
+
+    @pytest.mark.parametrize("length", [1e-11, 1e11])
+    def test_lengths_of_quaternions_that_can_be_used_are(self, length, tmp_path):
+        gaussians = sample(40, 0)
+        long = gaussians.replace(quaternions=gaussians.quaternions * np.float32(length))
+        ply.write(long, tmp_path / "a.ply")
+        found = formats.read(tmp_path / "a.ply")
+        np.testing.assert_allclose(found.covariances(), gaussians.covariances(), rtol=1e-4, atol=1e-9)
+
+    @pytest.mark.parametrize("ending", [".splat", ".ksplat", ".sog", ".compressed.ply"])
+    def test_centres_in_other_formats(self, ending, tmp_path):
+        gaussians = sample(40, 0)
+        formats.write(gaussians.replace(means=gaussians.means * np.float32(1e30)), tmp_path / f"a{ending}")
+        with pytest.raises(InputError, match=r"means of .*e\+3\d, first in row"):
+            formats.read(tmp_path / f"a{ending}")
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"K": [[1e30, 0, 12], [0, 1e30, 8], [0, 0, 1]]}, r"focal lengths 1e\+30"),
+            ({"K": [[1e-9, 0, 12], [0, 30, 8], [0, 0, 1]]}, "focal lengths 1e-09"),
+            ({"K": [[30, 0, 1e12], [0, 30, 8], [0, 0, 1]]}, r"principal point \(1e\+12"),
+            ({"width": 60_000, "height": 60_000}, "60000 x 60000 pixels is not possible"),
+            ({"world_to_camera": [[1, 0, 0, 1e30], [0, 1, 0, 0], [0, 0, 1, 0]]}, r"numbers beyond 1e\+15"),
+            ({"world_to_camera": [[1e200, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}, r"numbers beyond 1e\+15"),
+        ],
+    )
+    def test_cameras(self, change, message, tmp_path):
+        with pytest.raises(InputError, match=message):
+            cameras_of(tmp_path / "c.json", frame(), frame(**change))
+
+    def test_fields_of_view_that_are_no_angle(self, tmp_path):
+        pose = {"transform_matrix": np.eye(4).tolist()}
+        for angle in (1e-300, np.pi - 1e-15):
+            with pytest.raises(InputError, match="not possible"):
+                cameras_of(tmp_path / "c.json", pose, camera_angle_x=angle, w=24, h=16)
+
+    @pytest.mark.parametrize("length", [1e-5, 1e300])
+    def test_up_vectors_of_any_length(self, length, tmp_path):
+        cameras_of(tmp_path / "c.json", frame(), up=[0, length, length])
+        up = read_camera_set(tmp_path / "c.json").up
+        np.testing.assert_allclose(up, [0, np.sqrt(0.5), np.sqrt(0.5)])
+
+    @pytest.mark.parametrize("w", ["1e200", "1e-200", "nan", "1e400", "x"])
+    def test_quaternions_of_colmap(self, w, tmp_path):
+        (tmp_path / "cameras.txt").write_text("1 PINHOLE 24 16 30 30 12 8\n")
+        (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 1 a.png\n\n2 {w} 0 0 0 0 0 0 1 b.png\n\n")
+        with pytest.raises(InputError, match=r"image 'b\.png': the quaternion"):
+            read_camera_set(tmp_path)
+
+    def test_weights_and_features(self, tmp_path):
+        weights = np.ones((2, N))
+        weights[1, 3] = 1e200
+        np.save(tmp_path / "a.npy", weights)
+        for value in (1e200, np.nan, np.inf):
+            weights[1, 3] = value
+            np.save(tmp_path / "a.npy", weights)
+            with pytest.raises(InputError, match="NaN, infinite or huge"):
+                load_selection(tmp_path / "a.npy", SCENE, SelectionOptions(kind="flashsplat"))
+        extras = {f"obj_dc_{i}": np.full(N, 1e30, np.float32) for i in range(16)}
+        path = save_ply(tmp_path / "a.ply", SCENE.replace(extras=extras))
+        with pytest.raises(InputError, match="NaN, infinite or huge"):
+            load_selection(path, SCENE, SelectionOptions(query_row=2))
+        path = save_ply(tmp_path / "b.ply", SCENE.replace(extras={"id": np.full(N, 1e30, np.float32)}))
+        with pytest.raises(InputError, match="not whole, or huge"):
+            load_selection(path, SCENE, SelectionOptions(property="id", object_id=(1,)))
+
+
+class TestPaths:
+    def document(self, folder: Path, name: str) -> Path:
+        pose = {"file_path": name, "transform_matrix": np.eye(4).tolist()}
+        folder.mkdir(exist_ok=True)
+        (folder / "transforms.json").write_text(json.dumps({"camera_angle_x": 0.8, "frames": [pose]}))
+        return folder / "transforms.json"
+
+    @pytest.mark.parametrize(
+        "name", ["../secret", "../secret.png", "a/../../secret.png", "..\\secret.png", "{}/secret.png"]
+    )
+    def test_pictures_elsewhere_are_opened_on_demand_alone(self, name, tmp_path, monkeypatch):
+        save(tmp_path / "secret.png", png(24, 16))
+        (tmp_path / "scene" / "a").mkdir(parents=True)
+        path = self.document(tmp_path / "scene", name.format(tmp_path))
+        looked: list[Path] = []
+        monkeypatch.setattr(json_files, "is_file", lambda path: looked.append(path) or path.is_file())
+        with pytest.raises(InputError, match=r"outside the folder .* --trust-paths"):
+            read_camera_set(path)
+        assert looked == []  # not even looked up
+        (camera,) = read_camera_set(path, trust_paths=True).cameras
+        assert (camera.width, camera.height) == (24, 16)
+
+    def test_links_lead_elsewhere_too(self, tmp_path):
+        save(tmp_path / "secret.png", png(24, 16))
+        path = self.document(tmp_path / "scene", "link.png")
+        (tmp_path / "scene" / "link.png").symlink_to(tmp_path / "secret.png")
+        with pytest.raises(InputError, match="--trust-paths"):
+            read_camera_set(path)
+        assert len(read_camera_set(path, trust_paths=True).cameras) == 1
+
+    def test_the_option_reaches_the_reader(self, tmp_path, capsys):
+        save(tmp_path / "secret.png", png(24, 16))
+        path = self.document(tmp_path / "scene", "../secret.png")
+        assert run("info", path) == 2
+        assert run("info", path, "--trust-paths") == 0
+        assert "24 x 16" in capsys.readouterr().out
+        formats.write(sample(40, 0), tmp_path / "a.ply")
+        for command in (["trim", "--output", tmp_path / "out"], ["select", "--box", 1, 1, 2, 2, "--view", "absent"]):
+            arguments = [command[0], tmp_path / "a.ply", *command[1:], "--cameras", path]
+            assert run(*arguments) == 2
+            assert "--trust-paths" in capsys.readouterr().err
+        assert run(*arguments, "--trust-paths") == 2
+        assert "views are named 'absent'" in capsys.readouterr().err
+
+    def test_pictures_inside_are_measured_and_not_decoded(self, tmp_path, monkeypatch):
+        for name in ("imread", "imdecode"):
+            monkeypatch.setattr(cv2, name, None)
+        save(tmp_path / "a.png", png(12_000, 12_000, 16, 6))
+        (camera,) = read_camera_set(self.document(tmp_path, "a")).cameras
+        assert (camera.width, camera.height) == (12_000, 12_000)
+
+
+class TestPictureHeaders:
+    @pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tiff", ".webp"])
+    @pytest.mark.parametrize("channels", [1, 3, 4])
+    def test_sizes_are_those_of_the_decoder(self, ending, channels, tmp_path):
+        picture = np.random.default_rng(0).integers(0, 255, (16, 24, channels), np.uint8)
+        if ending == ".webp" and channels == 1:
+            pytest.skip("WebP has no grey pictures")
+        save(tmp_path / "a.bin", cv2.imencode(ending, picture)[1].tobytes())
+        (tmp_path / "a.bin").rename(tmp_path / f"a{ending}")
+        assert mask_of(Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.jpeg"), tmp_path).shape == (16, 24)
+
+    def test_a_picture_turned_on_its_side(self, tmp_path):
+        """Cameras save how they were held; OpenCV turns such pictures upright."""
+        data = cv2.imencode(".jpg", np.zeros((16, 24), np.uint8))[1].tobytes()
+        exif = b"Exif\0\0MM\0*\0\0\0\x08\0\1\x01\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"
+        save(tmp_path / "a.jpg", data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
+        assert mask_of(Camera(np.eye(4), intrinsics(1.0, 16, 24), 16, 24, "a.png"), tmp_path).shape == (24, 16)
+
+    def test_formats_that_cannot_be_measured_are_not_decoded(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(cv2, "imdecode", None)
+        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.jpg")
+        for data in (
+            b"P5 24 16 255\n" + bytes(384),
+            b"GIF89a" + bytes(99),
+            b"#?RADIANCE\n",
+            b"\x76\x2f\x31\x01" + bytes(99),
+        ):
+            save(tmp_path / "a.png", data)
+            with pytest.raises(InputError, match="no picture that can be read"):
+                mask_of(camera, tmp_path)
+
+
+class TestArchives:
+    @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+    def test_compression_that_takes_as_much_memory_as_it_likes(self, compression, tmp_path):
+        path = save(tmp_path / "a.npz", zipped({"mask.npy": npy(shape("(12,)"))}, compression))
+        with pytest.raises(InputError, match="otherwise than by deflate"):
+            load_selection(path, SCENE)
+
+    def test_damage_shows_in_the_checksum(self, tmp_path):
+        data = bytearray(zipped({"mask.npy": npy(shape("(12,)"), bytes(12))}))
+        data[data.index(b"\n") + 3] ^= 1
+        with pytest.raises(InputError, match="CRC"):
+            load_selection(save(tmp_path / "a.npz", bytes(data)), SCENE)
+        payload = struct.pack("<4sIIBBBB", b"NGSP", 2, 1, 0, 12, 0, 0) + bytes(19)
+        whole = gzip.compress(payload)
+        assert len(formats.read(save(tmp_path / "a.spz", whole))) == 1
+        with pytest.raises(InputError, match="damaged"):
+            formats.read(save(tmp_path / "a.spz", whole[:-8] + b"1234" + whole[-4:]))
+
+    def test_a_list_of_members_beyond_all_need(self, tmp_path):
+        data = bytearray(zipped({"a": b""}))
+        struct.pack_into("<I", data, len(data) - 10, 1 << 25)
+        with (
+            pytest.raises(InputError, match=r"list of members of 33554432 bytes"),
+            open_archive(save(tmp_path / "a", bytes(data)), "x"),
+        ):
+            pass
+
+    def test_members_are_asked_for_by_name_and_size(self, tmp_path):
+        path = save(tmp_path / "a", zipped({"a": bytes(100)}, zipfile.ZIP_DEFLATED))
+        with open_archive(path, "x") as archive:
+            assert member_bytes(archive, "a", 100, path) == bytes(100)
+            with pytest.raises(InputError, match="claims 100 bytes"):
+                member_bytes(archive, "a", 99, path)
+            with pytest.raises(InputError, match="no member 'b'"):
+                member_bytes(archive, "b", 99, path)
+
+    def test_thousands_of_arrays(self, tmp_path):
+        path = save(tmp_path / "a.npz", zipped({f"{i}.npy": b"" for i in range(5000)}))
+        with pytest.raises(InputError, match="5000 arrays"):
+            load_selection(path, SCENE)
+
+    def test_an_empty_gzip_member_after_the_other(self, tmp_path):
+        data = gzip.compress(b"") * 1000
+        with pytest.raises(InputError, match=r"no \.spz file"):
+            formats.read(save(tmp_path / "a.spz", data))
+
+
+def test_files_larger_than_any_of_their_kind(tmp_path):
+    path = save(tmp_path / "a", bytes(11))
+    assert file_bytes(path, 11) == bytes(11)
+    with pytest.raises(InputError, match="11 bytes; at most 10"):
+        file_bytes(path, 10)

@@ -1,0 +1,157 @@
+"""What the CPU renderer keeps and how much memory it takes; test_rendering_parity.py tests what it computes."""
+
+import gc
+from weakref import ref
+
+import numpy as np
+import pytest
+from command_line import run, save_ball
+from scenes import front_camera, gaussian, random_scene
+
+from gaussian_trimmer import rendering
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.rendering import numba_cpu
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
+
+SCENE, CAMERA = random_scene(0), front_camera()
+LABELS = np.random.default_rng(0).integers(0, 4, (CAMERA.height, CAMERA.width)).astype(np.uint8)
+PIXELS = np.random.default_rng(0).integers(0, (CAMERA.width, CAMERA.height), (80, 2))
+
+
+def everything():
+    """Whatever a renderer can be asked about a view."""
+    renderer = NumbaRenderer()
+    seen = renderer.render(SCENE, CAMERA, weights=True)
+    values = renderer.blend_values(SCENE, CAMERA, SCENE.means)
+    weights = renderer.blend_weights(SCENE, CAMERA, LABELS, 4)
+    return [
+        seen.rgb, seen.alpha, seen.depth, seen.weights, values, weights,
+        *renderer.top_contributors(SCENE, CAMERA, PIXELS, 5),
+    ]  # fmt: skip
+
+
+# --- memory for a view
+
+
+@pytest.mark.parametrize("memory", [1, 100, 1000, 3000])
+def test_a_view_in_parts_is_the_same_view(memory, monkeypatch):
+    whole = everything()
+    longest, listed = 0, numba_cpu.bin_gaussians
+
+    def noted(*args):
+        nonlocal longest
+        lists, spans = listed(*args)
+        longest = max(longest, len(lists))
+        return lists, spans
+
+    monkeypatch.setattr(numba_cpu, "bin_gaussians", noted)
+    monkeypatch.setattr(numba_cpu, "_LISTED_BYTES", memory)
+    for one, other in zip(whole, everything(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    projection = project_view(SCENE, CAMERA)
+    assert projection.tiles is None
+    assert longest <= max(memory / 6, np.diff(projection.tile_starts).max())
+
+
+def test_weights_of_many_labels_are_found_in_parts_of_the_kept_lists(monkeypatch):
+    projection = project_view(SCENE, CAMERA)
+    n_pairs = int(projection.tile_starts[-1])
+    monkeypatch.setattr(numba_cpu, "_LISTED_BYTES", 6 * n_pairs)
+    parts = list(projection.parts(CAMERA, 15))
+    assert len(parts) > 5
+    assert sum(len(part.lists) for part in parts) == n_pairs
+    assert all(np.shares_memory(part.lists, projection.tiles.lists) for part in parts if len(part.lists))
+    assert len(list(projection.parts(CAMERA))) == 1
+
+
+def test_counts_of_pairs_have_64_bits():
+    projection = project_view(SCENE, CAMERA)
+    assert projection.tile_starts.dtype == np.int64
+    assert all(part.starts.dtype == np.int64 for part in projection.parts(CAMERA))
+
+
+def large_and_faint(n):
+    """Gaussians that reach every tile of the picture."""
+    return concatenate([gaussian((0.4, -0.3, 0.2), scale=50.0, opacity=0.01)] * n)
+
+
+def test_views_of_too_many_pairs_are_refused(monkeypatch):
+    camera = front_camera(64, 32)
+    monkeypatch.setattr(rendering, "MOST_PAIRS", 80)
+    NumbaRenderer().render(large_and_faint(10), camera)
+    with pytest.raises(InputError, match=r"64 x 32 pixels consists of 88 pairs .* at most 80 can be drawn; take sm"):
+        NumbaRenderer().render(large_and_faint(11), camera)
+
+
+def test_too_many_pairs_are_one_sentence_on_the_command_line(tmp_path, monkeypatch, capsys):
+    save_ball(tmp_path)
+    monkeypatch.setattr(rendering, "MOST_PAIRS", 1000)
+    out = tmp_path / "out"
+    assert run("trim", tmp_path / "scene.ply", tmp_path / "rough.npy", "--output", out, "--quiet") == 2
+    assert "at most 1,000 can be drawn" in capsys.readouterr().err
+    assert not out.exists()
+
+
+# --- memory for projections that are kept
+
+
+def projections_of(renderer, monkeypatch):
+    """The cameras that are projected into from now on."""
+    cameras, project = [], numba_cpu.project_view
+
+    def noted(gaussians, camera):
+        cameras.append(camera)
+        return project(gaussians, camera)
+
+    monkeypatch.setattr(numba_cpu, "project_view", noted)
+    return cameras
+
+
+def test_a_view_is_projected_once(monkeypatch):
+    renderer = NumbaRenderer()
+    projected = projections_of(renderer, monkeypatch)
+    for _ in range(2):
+        renderer.render(SCENE, CAMERA)
+        renderer.blend_weights(SCENE, CAMERA, LABELS, 4)
+        renderer.top_contributors(SCENE, CAMERA, PIXELS, 5)
+    assert projected == [CAMERA]
+
+
+def test_projections_are_kept_by_their_bytes(monkeypatch):
+    renderer, cameras = NumbaRenderer(), [front_camera(20, 10) for _ in range(4)]
+    size = project_view(SCENE, cameras[0]).nbytes
+    assert size > 1000
+    monkeypatch.setattr(numba_cpu, "_KEPT_BYTES", 3 * size)
+    projected = projections_of(renderer, monkeypatch)
+    for camera in [*cameras[:3], cameras[0], cameras[3]]:  # The oldest, the second one, makes room.
+        renderer.render(SCENE, camera)
+    assert projected == cameras
+    renderer.render(SCENE, cameras[0])
+    assert projected == cameras
+    renderer.render(SCENE, cameras[1])
+    assert projected == [*cameras, cameras[1]]
+    assert sum(projection.nbytes for *_, projection in renderer._kept.values()) <= 3 * size
+
+
+def test_one_projection_is_kept_however_large_it_is(monkeypatch):
+    monkeypatch.setattr(numba_cpu, "_KEPT_BYTES", 1)
+    renderer = NumbaRenderer()
+    projected = projections_of(renderer, monkeypatch)
+    renderer.render(SCENE, CAMERA)
+    renderer.render(SCENE, CAMERA)
+    assert projected == [CAMERA]
+    other = front_camera()
+    renderer.render(SCENE, other)
+    assert len(renderer._kept) == 1
+
+
+def test_the_renderer_keeps_no_scene_alive():
+    renderer, scene = NumbaRenderer(), random_scene(3, 20)
+    renderer.render(scene, CAMERA)
+    watched = ref(scene)
+    del scene
+    gc.collect()
+    assert watched() is None
+    renderer.render(SCENE, CAMERA)
+    assert len(renderer._kept) == 1
