@@ -115,7 +115,7 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
             except InputError as refused:
                 yield Row(scene.name, name, way, camera.name, str(refused), 0, 0.0, 0.0)
                 continue
-            result = trim(scene.gaussians, pick.selection, config, cameras=cameras)
+            result = trim(scene.gaussians, pick.selection, config=config, cameras=cameras)
             yield Row(
                 scene.name, name, way, camera.name, " and ".join(pick.ways), int(np.count_nonzero(pick.selection)),
                 _iou(scene.gaussians.select(pick.selection), views), _iou(result.object, views),

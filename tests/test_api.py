@@ -17,14 +17,16 @@ from gaussian_trimmer.arguments import mask_of_selection
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.select import Select
 from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.config import BoundaryConfig
+from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.output.report import RESULT_FILES
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.result import RowLabel
 
 SCENE, TRUTH = toy.ball_on_floor()
 ROUGH = toy.dilated(SCENE, TRUTH)
-CONFIG = toy.small_config(boundary=BoundaryConfig(min_share=0.1, min_area=1e-5))  # low enough for splits
+CONFIG = toy.small_config(
+    boundary=BoundaryConfig(min_share=0.1, min_area=1e-5), split=SplitConfig("plane")
+)  # low enough for splits
 HEAVY = {"numba", "cv2", "numpy", "tyro", "rich", "torch"}
 
 
@@ -209,7 +211,7 @@ CAMERA = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=
         ({"views": [CAMERA]}, "views is a list; it is the number of virtual views, and view_cameras is the list"),
         ({"views": True}, "views is a bool"),
         ({"views": 2.0}, "views is a float"),
-        ({"views": 0}, "number of views is 0; at least one is needed"),
+        ({"views": 0}, r"plan\.views is 0; it must be a whole number"),
         ({"views": 3, "view_cameras": [CAMERA]}, "3 virtual views cannot be had beside 1 view_cameras"),
         ({"view_cameras": []}, "view_cameras is an empty list"),
         ({"view_cameras": CAMERA}, "view_cameras must be a list"),

@@ -7,11 +7,11 @@ import pytest
 import toy
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.pipeline import PlanConfig, trim
+from gaussian_trimmer.pipeline import PlanConfig, SplitConfig, trim
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 
 SCENE, TRUTH = toy.ball_on_floor(n_floaters=0)
-CONFIG = toy.small_config(plan=PlanConfig(size=64, views=2))
+CONFIG = toy.small_config(plan=PlanConfig(size=64, views=2), split=SplitConfig("plane"))
 
 
 class Silhouettes:
