@@ -35,6 +35,7 @@ from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.result import KEPT, PRUNED, RECOVERED, SPLIT_INSIDE, SPLIT_OUTSIDE, TrimResult
+from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.acceptance import accept, harm, refusal
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
@@ -76,10 +77,12 @@ def trim(
         progress: called with a stage's name when it begins.
 
     Raises:
-        InputError: the selection has the wrong length or is empty, or a setting is out of its range.
+        InputError: the selection has the wrong length or is empty, a setting is out of its range, or the scene holds
+            numbers with which nothing can be computed.
     """
     config = config or TrimConfig()
     check_config(config)
+    check_magnitudes(scene)
     selection = _checked(selection, len(scene))
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter

@@ -11,6 +11,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.scene_limits import check_size
 from gaussian_trimmer.settings import Range, check_settings
 
 _NEAR = 0.01
@@ -56,11 +57,12 @@ def plan_cameras(
         seen_from: training cameras, if known; they limit yaw and pitch to what was really observed.
 
     Raises:
-        InputError: a setting is out of its range, or the up vector is zero.
+        InputError: a setting is out of its range, the up vector is zero, or the object is too small or too large.
     """
     check_settings(config, "plan")
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
+    check_size(bounds.radius)
     yaws, pitch = _angles(bounds, config, seen_from)
     directions = np.stack(
         [np.cos(yaws) * np.cos(pitch), np.sin(yaws) * np.cos(pitch), np.full_like(yaws, np.sin(pitch))], -1
