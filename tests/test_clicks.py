@@ -162,17 +162,29 @@ def test_pixels_outside_the_picture(ball, pixel):
         select_by_clicks(ball[0], camera_at((5, 0, 3)), [pixel], toy.UP, RENDERER)
 
 
-@pytest.mark.parametrize("box", [(5, 5, 5, 9), (9, 9, 5, 20), (0, 0, 201, 5), (-1, 0, 5, 5)])
+@pytest.mark.parametrize("box", [(5, 5, 5, 9), (9, 9, 5, 20), (200, 0, 230, 5), (-9, 50, 0, 60)])
 def test_impossible_boxes(ball, box):
-    with pytest.raises(InputError, match="not within the view"):
+    with pytest.raises(InputError, match="holds no pixel of the view of 200 x 200"):
         select_by_box(ball[0], camera_at((5, 0, 3)), box, toy.UP, RENDERER)
+
+
+def test_boxes_are_clipped_to_the_picture(ball):
+    """The ball reaches beyond the left edge: a box that passes the edge means what one up to the edge means."""
+    scene, truth = ball
+    camera = camera_at((5, 0, 3), toy.CENTRE + np.array([0, 2.4, 0]))
+    shown = RENDERER.blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
+    x0, y0, x1, y1 = bounding_box(shown)
+    assert x0 == 0
+    inside, beyond = (select_by_box(scene, camera, (low, y0, x1, y1), toy.UP, RENDERER) for low in (0, -50))
+    np.testing.assert_array_equal(inside.selection, beyond.selection)
+    assert toy.jaccard(beyond.selection, truth) > 0.9
 
 
 def test_where_nothing_is_seen(ball):
     away = camera_at((40, 0, 60), (80, 0, 120))
     with pytest.raises(InputError, match="Nothing is seen at the pixel"):
         select_by_clicks(ball[0], away, [(100, 100)], toy.UP, RENDERER)
-    with pytest.raises(InputError, match="Nothing is seen in the middle"):
+    with pytest.raises(InputError, match="Nothing is seen in the box"):
         select_by_box(ball[0], away, (50, 50, 150, 150), toy.UP, RENDERER)
     with pytest.raises(InputError, match="no click"):
         select_by_clicks(ball[0], away, [], toy.UP, RENDERER)
