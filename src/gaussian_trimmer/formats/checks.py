@@ -12,8 +12,8 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.reading import LARGEST
 
-LARGEST_LOG_SCALE = 88.0
-"""Greatest log scale: standard deviations beyond it are no float32."""
+LARGEST_LOG_SCALE = 80.0
+"""Greatest log scale: standard deviations a thousand times larger are no float32."""
 SHORTEST, LONGEST = 1e-12, 1e12
 """Lengths of quaternions; of shorter and longer ones, float32 cannot tell the direction."""
 _ROWS_PER_CHUNK = 1 << 12
