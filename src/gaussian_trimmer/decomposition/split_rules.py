@@ -191,8 +191,8 @@ def _principal_axes(factors: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Right-handed left singular vectors (M, 3, 3), in columns, and singular values (M, 3) of factors (M, 3, 3).
 
     One-sided Jacobi (Demmel and Veselic 1992): columns are turned in pairs until they are orthogonal. It starts from
-    the factor's own columns and turns no pair that is orthogonal but for rounding. Where singular values are equal, as a
-    round Gaussian's are, the axes therefore hang on the last bits of the input no more than elsewhere; LAPACK's do.
+    the factor's own columns and turns no pair that is orthogonal but for rounding. Where singular values are equal, as
+    a round Gaussian's are, the axes therefore hang on the last bits of the input no more than elsewhere; LAPACK's do.
     """
     columns = [factors[:, :, i].copy() for i in range(3)]
     for _ in range(_MAX_SWEEPS):
