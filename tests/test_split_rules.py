@@ -257,6 +257,17 @@ def test_thin_axes_stay_as_thin_as_they_were():
     np.testing.assert_allclose(np.sort(inside.scales[0])[:2], [1e-7, 1e-5], rtol=1e-4)
 
 
+def test_the_axes_of_round_gaussians_do_not_hang_on_the_last_bits_of_the_plane():
+    parent = parents(17, 200)
+    parent = parent.replace(log_scales=np.repeat(parent.log_scales[:, :1], 3, axis=1))
+    normals = unit_vectors(18, 200)
+    offsets = np.random.default_rng(19).uniform(-2, 2, 200)
+    noisy = normals * (1 + np.random.default_rng(20).uniform(-4e-16, 4e-16, normals.shape))
+    for child, other in zip(split_plane(parent, normals, offsets), split_plane(parent, noisy, offsets), strict=True):
+        np.testing.assert_allclose(child.quaternions, other.quaternions, atol=1e-6)
+        np.testing.assert_allclose(child.log_scales, other.log_scales, atol=1e-6)
+
+
 @pytest.mark.parametrize("rule", SPLIT_RULES)
 def test_colours_and_extra_columns_are_inherited(rule):
     parent = parents(13, 6)

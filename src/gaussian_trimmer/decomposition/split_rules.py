@@ -33,6 +33,12 @@ MIN_SHARE = 0.05
 SAGD_SHRINKAGE = 0.8
 """Factor by which SAGD's published code shrinks its child beyond the share of the axis."""
 
+_MAX_SWEEPS = 12
+"""Sweeps of Jacobi turns over the three pairs of columns; four are usual."""
+
+_ORTHOGONAL = 1e-13
+"""Cosine between two columns up to which they count as orthogonal."""
+
 SplitRule = Callable[[Gaussians, Float64Array, Float64Array], tuple[Gaussians, Gaussians | None]]
 
 
@@ -170,8 +176,7 @@ def _compress(
     directions = np.divide(directions, spreads, out=np.zeros_like(directions), where=spreads > 0)
     displacements = np.einsum("nij,nj->ni", factors, directions)
     loss = (1.0 - np.sqrt(variances))[:, None, None]
-    axes, scales, _ = np.linalg.svd(factors - loss * displacements[:, :, None] * directions[:, None, :])
-    axes[:, :, 2] *= np.linalg.det(axes)[:, None]  # Singular vectors may be left-handed.
+    axes, scales = _principal_axes(factors - loss * displacements[:, :, None] * directions[:, None, :])
     parents = gaussians.opacities.astype(np.float64)
     opacities = np.clip(amplitudes * parents, 0.0, np.maximum(parents, MAX_OPACITY))
     return gaussians.replace(
@@ -180,6 +185,38 @@ def _compress(
         quaternions=quaternions_of(axes),
         opacity_logits=logit(opacities).astype(np.float32),
     )
+
+
+def _principal_axes(factors: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Right-handed left singular vectors (M, 3, 3), in columns, and singular values (M, 3) of factors (M, 3, 3).
+
+    One-sided Jacobi (Demmel and Veselic 1992): columns are turned in pairs until they are orthogonal. It starts from
+    the factor's own columns and turns no pair that is orthogonal but for rounding. Where singular values are equal, as
+    a round Gaussian's are, the axes therefore hang on the last bits of the input no more than elsewhere; LAPACK's do.
+    """
+    columns = [factors[:, :, i].copy() for i in range(3)]
+    for _ in range(_MAX_SWEEPS):
+        turned = False
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            a, b = columns[i], columns[j]
+            alpha, beta, gamma = (np.sum(x * y, axis=1) for x, y in ((a, a), (b, b), (a, b)))
+            skew = np.abs(gamma) > _ORTHOGONAL * np.sqrt(alpha * beta)
+            if not skew.any():
+                continue
+            turned = True
+            zeta = np.divide(beta - alpha, 2 * gamma, out=np.zeros_like(gamma), where=skew)
+            sign = np.where(zeta < 0, -1.0, 1.0)
+            tangent = np.where(skew, sign / (np.abs(zeta) + np.hypot(1.0, zeta)), 0.0)
+            cosine = (1 / np.hypot(1.0, tangent))[:, None]
+            sine = cosine * tangent[:, None]
+            columns[i], columns[j] = cosine * a - sine * b, sine * a + cosine * b
+        if not turned:
+            break
+    scales = np.stack([np.linalg.norm(column, axis=1) for column in columns], axis=1)
+    axes = np.stack(columns, axis=2) / np.maximum(scales, np.finfo(np.float64).tiny)[:, None, :]
+    left_handed = np.sum(np.cross(axes[:, :, 0], axes[:, :, 1]) * axes[:, :, 2], axis=1) < 0
+    axes[left_handed, :, 2] *= -1
+    return axes, scales
 
 
 def _cut_axes(
