@@ -16,7 +16,6 @@ from gaussian_trimmer import __version__, cli, formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.output import report
 
 
 @pytest.fixture(scope="module")
@@ -140,16 +139,16 @@ def test_overwriting_leaves_no_file_of_the_earlier_run(ball, tmp_path, capsys):
 def test_trim_spares_its_inputs_and_what_it_did_not_write(ball, tmp_path, capsys, monkeypatch):
     """All is refused before anything is read."""
     folder, _, _ = ball
-    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
-    command += ["--views", 2]
-    assert run(*command) == 0
+    with atomic_folder(tmp_path, "trim") as part:
+        for name in ("object.ply", "background.ply", "labels.npz"):
+            (part / name).write_text("of an earlier run")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     monkeypatch.setattr(formats, "read", lambda path: pytest.fail("it was read"))
     for inputs in (["object.ply"], ["background.ply", folder / "rough.npy"], [folder / "scene.ply", "labels.npz"]):
         assert run("trim", *(tmp_path / name for name in inputs), "--output", tmp_path, "--overwrite") == 2
         assert "is an input of this run" in capsys.readouterr().err
     (tmp_path / "object.ply").write_bytes(b"edited")
-    assert run(*command, "--overwrite") == 2
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite") == 2
     assert "object.ply' is in the way" in capsys.readouterr().err
     (tmp_path / "object.ply").write_bytes(before[tmp_path / "object.ply"])
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
@@ -176,7 +175,8 @@ def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monke
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite", "--views", 2]
     (tmp_path / "notes.txt").write_text("mine")
-    monkeypatch.setattr(report, "describe", lambda *_: signal.raise_signal(getattr(signal, number)))
+    stop = getattr(signal, number)
+    monkeypatch.setattr("gaussian_trimmer.commands.trim.trim", lambda *_, **__: signal.raise_signal(stop))
     assert run(*command, *SMALL) == code
     assert capsys.readouterr().err == ""
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
