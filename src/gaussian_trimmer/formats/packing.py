@@ -13,6 +13,8 @@ from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussian
 ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12
 """Scales of formats that store them linearly are read as no smaller than this, so that their logarithm is finite."""
+LARGEST_LOG_SCALE = 80.0
+"""Greatest log scale that is read or written: standard deviations a few thousand times larger are no float32."""
 ZERO_LOG_SCALE = -87.0
 """Log scales below this are those of zero: their exponential is no normal float32."""
 
@@ -92,8 +94,8 @@ def finite_log_scales(log_scales: FloatArray) -> FloatArray:
 
 
 def linear_scales(gaussians: Gaussians) -> FloatArray:
-    """Scales, cut where float32 ends, (N, 3)."""
-    return np.exp(np.minimum(gaussians.log_scales, 88.0), dtype=np.float32)
+    """Scales, cut where they could not be read again, (N, 3)."""
+    return np.exp(np.minimum(gaussians.log_scales, LARGEST_LOG_SCALE), dtype=np.float32)
 
 
 def drop_largest(quaternions: FloatArray) -> tuple[IntArray, Float64Array]:
