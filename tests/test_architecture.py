@@ -18,7 +18,7 @@ STAGES = ("planning", "segmentation", "decomposition")
 FILES = ("formats", "camera_files", "selection_files")
 BASE = (
     "settings", "errors", "compiling", "atomic", "reading", "zip_members", "picture_headers", "gaussians", "cameras",
-    "label_assignment", "sample",
+    "label_assignment", "sample", "scene_limits",
 )  # fmt: skip
 LAYERS = (
     BASE,
