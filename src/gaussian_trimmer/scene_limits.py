@@ -6,18 +6,17 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.rendering import LARGEST_LOG_SCALE
+from gaussian_trimmer.reading import LARGEST
 
-LARGEST_COORDINATE = 1e15
-"""Farthest from the origin that a centre may lie along an axis, in scene units."""
+LARGEST_LOG_SCALE = 80.0
+"""Greatest log scale of a scene; standard deviations a few thousand times larger are no float32."""
 SMALLEST_SCENE = 1e-15
 """Least extent of a scene, in its units."""
 _LARGEST_NUMBER = float(np.finfo(np.float32).max)
 _LIMITS = {
-    "means": (-LARGEST_COORDINATE, LARGEST_COORDINATE, "coordinates up to 1e15 can be used; remove such Gaussians, or "
-              "scale the scene down"),
-    "log_scales": (-_LARGEST_NUMBER, LARGEST_LOG_SCALE, "finite ones up to 88 can be used, beyond which standard "
-                   "deviations end; remove such Gaussians, or scale the scene down"),
+    "means": (-LARGEST, LARGEST, "coordinates up to 1e15 can be used; remove such Gaussians, or scale the scene down"),
+    "log_scales": (-_LARGEST_NUMBER, LARGEST_LOG_SCALE, "finite ones up to 80 can be used; remove such Gaussians, or "
+                   "scale the scene down"),
     "opacity_logits": (-np.inf, np.inf, "remove such Gaussians"),
 }  # fmt: skip
 """Attribute -> least and largest value, and what to do about others. Opacities may be exactly zero and one."""
@@ -53,10 +52,10 @@ def check_size(radius: float) -> None:
     Raises:
         InputError: it is too small or too large.
     """
-    if not SMALLEST_SCENE / 10 <= radius <= 10 * LARGEST_COORDINATE:
+    if not SMALLEST_SCENE / 10 <= radius <= 10 * LARGEST:
         raise InputError(
             f"The selected object is {2 * radius:.3g} units large, by where most of its Gaussians lie and how large "
-            f"they are; {SMALLEST_SCENE:g} to {LARGEST_COORDINATE:g} can be used: select others, or scale the scene."
+            f"they are; {SMALLEST_SCENE:g} to {LARGEST:g} can be used: select others, or scale the scene."
         )
 
 

@@ -26,7 +26,6 @@ from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, Renderer, get_renderer
-from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment

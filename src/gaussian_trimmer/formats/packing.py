@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, logit
+from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12
 """Scales of formats that store them linearly are read as no smaller than this, so that their logarithm is finite."""
-LARGEST_LOG_SCALE = 80.0
-"""Greatest log scale that is read or written: standard deviations a few thousand times larger are no float32."""
 ZERO_LOG_SCALE = -87.0
 """Log scales below this are those of zero: their exponential is no normal float32."""
 

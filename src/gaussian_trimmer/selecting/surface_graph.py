@@ -44,7 +44,7 @@ _REFERENCE_RADIUS = 64.0
 _MIN_VISIBLE, _MIN_VISIBLE_IN_VIEW = 0.5, 0.3
 """Smallest visible weight of a node, in pixels over all views, and in the user's view to be judged by it."""
 _MIN_SHARE = 0.1
-"""Visible weight for a Gaussian's size, relative to the median of its neighbours, below which it lies buried."""
+"""Visible weight for a Gaussian's size, relative to the median, below which it lies buried behind others."""
 _MAX_NODES = 15_000
 _NEIGHBOURS, _NEIGHBOURHOOD = 10, 17
 """Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""
@@ -54,7 +54,6 @@ _COLOUR_SIGMA = 10.0
 """Standard deviation of edge weights over Lab colours."""
 _LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
 """Weights of the channels in distances between Lab colours: lightness changes with shading."""
-_NORMAL_ROUNDS, _NORMAL_SIGMA = 0, 0.5
 _COLOUR_FLOOR = 0.0
 _CONCAVITY = 0.3
 """Concavity at which an edge weighs 1/e: the difference of the normals along the edge."""
@@ -177,7 +176,8 @@ def build_surface_graph(
     weights = [_visible(local, view, renderer) for view in views]
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
-    nodes[nodes] = _on_surface(local.select(nodes), np.max([w[nodes] for w in [*weights, in_view]], axis=0), reach * radius)
+    best_view = np.max([in_view, *weights], axis=0)
+    nodes &= _unburied(local, best_view, reach * radius, nodes)
     if np.count_nonzero(nodes) > _MAX_NODES:
         nodes &= visible >= np.partition(visible[nodes], -_MAX_NODES)[-_MAX_NODES]
     facing = np.zeros((np.count_nonzero(nodes), 3), np.float32)
@@ -191,11 +191,13 @@ def build_surface_graph(
     colours = _smoothed(np.clip(0.5 + SH_C0 * local.sh_dc[nodes], 0, 1), beside, shares)
     normals, flatness = _normals(means, beside, shares, facing)
     spacing = np.sqrt(squared[:, squared.shape[1] // 4])
+    shown = in_view > _MIN_VISIBLE_IN_VIEW
+    shown &= _unburied(local, in_view, reach * radius, shown & nodes)
     edges, lengths = _edges(beside, np.sqrt(squared), spacing)
     affinity = _affinity(edges, means, colours, normals, flatness)
     return SurfaceGraph(
         centre, radius, near[nodes], near[~nodes], means, colours, np.square(spacing / radius, dtype=np.float64),
-        in_view[nodes] > _MIN_VISIBLE_IN_VIEW, edges, lengths / radius, lengths / radius * affinity,
+        shown[nodes], edges, lengths / radius, lengths / radius * affinity,
     )  # fmt: skip
 
 
@@ -232,14 +234,18 @@ def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatA
     return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
 
 
-def _on_surface(local: Gaussians, visible: FloatArray, radius: float) -> BoolArray:
-    """Which Gaussians are not buried: visible for their size as much as those around them, (S,)."""
-    if len(local) == 0:
-        return np.zeros(0, np.bool_)
+def _unburied(local: Gaussians, weights: FloatArray, radius: float, among: BoolArray) -> BoolArray:
+    """Which Gaussians show at least a share of their size, as others among which they are do, (L,).
+
+    Args:
+        weights: their visible weights in one view, or the largest of several, (L,).
+        radius: by which the views' distance is measured, in scene units.
+        among: whose median is taken, (L,).
+    """
     sides = np.sort(local.scales, axis=1)[:, 1:]
     low_pass = np.float32(LOW_PASS_VARIANCE) * (_DISTANCE * radius / intrinsics(_FOV, _SIZE, _SIZE)[0, 0]) ** 2
-    share = visible / (local.opacities * np.sqrt(np.square(sides) + low_pass).prod(axis=1))
-    return np.asarray(share > _MIN_SHARE * np.median(share))
+    share = weights / (local.opacities * np.sqrt(np.square(sides) + low_pass).prod(axis=1))
+    return np.asarray(share > _MIN_SHARE * np.median(share[among])) if among.any() else among
 
 
 def _directions(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
@@ -262,24 +268,14 @@ def _normals(
     means: FloatArray, beside: NDArray[np.int32], shares: FloatArray, facing: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Unit normals (S, 3) of the neighbourhoods (S, K), on the side that is seen, and their flatness, 0 to 1, (S,)."""
-    normals, variances = _fit_planes(means, beside, shares)
-    for _ in range(_NORMAL_ROUNDS):
-        alike = np.exp(-(1 - np.einsum("ski,si->sk", normals[beside], normals) ** 2) / _NORMAL_SIGMA**2)
-        normals, variances = _fit_planes(means, beside, shares * alike)
-    normals = normals * np.where(np.einsum("si,si->s", normals, facing) < 0, -1, 1)[:, None]
-    flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
-    return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
-
-
-def _fit_planes(
-    means: FloatArray, beside: NDArray[np.int32], shares: FloatArray
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Normals (S, 3) and principal variances (S, 3), rising, of weighted neighbourhoods (S, K)."""
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-30)
     around = means[beside]
     offsets = around - np.einsum("sk,ski->si", shares, around)[:, None]
     variances, axes = np.linalg.eigh(np.einsum("sk,ski,skj->sij", shares, offsets, offsets))
-    return axes[:, :, 0], variances
+    normals = axes[:, :, 0]
+    normals = normals * np.where(np.einsum("si,si->s", normals, facing) < 0, -1, 1)[:, None]
+    flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
+    return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
 
 
 def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray) -> tuple[IntArray, Float64Array]:
