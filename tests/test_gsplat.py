@@ -80,7 +80,7 @@ def test_more_labels_and_values_than_go_through_at_once(renderer):
     sums = renderer.blend_weights(SCENE, CAMERA, labels, 19)
     for label in (0, 7, 8, 18):
         one = renderer.blend_weights(SCENE, CAMERA, np.uint8(labels != label), 1)
-        np.testing.assert_array_equal(sums[:, label], one[:, 0])
+        np.testing.assert_allclose(sums[:, label], one[:, 0], rtol=1e-6)  # other widths round in another order
     assert sums.shape == (80, 19) and np.all(sums.sum(axis=0) > 10)
     values = rng.uniform(-1, 1, (80, 37)).astype(np.float32)
     image = renderer.blend_values(SCENE, CAMERA, values)
