@@ -30,7 +30,8 @@ LAYERS = (
     ("arguments", "result"),
     ("pipeline",),
     ("output", "evaluation", "selecting"),
-    ("commands", "app", "batch"),
+    ("batch",),
+    ("commands", "app"),
     ("cli",),
     ("__main__", "__init__"),
 )

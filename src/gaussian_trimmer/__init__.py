@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.formats import read, write
@@ -27,16 +28,17 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "read", "read_cameras", "read_selection",
+    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "read", "read_cameras", "read_selection",
     "trim", "write",
 ]  # fmt: skip
 
-# Name -> module and the name there.
+# Name -> module and the name there; none for the module itself.
 _LATE = {
     "Gaussians": ("gaussian_trimmer.gaussians", "Gaussians"),
     "InputError": ("gaussian_trimmer.errors", "InputError"),
     "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
     "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
+    "batch": ("gaussian_trimmer.batch", ""),
     "read": ("gaussian_trimmer.formats", "read"),
     "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),
     "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
@@ -49,7 +51,8 @@ def __getattr__(name: str) -> Any:
     if name not in _LATE:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     module, attribute = _LATE[name]
-    value = globals()[name] = getattr(import_module(module), attribute)
+    loaded = import_module(module)
+    value = globals()[name] = getattr(loaded, attribute) if attribute else loaded
     return value
 
 

@@ -28,6 +28,7 @@ PROGRAM = "gaussian-trimmer"
 # Name -> module, dataclass of the options, and a line of help.
 COMMANDS = {
     "trim": ("gaussian_trimmer.commands.trim", "Trim", "sharpen a rough selection of one object"),
+    "batch": ("gaussian_trimmer.commands.batch", "Batch", "trim many objects of many scenes, from a table"),
     "demo": ("gaussian_trimmer.commands.demo", "Demo", "trim an object of the sample scene"),
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
