@@ -90,7 +90,7 @@ def test_objects_of_labels_are_items(tmp_path):
     np.save(tmp_path / "ids.npy", np.array([0, 0, 7, 7, -1, 3]))
     rows = [
         {"scene": "a.ply", "labels": "ids.npy", "objects": [3, 7]},
-        {"scene": "b.ply", "labels": "ids.npy", "objects": "all", "name": "b", "options": ["--selection.kind", "labels"]},
+        {"scene": "b.ply", "labels": "ids.npy", "objects": "all", "name": "b", "options": ["--views", "3"]},
     ]
     path = manifest(tmp_path, "\n".join(map(json.dumps, rows)) + "\n\n", ".jsonl")
     items = check_items(read_manifest(path))
@@ -106,7 +106,7 @@ def test_objects_of_labels_are_items(tmp_path):
         ("name\na\n", ".csv", "no column 'scene'"),
         ("scene,selection\na.ply\n", ".csv", "line 2: it has not as many columns"),
         ("scene,selection\na.ply,b,c\n", ".csv", "line 2: it has not as many columns"),
-        ('scene\n"a.ply\n', ".csv", "line 2"),
+        ('scene\n"a.ply\n', ".csv", "unexpected end of data"),
         ("scene,selection,labels\na.ply,b,c\n", ".csv", "line 2: It has both"),
         ("scene,objects\na.ply,3\n", ".csv", "line 2: It has objects, but no labels"),
         ("scene,labels\na.ply,b.npy\n", ".csv", "line 2: It has labels, but no objects"),

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "read", "read_cameras", "read_selection",
-    "trim", "write",
+    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "read", "read_cameras",
+    "read_selection", "trim", "write",
 ]  # fmt: skip
 
 # Name -> module and the name there; none for the module itself.

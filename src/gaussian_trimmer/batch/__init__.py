@@ -1,9 +1,9 @@
 """Many objects of many scenes: on the processors of this machine, on a Ray cluster, or in shards.
 
-    import gaussian_trimmer as gt
+import gaussian_trimmer as gt
 
-    items = gt.batch.read_manifest("manifest.csv")
-    outcomes = gt.batch.run(items, "out", on_result=lambda outcome: print(outcome.item.name, outcome.state))
+items = gt.batch.read_manifest("manifest.csv")
+outcomes = gt.batch.run(items, "out", on_result=lambda outcome: print(outcome.item.name, outcome.state))
 """
 
 from __future__ import annotations

@@ -30,6 +30,14 @@ _WRITE_FAILURES, _START_FAILURES = 3, 5
 class Engine(Protocol):
     """Workers, wherever they are. They are numbered by the driver."""
 
+    def room(self, need: float) -> int:
+        """How many workers there can be that take so many bytes each."""
+        ...
+
+    def prepare(self, workers: int, need: float) -> None:
+        """Say how many workers there will be, and how many bytes each takes."""
+        ...
+
     def start(self, worker: int) -> None:
         """Start a worker."""
         ...
@@ -112,6 +120,7 @@ def run(
     workers: int | None = None,
     engine: str = "local",
     address: str | None = None,
+    gpus: float = 0.0,
     shard: tuple[int, int] | None = None,
     time_limit: float | None = None,
     retries: int = 2,
@@ -132,6 +141,7 @@ def run(
         workers: number of processes; by default one for each processor, or, on a cluster, as many as it has room for.
         engine: "local", or "ray" for a Ray cluster.
         address: that of the cluster, "auto" for the one this machine is part of; by default one is started here.
+        gpus: what each worker takes of the GPUs of a cluster.
         shard: (i, n): only those scenes that are the i-th of n machines', from 1.
         time_limit: seconds that one item, or the reading of one scene, may take.
         retries: how many times an item is tried again whose worker has died.
@@ -145,24 +155,33 @@ def run(
             written to the output. Whatever a single item comes to is told by its outcome.
     """
     checked = check_items(items)
-    _check_arguments(workers, engine, shard, time_limit, retries, memory)
+    _check_arguments(workers, engine, gpus, shard, time_limit, retries, memory)
     store = open_store(output)
-    scenes = by_scene(checked, on_cluster=engine == "ray")
+    scenes = by_scene(checked)
     if shard is not None:
         scenes = shard_of(scenes, *shard)
-    limit = _memory_limit(memory, engine)
-    n_workers, budget = _room(scenes, checked, workers, limit, engine, address)
-    place = str(output) if is_address(str(output)) else str(Path(output).absolute())
-    driver = _Driver(
-        checked, store, Schedule(scenes, budget), time_limit, retries, retry_failed, on_result, on_status
-    )
     if not scenes:
         return []
-    driver.run(_open_engine(engine, place, n_workers, address), n_workers)
+    limit = _memory_limit(memory, engine)
+    largest = _largest(scenes, limit)
+    need = PROCESS_BYTES + largest
+    place = str(output) if is_address(str(output)) else str(Path(output).absolute())
+    crew = _open_engine(engine, place, address, gpus)
+    try:
+        n_workers = _number_of_workers(scenes, workers or crew.room(need), limit, largest)
+        crew.prepare(n_workers, need)
+        budget = limit - n_workers * PROCESS_BYTES
+        driver = _Driver(
+            checked, store, Schedule(scenes, budget), time_limit, retries, retry_failed, on_result, on_status
+        )
+        driver.run(crew, n_workers)
+    finally:
+        crew.close()
+    driver.settle_the_rest()
     return [driver.outcomes[number] for number in sorted(driver.outcomes)]
 
 
-def by_scene(items: Sequence[Item], *, on_cluster: bool = False) -> list[SceneItems]:
+def by_scene(items: Sequence[Item]) -> list[SceneItems]:
     """The numbers of the items by scene, each with the memory it needs."""
     groups: dict[str, list[int]] = {}
     for number, item in enumerate(items):
@@ -183,12 +202,17 @@ def _need(scene: str) -> float:
 
 
 def _check_arguments(
-    workers: Any, engine: str, shard: Any, time_limit: Any, retries: Any, memory: Any
+    workers: int | None, engine: str, gpus: float, shard: tuple[int, int] | None, time_limit: float | None,
+    retries: int, memory: float | None,
 ) -> None:  # fmt: skip
     if engine not in ("local", "ray"):
         raise InputError(f"Unknown engine '{engine}'; available: local, ray.")
     if workers is not None and not 1 <= workers <= 100_000:
         raise InputError(f"The number of workers is {workers}; it must be from 1 to 100000.")
+    if not 0 <= gpus <= 1000:
+        raise InputError(f"The GPUs of a worker are {gpus}; they must be from 0 to 1000.")
+    if gpus and engine != "ray":
+        raise InputError("Workers on this machine share its GPUs; leave the number of GPUs out, or use the engine ray.")
     if shard is not None and not 1 <= shard[0] <= shard[1]:
         raise InputError(f"The shard is {shard[0]}/{shard[1]}; give i/n with i from 1 to n.")
     if time_limit is not None and not time_limit > 0:
@@ -205,44 +229,35 @@ def _memory_limit(memory: float | None, engine: str) -> float:
     return float("inf") if engine == "ray" else SHARE_OF_FREE * free_bytes()
 
 
-def _room(
-    scenes: Sequence[SceneItems], items: Sequence[Item], workers: int | None, limit: float, engine: str,
-    address: str | None,
-) -> tuple[int, float]:  # fmt: skip
-    """How many workers there are, and the memory for their scenes together.
+def _largest(scenes: Sequence[SceneItems], limit: float) -> float:
+    """Bytes of memory that the largest scene needs.
 
     Raises:
-        InputError: a single scene needs more memory than there is.
+        InputError: that is more than there is.
     """
-    largest = max(scenes, key=lambda entry: entry.need, default=SceneItems("", []))
+    largest = max(scenes, key=lambda entry: entry.need)
     if largest.need + PROCESS_BYTES > limit:
         raise InputError(
             f"Trimming '{largest.scene}' may take {(largest.need + PROCESS_BYTES) / 1e9:.1f} GB of memory, and the "
             f"batch may take {limit / 1e9:.1f} GB; free some, take a larger machine, or allow more with --memory."
         )
-    if workers is None and engine == "ray":
-        from gaussian_trimmer.batch.ray_cluster import room_for_workers
-
-        workers = room_for_workers(address, PROCESS_BYTES + largest.need)
-    if workers is None:
-        from gaussian_trimmer.batch.local import cores
-
-        workers = cores()
-    n_items = sum(len(entry.items) for entry in scenes)
-    if limit < float("inf"):
-        workers = min(workers, max(1, int((limit - largest.need) // PROCESS_BYTES)))
-    workers = max(1, min(workers, n_items))
-    return workers, limit - workers * PROCESS_BYTES
+    return largest.need
 
 
-def _open_engine(engine: str, output: str, workers: int, address: str | None) -> Engine:
+def _number_of_workers(scenes: Sequence[SceneItems], wished: int, limit: float, largest: float) -> int:
+    """As many workers as wished, but no more than there are items, or than leave memory for the largest scene."""
+    fitting = wished if limit == float("inf") else int((limit - largest) // PROCESS_BYTES)
+    return max(1, min(wished, fitting, sum(len(entry.items) for entry in scenes)))
+
+
+def _open_engine(engine: str, output: str, address: str | None, gpus: float) -> Engine:
     if engine == "ray":
         from gaussian_trimmer.batch.ray_cluster import RayEngine
 
-        return RayEngine(output, address)
+        return RayEngine(output, address, gpus=gpus)
     from gaussian_trimmer.batch.local import LocalEngine
 
-    return LocalEngine(output, workers)
+    return LocalEngine(output)
 
 
 class _Driver:
@@ -269,27 +284,27 @@ class _Driver:
         self._last_status = 0.0
 
     def run(self, engine: Engine, workers: int) -> None:
-        """Do everything.
-
-        Raises:
-            InputError: nothing can be written, or no worker can be started.
-        """
+        """Do everything, unless nothing can be written or no worker be started."""
         self._engine = engine
         self._slots = {number: _Slot(number) for number in range(workers)}
-        try:
-            while len(self.outcomes) < self._total:
-                self._bring_back()
-                for slot in self._slots.values():
-                    if not slot.doing and not self._stopped:
-                        self._give(slot)
-                if self._stopped and not any(slot.doing for slot in self._slots.values()):
-                    break
-                for number, reply in engine.wait(self._patience()):
-                    self._take(self._slots[number], reply)
-                self._mind_deadlines()
-                self._tell_status()
-        finally:
-            engine.close()
+        while len(self.outcomes) < self._total:
+            self._bring_back()
+            for slot in self._slots.values():
+                if not slot.doing and not self._stopped:
+                    self._give(slot)
+            if self._stopped and not any(slot.doing for slot in self._slots.values()):
+                break
+            for number, reply in engine.wait(self._patience()):
+                self._take(self._slots[number], reply)
+            self._mind_deadlines()
+            self._tell_status()
+
+    def settle_the_rest(self) -> None:
+        """Tell of what was not tried.
+
+        Raises:
+            InputError: the batch had to stop.
+        """
         for number in self._mine:
             if number not in self.outcomes:
                 self._settle(number, Outcome(self._items[number], "left", self._stopped))

@@ -98,8 +98,8 @@ def default_name(item: Item) -> str:
 
     >>> default_name(Item("rooms/a/scene.ply", "rooms/a/coarse/mug.npy"))
     'rooms/a/scene/coarse-mug'
-    >>> default_name(Item("s3://bucket/a.ply", "s3://bucket/ids.npy", selection_options=SelectionOptions(object_id=(7,))))
-    'bucket/a/ids-7'
+    >>> default_name(Item("s3://b/a.ply", "s3://b/ids.npy", selection_options=SelectionOptions("labels", (7,))))
+    'b/a/ids-7'
     """
     scene = _parts(item.scene)
     own = _parts(item.selection) if item.selection else ["object"]

@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -28,12 +29,19 @@ _LONGEST_WORDS = 300
 class LocalEngine:
     """Workers as processes of this machine; the threads that kernels use are shared out among them."""
 
-    def __init__(self, output: str, workers: int) -> None:
-        self._output = output
-        self._threads = max(1, cores() // max(workers, 1))
+    def __init__(self, output: str) -> None:
+        self._output, self._threads = output, 1
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
         self._errors: dict[int, IO[bytes]] = {}
         self._replies: queue.SimpleQueue[tuple[int, int, Json | None]] = queue.SimpleQueue()
+
+    def room(self, need: float) -> int:
+        """One worker for each processor."""
+        return cores()
+
+    def prepare(self, workers: int, need: float) -> None:
+        """Say how many workers there will be."""
+        self._threads = max(1, cores() // max(workers, 1))
 
     def start(self, worker: int) -> None:
         """Start a worker."""
@@ -50,19 +58,17 @@ class LocalEngine:
         """Send a request; that the worker has died is told by `wait`."""
         stream = self._processes[worker].stdin
         assert stream is not None
-        try:
+        with suppress(OSError):
             stream.write(json.dumps(request).encode() + b"\n")
             stream.flush()
-        except OSError:
-            pass
 
     def wait(self, seconds: float) -> list[tuple[int, Json]]:
         """Replies that have come, waiting for the first no longer than this; {"death": words} where a worker died."""
         found: list[tuple[int, Json]] = []
         while True:
             try:
-                worker, process, reply = self._replies.get(timeout=max(seconds, 0.0)) if not found else (
-                    self._replies.get_nowait()
+                worker, process, reply = (
+                    self._replies.get(timeout=max(seconds, 0.0)) if not found else (self._replies.get_nowait())
                 )
             except queue.Empty:
                 return found
@@ -106,10 +112,8 @@ class LocalEngine:
         """Let a worker that has ended go; returns how it ended."""
         process, errors = self._processes.pop(worker), self._errors.pop(worker)
         assert process.stdin is not None
-        try:
+        with suppress(OSError):
             process.stdin.close()
-        except OSError:
-            pass
         try:
             code = process.wait(_SECONDS_TO_END)
         except subprocess.TimeoutExpired:

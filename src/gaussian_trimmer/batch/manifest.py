@@ -128,12 +128,15 @@ def _items_of(row: Row, folder: Path, options: tuple[str, ...]) -> list[Item]:
             raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
         objects = [item]
     else:
-        options, name = item.selection_options, item.name
+        reading = item.selection_options
         objects = [
-            replace(item, name=f"{name}/{i}" if name else "",
-                    selection_options=replace(options, kind="labels", object_id=(i,)))
-            for i in _ids(wanted, labels, options)
-        ]  # fmt: skip
+            replace(
+                item,
+                name=f"{item.name}/{i}" if item.name else "",
+                selection_options=replace(reading, kind="labels", object_id=(i,)),
+            )
+            for i in _ids(wanted, labels, reading)
+        ]
     return [item if item.name else replace(item, name=_name(row, item)) for item in objects]
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.compressed_ply import is_compressed
+from gaussian_trimmer.formats.ply_table import read_header
 
 PROCESS_BYTES = 400 << 20
 """What a worker takes without a scene: the interpreter, libraries, compiled kernels, pictures of views."""
@@ -32,13 +35,8 @@ def scene_need(scene: str, size: int) -> float:
     """
     suffix = formats.format_suffix(scene)
     if suffix == ".ply" and Path(scene).is_file():
-        try:
-            from gaussian_trimmer.formats.compressed_ply import is_compressed
-            from gaussian_trimmer.formats.ply_table import read_header
-
+        with suppress(InputError, OSError):  # Whoever reads the scene will say what is wrong with it.
             suffix = ".compressed.ply" if is_compressed(read_header(Path(scene))) else ".ply"
-        except (InputError, OSError):
-            pass  # Whoever reads the scene will say so.
     return BYTES_PER_SCENE_BYTE * _EXPANSION[suffix] * size
 
 

@@ -46,6 +46,8 @@ class Batch:
     """Where the workers are: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])."""
     address: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="(default: start one here)")] = None
     """Address of the Ray cluster; auto for the one that this machine is part of."""
+    gpus: float = 0.0
+    """What each worker takes of the GPUs of a cluster."""
     shard: Annotated[str | None, arg(metavar="I/N")] = None
     """Only the scenes that are the I-th of N machines', from 1."""
     options: Annotated[str, arg(metavar="TEXT")] = ""
@@ -79,7 +81,7 @@ class Batch:
 
             try:
                 run(
-                    items, self.output, workers=self.workers, engine=self.engine, address=self.address,
+                    items, self.output, workers=self.workers, engine=self.engine, address=self.address, gpus=self.gpus,
                     shard=_shard(self.shard), time_limit=self.time_limit, retries=self.retries,
                     retry_failed=self.retry_failed, memory=memory, on_result=on_result, on_status=shown.tell_status,
                 )  # fmt: skip
