@@ -81,8 +81,8 @@ def contents(output):
 def identities(output):
     """Inode and time of all files of the items: what is the same has not been written again."""
     root = output / "items"
-    return {p.relative_to(root).as_posix(): (p.stat().st_ino, p.stat().st_mtime_ns) for p in root.rglob("*.*")
-            if p.is_file()}  # fmt: skip
+    files = {path: path.stat() for path in root.rglob("*") if path.is_file() and ".part" not in str(path)}
+    return {path.relative_to(root).as_posix(): (found.st_ino, found.st_mtime_ns) for path, found in files.items()}
 
 
 def until(condition, seconds=120.0, pause=0.002):

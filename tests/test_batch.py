@@ -132,6 +132,19 @@ def test_what_fsspec_does_not_know(tmp_path):
         gt.batch.run([gt.batch.Item("a.ply")], "nosuch://bucket/out")
 
 
+def test_backgrounds_can_be_left_out(batch, tmp_path):
+    manifest, _, expected = batch
+    assert run(manifest, tmp_path, "--no-background", "--workers", 2)[0] == 0
+    without = {
+        path: data for path, data in contents(tmp_path).items() if not path.endswith(("item.json", "manifest.json"))
+    }
+    assert without == {
+        path: data
+        for path, data in expected.items()
+        if not path.endswith(("item.json", "manifest.json", "background.ply"))
+    }
+
+
 # Memory
 
 
@@ -221,8 +234,9 @@ def test_the_worst_come_first():
 
 
 def test_progress_on_a_terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
     console = open_console(quiet=False)
-    console.file, console._force_terminal, console.legacy_windows = io.StringIO(), True, False
+    console.file, console._force_terminal, console.is_interactive = io.StringIO(), True, True
     with command._progress(console) as shown:
         shown.tell_outcome(outcome("x", state="failed", message="it is\x1b[31m broken"))
         shown.tell_status(Status(10, 4, 1, 1, {0: ("a/b", 3.0)}, 2))

@@ -45,7 +45,7 @@ def batch(tmp_path_factory):
 
 @pytest.mark.parametrize("moment", [is_trimming, is_writing])
 def test_killed_worker(batch, tmp_path, moment):
-    manifest, _, expected = batch
+    manifest, names, expected = batch
     driver = start(manifest, tmp_path, "--workers", 2)
     until(lambda: n_finished(tmp_path) >= 1)
     until(lambda: moment(tmp_path))
@@ -54,7 +54,7 @@ def test_killed_worker(batch, tmp_path, moment):
     code, out, err = end(driver)
     assert (code, err) == (0, "")
     assert contents(tmp_path) == expected
-    assert fresh_of(out) == len(list(tmp_path.glob("items/*")))
+    assert len(names) - 2 <= fresh_of(out) <= len(names)  # A worker may die after its item is there.
     assert parts(tmp_path) == []
 
 
@@ -184,7 +184,7 @@ def test_output_made_read_only(batch, tmp_path, lock_and_unlock):
     unlock(output / "items")
     finished = n_finished(output)
     assert 1 <= finished < len(names)
-    before = {name: mark for name, mark in identities(output).items() if not name.startswith(".")}
+    before = identities(output)
     code, out, err = run(manifest, output, "--workers", 2)
     assert (code, err) == (0, "")
     assert fresh_of(out) == len(names) - finished

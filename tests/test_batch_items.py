@@ -28,7 +28,7 @@ def manifest(folder, text, ending=".csv"):
     "item",
     [
         Item("a.ply"),
-        Item("a.ply", "b.npy", "x/y", "sparse/0", True, "spz", paper_config(), "grabcut", GrabCutConfig()),
+        Item("a.ply", "b.npy", "x/y", "sparse/0", True, "spz", False, paper_config(), "grabcut", GrabCutConfig()),
         Item("a.ply", selection_options=SelectionOptions(object_id=(3, 4), classifier=Path("c.pth"), threshold=0.25)),
         Item("a.ply", segmenter="mask-files", segmenter_options=MaskFilesConfig(Path("masks"))),
         Item("a.ply", config=TrimConfig(up=(0.0, -1.0, 0.5))),
@@ -156,6 +156,7 @@ def test_fingerprints_tell_contents_and_settings_and_not_names(tmp_path):
     others = [
         fingerprint(item, "3", "2", None), fingerprint(item, "1", "3", None), fingerprint(item, "1", "2", "3"),
         fingerprint(replace(item, format="spz"), "1", "2", None),
+        fingerprint(replace(item, background=False), "1", "2", None),
         fingerprint(replace(item, selection_options=SelectionOptions(object_id=(1,))), "1", "2", None),
         fingerprint(replace(item, config=TrimConfig(up=(0.0, 0.0, 1.0))), "1", "2", None),
     ]  # fmt: skip

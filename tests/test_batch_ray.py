@@ -102,7 +102,7 @@ def test_killed_workers(cluster, batch, tmp_path, moment):
         kill(worker)
     code, out, err = end(driver)
     assert (code, err) == (0, "")
-    assert fresh_of(out) == len(names)
+    assert len(names) - 2 <= fresh_of(out) <= len(names)  # A worker may die after its item is there.
     assert contents(tmp_path) == expected
     assert parts(tmp_path) == []
 

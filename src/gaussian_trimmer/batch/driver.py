@@ -281,7 +281,10 @@ class _Driver:
         self._write_failures = self._start_failures = 0
         self._stopped = ""
         self._slots: dict[int, _Slot] = {}
-        self._last_status = 0.0
+        self._tried_at = -1
+        """Changes of the schedule when every worker without work was last given some."""
+        self._done = self._found = self._failed = 0
+        self._last_look = 0.0
 
     def run(self, engine: Engine, workers: int) -> None:
         """Do everything, unless nothing can be written or no worker be started."""
@@ -289,15 +292,17 @@ class _Driver:
         self._slots = {number: _Slot(number) for number in range(workers)}
         while len(self.outcomes) < self._total:
             self._bring_back()
-            for slot in self._slots.values():
-                if not slot.doing and not self._stopped:
+            if not self._stopped and self._schedule.changes != self._tried_at:
+                self._tried_at = self._schedule.changes
+                for slot in [slot for slot in self._slots.values() if not slot.doing]:
                     self._give(slot)
             if self._stopped and not any(slot.doing for slot in self._slots.values()):
                 break
             for number, reply in engine.wait(self._patience()):
                 self._take(self._slots[number], reply)
-            self._mind_deadlines()
-            self._tell_status()
+                if not self._slots[number].doing and not self._stopped:
+                    self._give(self._slots[number])
+            self._look_around()
 
     def settle_the_rest(self) -> None:
         """Tell of what was not tried.
@@ -308,7 +313,7 @@ class _Driver:
         for number in self._mine:
             if number not in self.outcomes:
                 self._settle(number, Outcome(self._items[number], "left", self._stopped))
-        self._tell_status(always=True)
+        self._tell_status(time.monotonic())
         if self._stopped:
             raise InputError(self._stopped)
 
@@ -454,8 +459,16 @@ class _Driver:
         slot.is_read, slot.deadline = False, float("inf")
         self._schedule.release(slot.number)
 
-    def _mind_deadlines(self) -> None:
+    def _look_around(self) -> None:
+        """Now and then, look for deadlines that have passed, and tell how far the batch is."""
         now = time.monotonic()
+        if now - self._last_look < _POLL:
+            return
+        self._last_look = now
+        self._mind_deadlines(now)
+        self._tell_status(now)
+
+    def _mind_deadlines(self, now: float) -> None:
         for slot in self._slots.values():
             if not slot.doing or now < slot.deadline:
                 continue
@@ -497,29 +510,21 @@ class _Driver:
 
     def _settle(self, number: int, outcome: Outcome) -> None:
         self.outcomes[number] = outcome
+        self._done += outcome.state == "done"
+        self._found += outcome.state == "done" and not outcome.fresh
+        self._failed += outcome.state == "failed"
         self._on_result(outcome)
 
     # Time
 
     def _patience(self) -> float:
-        now = time.monotonic()
-        nearest = min((slot.deadline for slot in self._slots.values() if slot.doing), default=float("inf"))
-        if self._later:
-            nearest = min(nearest, self._later[0][0])
-        return max(0.0, min(_POLL, nearest - now))
+        """For how long replies may be waited for, in seconds."""
+        return max(0.0, min(_POLL, self._later[0][0] - time.monotonic())) if self._later else _POLL
 
-    def _tell_status(self, *, always: bool = False) -> None:
-        now = time.monotonic()
-        if not always and now - self._last_status < _POLL:
-            return
-        self._last_status = now
-        states = [outcome.state for outcome in self.outcomes.values()]
-        found = sum(o.state == "done" and not o.fresh for o in self.outcomes.values())
+    def _tell_status(self, now: float) -> None:
         running = {slot.number: (self._label(slot), now - slot.since) for slot in self._slots.values() if slot.doing}
-        self._on_status(
-            Status(self._total, states.count("done"), found, states.count("failed"), running,
-                   self._schedule.scenes_taken)
-        )  # fmt: skip
+        taken = self._schedule.scenes_taken
+        self._on_status(Status(self._total, self._done, self._found, self._failed, running, taken))
 
     def _label(self, slot: _Slot) -> str:
         if slot.doing == "trim" and slot.item is not None:

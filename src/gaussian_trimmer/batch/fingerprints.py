@@ -44,6 +44,7 @@ def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | No
         "selection": selection,
         "cameras": cameras,
         "format": item.suffix,
+        "background": item.background,
         "config": data["config"],
         "renderer": item.renderer,
         "segmenter": item.segmenter,

@@ -42,6 +42,9 @@ class Item:
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     format: str | None = None
     """File format of object and background; that of the scene if not given."""
+    background: bool = True
+    """Write the scene without the object too. It is nearly as large as the scene, for every object; labels.npz says
+    which of the scene's Gaussians are in it."""
     config: TrimConfig = field(default_factory=TrimConfig)
     segmenter: str = DEFAULT_SEGMENTER
     segmenter_options: Any = None

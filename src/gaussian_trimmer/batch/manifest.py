@@ -116,10 +116,18 @@ def _items_of(row: Row, folder: Path, options: tuple[str, ...]) -> list[Item]:
     chosen = parse_options((*options, *_words(row.get("options") or "")))
     up = _up(row.get("up"))
     item = Item(
-        scene, selection or labels, _text(row, "name"), _path(row, "cameras", folder), chosen.trust_paths,
-        chosen.format, chosen.trim_config(), chosen.segmenter, chosen.used_options(), chosen.renderer,
-        chosen.selection_options,
-    )  # fmt: skip
+        scene,
+        selection or labels,
+        _text(row, "name"),
+        cameras=_path(row, "cameras", folder),
+        trust_paths=chosen.trust_paths,
+        format=chosen.format,
+        config=chosen.trim_config(),
+        segmenter=chosen.segmenter,
+        segmenter_options=chosen.used_options(),
+        renderer=chosen.renderer,
+        selection_options=chosen.selection_options,
+    )
     if up is not None:
         item = replace(item, config=replace(item.config, up=up))
     wanted = row.get("objects")

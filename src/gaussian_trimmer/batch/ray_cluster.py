@@ -7,6 +7,8 @@ driver sees it die as it sees a process die, and starts another in its place, wh
 from __future__ import annotations
 
 import os
+import re
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from gaussian_trimmer.errors import InputError
 
 Json = dict[str, Any]
 _MOST_AT_ONCE = 64
+_SECONDS_TO_ANSWER = 10.0
 _THREADS = 1
 """Processors, and so threads, of a worker: objects are many, and each thread more saves less."""
 
@@ -136,6 +139,8 @@ def _connect(address: str | None) -> tuple[Any, bool]:
         ) from error
     if ray.is_initialized():
         return ray, False
+    if address is not None:
+        _check_address(address)
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     options = {"include_dashboard": False} if address is None else {}
     try:
@@ -144,6 +149,23 @@ def _connect(address: str | None) -> tuple[Any, bool]:
         reason = " ".join(str(error).split())[:300]
         raise InputError(f"There is no Ray cluster at '{address}' ({reason}).") from error
     return ray, address is None
+
+
+def _check_address(address: str) -> None:
+    """Refuse an address where nobody answers: Ray would try it for minutes.
+
+    Raises:
+        InputError: nobody answers, or it is no address.
+    """
+    found = re.fullmatch(r"(?:ray://)?\[?([^\]/]+?)\]?:(\d{1,5})", address)
+    if address in ("auto", "local"):
+        return
+    if not found:
+        raise InputError(f"'{address}' is no address of a Ray cluster; give host:port, or auto.")
+    try:
+        socket.create_connection((found[1], int(found[2])), _SECONDS_TO_ANSWER).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(f"There is no Ray cluster at '{address}' ({error}).") from error
 
 
 def _source_path() -> str:

@@ -48,6 +48,8 @@ class Schedule:
         self._budget = budget
         self._hands: dict[int, _Hand] = {}
         self._needs = {entry.scene: entry.need for entry in scenes}
+        self.changes = 0
+        """Grows whenever something may be taken that could not be taken before."""
         self.scenes_taken = 0
         """How many times a scene was taken, which is how many times one is read."""
 
@@ -81,6 +83,7 @@ class Schedule:
         hand = self._hands[worker]
         hand.waiting = deque(item for item in hand.waiting if item not in done)
         hand.shared = True
+        self.changes += 1
 
     def items_of(self, worker: int) -> list[int]:
         """Items that wait at a worker."""
@@ -89,6 +92,7 @@ class Schedule:
     def release(self, worker: int) -> None:
         """The worker no longer holds a scene, because it died or let it go; its items wait for another worker."""
         hand = self._hands.pop(worker, None)
+        self.changes += 1
         if hand and hand.waiting:
             self._scenes.appendleft(SceneItems(hand.scene, list(hand.waiting), hand.need))
 
@@ -110,8 +114,11 @@ class Schedule:
     def put_back(self, scene: str, items: list[int]) -> None:
         """Items that must be done again, or later."""
         self._scenes.append(SceneItems(scene, items, self._needs[scene]))
+        self.changes += 1
 
     def _give(self, worker: int, entry: SceneItems) -> SceneItems:
+        if worker in self._hands and self._hands[worker].need > entry.need:
+            self.changes += 1
         self._hands[worker] = _Hand(entry.scene, entry.need, deque(entry.items))
         self.scenes_taken += 1
         return entry

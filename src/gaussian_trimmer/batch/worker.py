@@ -156,7 +156,9 @@ class SceneWorker:
         result = trim_object(self._scene, selection, item, cameras)
         report = describe(result, result.selection, result.config, _inputs(item), result.segmenter_description)
         del report["seconds"]  # The files of an item hold nothing that differs from run to run.
-        write_results(result, result.selection, report, folder, result.used_renderer, item.suffix)
+        write_results(
+            result, result.selection, report, folder, result.used_renderer, item.suffix, background=item.background
+        )
         told = {
             "fingerprint": mark,
             "counts": report["counts"],

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -52,6 +52,8 @@ class Batch:
     """Only the scenes that are the I-th of N machines', from 1."""
     options: Annotated[str, arg(metavar="TEXT")] = ""
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7"; those of a row come after them."""
+    background: bool = True
+    """Write the scene without the object for every item; each is nearly as large as its scene."""
     time_limit: Annotated[float | None, arg(metavar="SECONDS")] = None
     """What one item, or the reading of one scene, may take."""
     retries: int = 2
@@ -71,6 +73,7 @@ class Batch:
         """
         console = open_console(quiet=self.quiet)
         items = check_items(read_manifest(self.manifest, self.options))
+        items = [replace(item, background=self.background) for item in items]
         memory = None if self.memory is None else 1e9 * self.memory
         outcomes: list[Outcome] = []
         with _progress(console) as shown:
@@ -85,9 +88,12 @@ class Batch:
                     shard=_shard(self.shard), time_limit=self.time_limit, retries=self.retries,
                     retry_failed=self.retry_failed, memory=memory, on_result=on_result, on_status=shown.tell_status,
                 )  # fmt: skip
-            finally:
+            except InputError:
                 if outcomes:
-                    write_summaries(open_store(self.output), items, outcomes)
+                    with suppress(InputError):  # What stopped the batch is what should be told.
+                        write_summaries(open_store(self.output), items, outcomes)
+                raise
+        write_summaries(open_store(self.output), items, outcomes)
         self._tell_end(console, outcomes)
 
     def _tell_end(self, console: Console, outcomes: list[Outcome]) -> None:

@@ -33,7 +33,7 @@ def result_files(suffix: str) -> tuple[str, ...]:
 
 def write_results(
     result: TrimResult, selection: BoolArray, report: Mapping[str, Any], folder: Path, renderer: Renderer,
-    suffix: str = ".ply",
+    suffix: str = ".ply", *, background: bool = True,
 ) -> None:  # fmt: skip
     """Write everything into an existing folder.
 
@@ -44,6 +44,7 @@ def write_results(
         folder: where to write.
         renderer: draws the pictures.
         suffix: ending of the splat files, one of `formats.FORMATS`.
+        background: write the background too, which is nearly as large as the scene.
 
     A background without a single Gaussian, as an object that was given alone can leave, is not written.
 
@@ -51,7 +52,7 @@ def write_results(
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
     formats.write(result.object, folder / f"object{suffix}")
-    if len(result.source_index) > len(result.object):
+    if background and len(result.source_index) > len(result.object):
         formats.write_selected(
             result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
         )
