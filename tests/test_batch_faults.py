@@ -67,7 +67,7 @@ def test_worker_that_dies_again_and_again_costs_one_item(batch, tmp_path):
         kill(children(driver)[0])
     code, _, err = end(driver)
     assert code == 2
-    assert "1 of 6 items failed; the first: s1-1: The worker was killed by SIGKILL" in err
+    assert "1 of 6 items failed; the first: s1-1: Its worker was killed by SIGKILL" in err
     done = {name: data for name, data in expected.items() if not name.startswith("s1-1/")}
     assert contents(tmp_path) == done
 

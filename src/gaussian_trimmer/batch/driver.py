@@ -274,6 +274,7 @@ class _Driver:
         self.outcomes: dict[int, Outcome] = {}
         self._mine = sorted(schedule.all_waiting())
         self._total = len(self._mine)
+        self._json: dict[int, tuple[Any, Any]] = {}
         self._deaths: dict[int | str, int] = {}
         self._marks: dict[int, str] = {}
         self._later: deque[tuple[float, str, int]] = deque()
@@ -332,7 +333,7 @@ class _Driver:
         entry = self._schedule.take(slot.number)
         if entry is not None:
             slot.scene, slot.is_read, slot.item = entry.scene, False, None
-            items = [item_as_json(self._items[i]) for i in entry.items]
+            items = [item_as_json(self._items[i], self._json) for i in entry.items]
             request = {"scene": entry.scene, "items": items, "retry_failed": self._retry_failed}
             self._send(slot, "check", request)
         elif slot.alive and self._schedule.holds_scene(slot.number) and self._schedule.waiting:
@@ -341,8 +342,7 @@ class _Driver:
 
     def _send_trim(self, slot: _Slot) -> None:
         assert slot.item is not None
-        item = self._items[slot.item]
-        self._send(slot, "trim", {"item": item_as_json(item), "fingerprint": self._marks[slot.item]})
+        self._send(slot, "trim", {"name": self._items[slot.item].name})
 
     def _send(self, slot: _Slot, what: str, request: Json) -> None:
         if not slot.alive:
@@ -437,10 +437,8 @@ class _Driver:
         if not what or not scene:
             return
         self._deaths[key] = self._deaths.get(key, 0) + 1
-        sentence = (
-            f"The worker {words} while it was to {what} " + ("it" if what == "trim" else f"'{scene}'")
-            + f", {self._deaths[key]} times."
-        )  # fmt: skip
+        who = "Its worker" if what == "trim" else f"The worker that was to {what} '{scene}'"
+        sentence = f"{who} {words}; that happened {self._deaths[key]} times."
         tried_enough = self._deaths[key] > self._retries
         if what == "trim" and item is not None:
             if tried_enough:

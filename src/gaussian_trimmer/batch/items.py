@@ -74,7 +74,8 @@ def check_items(items: Iterable[Item]) -> list[Item]:
         InputError: there is no item, a setting is not possible, or two items have the same name, or one's folder would
             lie in another's.
     """
-    checked = [_check_item(item, number) for number, item in enumerate(items, 1)]
+    given, known = list(items), set[int]()
+    checked = [_check_item(item, number, known) for number, item in enumerate(given, 1)]
     if not checked:
         raise InputError("The batch has no items.")
     numbers: dict[str, int] = {}
@@ -113,9 +114,23 @@ def default_name(item: Item) -> str:
     return "/".join([*scene, "-".join([*own[common:], *ids])])
 
 
-def item_as_json(item: Item) -> Json:
-    """An item as JSON holds it."""
-    return _plain(asdict(item))  # type: ignore[no-any-return]
+def item_as_json(item: Item, known: dict[int, tuple[Any, Any]] | None = None) -> Json:
+    """An item as JSON holds it.
+
+    Args:
+        known: what settings became earlier, by their identity: items by the thousand have the same ones.
+    """
+    known = {} if known is None else known
+    data: Json = {}
+    for entry in fields(item):
+        value = getattr(item, entry.name)
+        if not is_dataclass(value):
+            data[entry.name] = value
+            continue
+        if id(value) not in known:
+            known[id(value)] = value, _plain(asdict(value))  # type: ignore[arg-type]
+        data[entry.name] = known[id(value)][1]
+    return data
 
 
 def item_of_json(data: Json) -> Item:
@@ -135,17 +150,18 @@ def options_kind(segmenter: str) -> type[Any] | None:
     return getattr(import_module(module), kind) if kind else None
 
 
-def _check_item(item: Any, number: int) -> Item:
+def _check_item(item: Any, number: int, known: set[int]) -> Item:
     if not isinstance(item, Item):
         raise InputError(f"Item {number} is a {type(item).__name__}; give batch.Item.")
     try:
-        _check_settings(item)
+        _check_settings(item, known)
         return replace(item, name=_checked_name(item.name) if item.name else default_name(item))
     except InputError as error:
         raise InputError(f"Item {number}: {error}") from error
 
 
-def _check_settings(item: Item) -> None:
+def _check_settings(item: Item, known: set[int]) -> None:
+    """Check what an item says; `known` are the identities of settings that were found to be possible."""
     if item.segmenter not in SEGMENTERS:
         raise InputError(f"Unknown segmenter '{item.segmenter}'; available: {', '.join(SEGMENTERS)}.")
     if item.renderer not in RENDERER_CHOICES:
@@ -158,8 +174,11 @@ def _check_settings(item: Item) -> None:
                 + (f"a {kind.__name__}." if kind else "none.")
             )
         check_settings(item.segmenter_options, item.segmenter)
-    check_settings(item.selection_options, "selection")
-    check_config(item.config)
+    if id(item.selection_options) not in known:
+        check_settings(item.selection_options, "selection")
+    if id(item.config) not in known:
+        check_config(item.config)
+    known |= {id(item.selection_options), id(item.config)}
     assert item.suffix
 
 

@@ -153,4 +153,4 @@ def _signal_name(number: int) -> str:
         name = signal.Signals(number).name
     except ValueError:
         name = f"signal {number}"
-    return f"{name}, perhaps for want of memory" if name == "SIGKILL" else name
+    return f"{name} (perhaps for want of memory)" if name == "SIGKILL" else name

@@ -3,8 +3,8 @@
 Requests and replies are plain JSON, so that a process, a node of a cluster and a test are served alike:
 
     {"do": "check", "scene": ..., "items": [...], "retry_failed": ...}  ->  {"fingerprints", "finished", "failed", ...}
-    {"do": "read"}                                                      ->  {}
-    {"do": "trim", "item": ..., "fingerprint": ...}                     ->  a record, see `records`
+    {"do": "read"}                                                      ->  {"gaussians": ...}
+    {"do": "trim", "name": ...}                                         ->  {"finished": ..., "seconds": ...}
 
 A reply with "error" says in one sentence what the user can mend, and whether it was the surroundings, such as a full
 disk, that failed and not the item.
@@ -53,6 +53,8 @@ class SceneWorker:
         self._scene: Gaussians | None = None
         self._cameras: dict[tuple[str, bool], CameraSet] = {}
         self._digests: dict[str, str] = {}
+        self._items: dict[str, tuple[Item, str]] = {}
+        """The items of the scene by name, with their fingerprints."""
 
     def serve(self, request: Json) -> Json:
         """The reply to a request."""
@@ -67,7 +69,7 @@ class SceneWorker:
                     self.close()
                     self._address, reply = "", {}
                 case _:
-                    reply = self._trim(item_of_json(request["item"]), request["fingerprint"])
+                    reply = self._trim(*self._items[request["name"]])
         except MemoryError as error:
             reply = _failure("There is not enough memory for this.", error)
         except InputError as error:
@@ -87,6 +89,7 @@ class SceneWorker:
         self._scene = None
         self._cameras.clear()
         self._digests.clear()
+        self._items.clear()
         self._close.close()
 
     def _check(self, request: Json) -> Json:
@@ -96,8 +99,7 @@ class SceneWorker:
             self._address = ""
             self._path = self._close.enter_context(local_copy(request["scene"]))
             self._address = request["scene"]
-        else:
-            self._digests.clear()
+        self._digests.clear()
         if not self._path.is_file():
             raise InputError(f"There is no file '{request['scene']}'.")
         state = _state(self._path)
@@ -118,6 +120,7 @@ class SceneWorker:
         selection = self._digest(item.selection) if item.selection else None
         cameras = digest_of_cameras(self._camera_set(item)) if item.cameras else None
         mark = reply["fingerprints"][item.name] = fingerprint(item, scene, selection, cameras)
+        self._items[item.name] = item, mark
         finished = self._store.finished(item.name)
         if finished is not None and finished.get("fingerprint") == mark:
             reply["finished"][item.name] = finished
