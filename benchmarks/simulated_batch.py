@@ -28,14 +28,14 @@ class Plant:
     machines: int = 64
     cores: int = 16
     """Workers of a machine."""
-    item_seconds: Number = 0.8
+    item_seconds: Number = 1.5
     """Median time of an item on one core."""
-    item_spread: Number = 0.5
+    item_spread: Number = 0.3
     """Standard deviation of its logarithm."""
     scene_bytes: Number = 250e6
     """Median size of a scene's file."""
     scene_spread: Number = 0.7
-    read_seconds_per_byte: Number = 2.5e-9
+    read_seconds_per_byte: Number = 3.4e-9
     """Time of a core to hash and read a scene, beside the transfer."""
     output_bytes: Number = 0.0
     """What an item writes; 0: a background as large as the scene."""
@@ -120,7 +120,8 @@ class _Shard:
                     parked.append(worker)
             if parked and self._schedule.changes != tried:
                 tried = self._schedule.changes
-                parked = [other for other in parked if not self._give(now, other)]
+                while parked and self._give(now, parked[-1]):
+                    parked.pop()
         return {"seconds": now, **self._told, **self._counts}
 
     def _give(self, now: float, worker: int) -> bool:

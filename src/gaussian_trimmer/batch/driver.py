@@ -297,6 +297,8 @@ class _Driver:
                 self._tried_at = self._schedule.changes
                 for slot in [slot for slot in self._slots.values() if not slot.doing]:
                     self._give(slot)
+                    if self._schedule.barren:
+                        break
             if self._stopped and not any(slot.doing for slot in self._slots.values()):
                 break
             for number, reply in engine.wait(self._patience()):
@@ -499,7 +501,8 @@ class _Driver:
         record = {"name": item.name, "state": "failed", "message": message, "fingerprint": mark}
         if "traceback" in reply:
             record["traceback"] = reply["traceback"]
-        with suppress(InputError):  # Where nothing can be written, it is told, and tried again by the next run.
+        with suppress(InputError, OSError):  # Where nothing can be written, the next run tries it again.
+            self._store.clean(item.name)
             self._store.write(f"records/{item.name}.json", json.dumps(record, indent=1) + "\n")
         self._settle(number, Outcome(item, "failed", message, fingerprint=self._marks.get(number, "")))
 

@@ -48,10 +48,18 @@ class Schedule:
         self._budget = budget
         self._hands: dict[int, _Hand] = {}
         self._needs = {entry.scene: entry.need for entry in scenes}
+        self._used = 0.0
+        self._barren_at = -1
+        """Changes when there was last nothing to take for anyone: thousands of idle workers ask again and again."""
         self.changes = 0
         """Grows whenever something may be taken that could not be taken before."""
         self.scenes_taken = 0
         """How many times a scene was taken, which is how many times one is read."""
+
+    @property
+    def barren(self) -> bool:
+        """Whether there is nothing to take for anyone, until `changes` grows."""
+        return self._barren_at == self.changes
 
     @property
     def waiting(self) -> int:
@@ -63,9 +71,11 @@ class Schedule:
 
         None if nothing is left, or if what is left does not fit into the memory beside what the others have.
         """
+        if self.barren:
+            return None
         hand = self._hands.setdefault(worker, _Hand())
         assert not hand.waiting, "a worker takes when it has nothing"
-        free = self._budget - sum(other.need for number, other in self._hands.items() if number != worker)
+        free = self._budget - self._used + hand.need
         for position, entry in enumerate(self._scenes):
             if entry.need <= free:
                 del self._scenes[position]
@@ -92,6 +102,7 @@ class Schedule:
     def release(self, worker: int) -> None:
         """The worker no longer holds a scene, because it died or let it go; its items wait for another worker."""
         hand = self._hands.pop(worker, None)
+        self._used -= hand.need if hand else 0.0
         self.changes += 1
         if hand and hand.waiting:
             self._scenes.appendleft(SceneItems(hand.scene, list(hand.waiting), hand.need))
@@ -117,16 +128,19 @@ class Schedule:
         self.changes += 1
 
     def _give(self, worker: int, entry: SceneItems) -> SceneItems:
-        if worker in self._hands and self._hands[worker].need > entry.need:
-            self.changes += 1
+        before = self._hands[worker].need
+        self.changes += before > entry.need
+        self._used += entry.need - before
         self._hands[worker] = _Hand(entry.scene, entry.need, deque(entry.items))
         self.scenes_taken += 1
         return entry
 
     def _half_of_another(self, worker: int, free: float) -> SceneItems | None:
-        others = [h for number, h in self._hands.items() if number != worker and h.shared and h.need <= free]
-        richest = max(others, key=lambda hand: len(hand.waiting), default=None)
-        if richest is None or len(richest.waiting) < _FEWEST_TO_SHARE:
+        sharing = [h for h in self._hands.values() if h.shared and len(h.waiting) >= _FEWEST_TO_SHARE]
+        if not sharing and not self._scenes:
+            self._barren_at = self.changes
+        richest = max((h for h in sharing if h.need <= free), key=lambda hand: len(hand.waiting), default=None)
+        if richest is None:
             return None
         items = [richest.waiting.pop() for _ in range(len(richest.waiting) // 2)]
         return SceneItems(richest.scene, items[::-1], richest.need)

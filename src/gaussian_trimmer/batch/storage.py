@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 
 from gaussian_trimmer.atomic import atomic_file, atomic_folder
+from gaussian_trimmer.atomic.locks import remove_leftovers
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.output.report import RESULTS, result_files
 
@@ -40,6 +41,10 @@ class Store(Protocol):
 
     def read(self, name: str) -> Json | None:
         """A file of JSON, by its path in the store; None if it is missing or damaged."""
+        ...
+
+    def clean(self, name: str) -> None:
+        """Remove what a dead worker has left of an item."""
         ...
 
     def write(self, name: str, text: str) -> None:
@@ -107,6 +112,14 @@ class FolderStore:
         except OSError:
             return None
 
+    def clean(self, name: str) -> None:
+        """As in `Store`."""
+        for place in (self.root / "items" / name).parents:
+            if place.is_dir():
+                remove_leftovers(place)
+            if place == self.root:
+                break
+
     def write(self, name: str, text: str) -> None:
         """As in `Store`."""
         path = self.root / name
@@ -156,6 +169,9 @@ class AddressStore:
             return _parsed(self._files.cat_file(self._path(name), end=_MAX_RECORD))
         except (OSError, ValueError):
             return None
+
+    def clean(self, name: str) -> None:
+        """As in `Store`; what is not complete counts as absent there."""
 
     def write(self, name: str, text: str) -> None:
         """As in `Store`."""
