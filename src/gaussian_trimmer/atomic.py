@@ -47,6 +47,16 @@ def atomic_folder(folder: Path, stale: Sequence[str] = (), *, overwrite: bool = 
         shutil.rmtree(part, ignore_errors=True)
 
 
+def check_folder(folder: Path | None, *, overwrite: bool) -> None:
+    """Refuse, before anything is measured or made, a folder that `atomic_folder` would refuse; None is fine.
+
+    Raises:
+        InputError: the folder is a file, or holds something and may not be overwritten.
+    """
+    if folder is not None:
+        _check(folder.absolute(), overwrite)
+
+
 def _check(folder: Path, overwrite: bool) -> None:
     try:
         if folder.exists() and not folder.is_dir():

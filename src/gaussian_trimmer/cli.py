@@ -23,7 +23,12 @@ COMMANDS = {
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
-}
+    "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
+    "evaluate benchmark": (
+        "gaussian_trimmer.commands.evaluate_benchmark", "Benchmark", "trim and measure scenes with ground truth",
+    ),
+}  # fmt: skip
+"""A command of two words goes before the command of its first word."""
 
 USER_ERROR, INTERRUPTED = 2, 130
 _MESSAGE_LENGTH = 1000
@@ -67,13 +72,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
-    name = arguments[0] if arguments else "--help"
+    name, used = arguments[0] if arguments else "--help", 1
+    if (two_words := " ".join(arguments[:2])) in COMMANDS:
+        name, used = two_words, 2
     if name in ("-h", "--help"):
         print(_overview())
     elif name == "--version":
         print(f"{PROGRAM} {__version__}")
     elif name in COMMANDS:
-        _parse(name, arguments[1:]).run()
+        _parse(name, arguments[used:]).run()
     else:
         raise InputError(f"Unknown command '{name}'; available: {', '.join(COMMANDS)}.")
     return 0
@@ -96,7 +103,8 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
 
 
 def _overview() -> str:
-    lines = [f"  {name:<9}{text}" for name, (_, _, text) in COMMANDS.items()]
+    width = max(map(len, COMMANDS)) + 2
+    lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     return "\n".join([
         f"usage: {PROGRAM} COMMAND ...", "", "Sharp object boundaries for 3D Gaussian Splatting segmentations.", "",
         *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version names the version.",

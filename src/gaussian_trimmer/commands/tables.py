@@ -1,0 +1,67 @@
+"""How the commands that measure show their tables, and the files that they write."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from rich.console import Console
+from tyro.conf import arg
+
+from gaussian_trimmer.atomic import atomic_folder
+from gaussian_trimmer.evaluation.tables import ENDINGS, FORMATS, ScoreTable
+from gaussian_trimmer.output.pictures import Picture, write_picture
+
+_WRITTEN = ("*.md", "*.csv", "*.json", "*.tex", "*.png", "*.svg", "sheets")
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """Where tables go."""
+
+    format: Literal["table", "csv", "json", "latex"] = "table"
+    """How tables are printed."""
+    output: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder to which all tables are also written, as .md, .csv, .json and .tex, with pictures."""
+    overwrite: bool = False
+    """Replace earlier results in the output folder."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a command has measured: tables by the name of their files, pictures, texts and raw figures."""
+
+    tables: Mapping[str, ScoreTable]
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
+    """By the path of their files in the output folder."""
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """By the name of their files, drawings included."""
+    figures: Sequence[Mapping[str, Any]] | None = None
+    """Written to `runs.json`."""
+
+
+def publish(findings: Findings, options: TableOptions, console: Console) -> None:
+    """Print the tables, and write everything if there is a folder for it.
+
+    Raises:
+        InputError: the folder cannot be written to, or holds something that may not be replaced.
+    """
+    for table in findings.tables.values():
+        console.print(FORMATS[options.format](table))
+    if options.output is None:
+        return
+    with atomic_folder(options.output, _WRITTEN, overwrite=options.overwrite) as folder:
+        for name, table in findings.tables.items():
+            for kind, ending in ENDINGS.items():
+                (folder / f"{name}{ending}").write_text(FORMATS[kind](table), encoding="utf-8")
+        for name, picture in findings.pictures.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            write_picture(picture, folder / name)
+        for name, text in findings.texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        if findings.figures is not None:
+            text = json.dumps(findings.figures, indent=1, allow_nan=False)
+            (folder / "runs.json").write_text(text + "\n", encoding="utf-8")
