@@ -71,7 +71,7 @@ def test_the_script_is_the_command_on_the_data_of_the_repository(root, capsys):
     spec = importlib.util.spec_from_file_location("quality", QUALITY)
     quality = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(quality)
-    assert quality.DATA == QUALITY.parent / "data"
+    assert QUALITY.parent / "data" == quality.DATA
     assert quality.run([str(root), "--kinds", "exact", "--no-fidelity"]) == 0
     assert "by kind of selection" in capsys.readouterr().out
     quality.DATA = root

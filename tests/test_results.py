@@ -90,7 +90,7 @@ def test_an_object_that_is_not_in_the_scene_has_no_background(ball, tmp_path):
 
 
 def test_a_selection_file_cuts_the_scene(ball, tmp_path):
-    scene, truth, rough = ball
+    scene, _, rough = ball
     np.save(tmp_path / "rough.npy", rough)
     found = read_result(tmp_path / "rough.npy", scene)
     np.testing.assert_array_equal(found.selection, rough)

@@ -73,7 +73,7 @@ class Benchmark:
                 pictures[name] = comparison_sheet(views, before, after, self.rules.threshold)
 
         for task in benchmark_tasks(self.root, self.options, lambda what: progress.print(f"left out: {what}")):
-            for run in measure(task, chosen, judge, fidelity=self.fidelity, show=keep_sheet):
+            for run in measure(task, chosen, [judge], fidelity=self.fidelity, show=keep_sheet):
                 runs.append(run)
                 print_run(run, progress)
         if not runs:

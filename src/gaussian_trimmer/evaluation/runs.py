@@ -63,6 +63,8 @@ class Run:
     object: str
     kind: str
     variant: str
+    occlusion: str
+    """Whether the object was rendered alone or in its scene."""
     before: Scores
     after: Scores
     fidelity: float
@@ -94,40 +96,49 @@ ShowRun = Callable[[Run, Sequence[TestView], Sequence[Shown], Sequence[Shown]], 
 
 
 def measure(
-    task: Task, variants: Mapping[str, Variant], judge: Judge, *, fidelity: bool = True, show: ShowRun | None = None
-) -> Iterator[Run]:
-    """Trim a task in every way, and compare with ground truth.
+    task: Task, variants: Mapping[str, Variant], judges: Sequence[Judge], *, fidelity: bool = True,
+    show: ShowRun | None = None,
+) -> Iterator[Run]:  # fmt: skip
+    """Trim a task in every way, and compare each with ground truth under the rules of every judge.
 
     Args:
         fidelity: also compare object and background together with the untouched scene.
         show: called with every run, for pictures.
     """
-    shown_before = [judge.show(task.before, view.camera) for view in task.views]
-    scored_before = [judge.score(shown, view) for shown, view in zip(shown_before, task.views, strict=True)]
-    whole = Cut(task.gaussians, task.gaussians.select(slice(0, 0)))
-    alone = replace(judge, occlusion="alone")
-    untouched = [alone.show(whole, view.camera).rgb for view in task.views] if fidelity else []
+    first, views = judges[0], task.views
+    before = [[judge.show(task.before, view.camera) for view in views] for judge in judges]
+    whole, alone = Cut(task.gaussians, task.gaussians.select(slice(0, 0))), replace(first, occlusion="alone")
+    untouched = [alone.show(whole, view.camera).rgb for view in views] if fidelity else []
     for name, variant in variants.items():
         start = time.perf_counter()
-        result = run_variant(task, variant, judge.renderer)
+        result = run_variant(task, variant, first.renderer)
         seconds = time.perf_counter() - start
         cut = Cut(result.object, result.background)
-        shown = [judge.show(cut, view.camera) for view in task.views]
-        scored = [judge.score(found, view) for found, view in zip(shown, task.views, strict=True)]
-        if fidelity:
-            kept = (judge.fidelity(cut, v.camera, u) for v, u in zip(task.views, untouched, strict=True))
-            scored = [scores | more for scores, more in zip(scored, kept, strict=True)]
-        rows = zip(task.views, scored_before, scored, strict=True)
-        by_view = tuple(ViewScores(view.camera.name, before, after) for view, before, after in rows)
-        after = mean_scores(scored)
-        run = Run(
-            task.scene, task.object, task.kind, name, mean_scores(scored_before), after,
-            after.pop("fidelity", float("nan")), seconds, result.refused,
-            {label.name.lower(): result.count(label) for label in RowLabel}, by_view,
-        )  # fmt: skip
-        if show is not None:
-            show(run, task.views, shown_before, shown)
-        yield run
+        kept = [first.fidelity(cut, view.camera, u) for view, u in zip(views, untouched, strict=False)]
+        for judge, shown_before in zip(judges, before, strict=True):
+            shown = [judge.show(cut, view.camera) for view in views]
+            run = _run_of(task, name, judge, shown_before, shown, kept, result, seconds)
+            if show is not None:
+                show(run, views, shown_before, shown)
+            yield run
+
+
+def _run_of(
+    task: Task, variant: str, judge: Judge, before: Sequence[Shown], after: Sequence[Shown], fidelity: Sequence[Scores],
+    result: TrimResult, seconds: float,
+) -> Run:  # fmt: skip
+    scored_before = [judge.score(shown, view) for shown, view in zip(before, task.views, strict=True)]
+    scored = [judge.score(shown, view) for shown, view in zip(after, task.views, strict=True)]
+    if fidelity:
+        scored = [scores | more for scores, more in zip(scored, fidelity, strict=True)]
+    rows = zip(task.views, scored_before, scored, strict=True)
+    mean = mean_scores(scored)
+    return Run(
+        task.scene, task.object, task.kind, variant, judge.occlusion, mean_scores(scored_before), mean,
+        mean.pop("fidelity", float("nan")), seconds, result.refused,
+        {label.name.lower(): result.count(label) for label in RowLabel},
+        tuple(ViewScores(view.camera.name, then, now) for view, then, now in rows),
+    )  # fmt: skip
 
 
 def run_variant(task: Task, variant: Variant, renderer: Renderer) -> TrimResult:
