@@ -30,6 +30,9 @@ COMMANDS = {
     "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "measure a method on NVOS, and trimmed"),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
+    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure what stages bring"),
+    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by views"),
+    "evaluate sheets": ("gaussian_trimmer.commands.evaluate_studies", "Sheets", "draw trims of captures"),
 }  # fmt: skip
 """A command of two words goes before the command of its first word."""
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from rich.console import Console
 from tyro.conf import Positional, arg
 
@@ -94,8 +95,8 @@ def print_run(run: Run, console: Console) -> None:
         for name in ("iou", "boundary_iou", "psnr")
         if name in run.before
     )
-    loss = "  LOSS" if run.loses else ""
+    kept = "" if np.isnan(run.fidelity) else f"fidelity {run.fidelity:4.1f}  "
+    tail = f"{run.seconds:4.1f} s{'  LOSS' if run.loses else ''} {run.refused}".rstrip()
     console.print(
-        f"{run.variant:18s} {run.kind:12s} {run.scene}/{run.object:12s} {changes}  fidelity {run.fidelity:4.1f}  "
-        f"{run.seconds:4.1f} s{loss} {run.refused}"
+        f"{run.variant:18s} {run.kind:12s} {run.scene}/{run.object:12s} {run.occlusion:8s} {changes}  {kept}{tail}"
     )

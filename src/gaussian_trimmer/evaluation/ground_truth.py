@@ -75,15 +75,25 @@ def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     Raises:
         InputError: the file is no picture, has more than 67 million pixels, or another shape.
     """
-    bgr = _decoded(_picture_bytes(path), cv2.IMREAD_COLOR, path)
-    if not _same_shape(bgr.shape[1] / bgr.shape[0], width / height):
+    picture = read_picture(path)
+    if not _same_shape(picture.shape[1] / picture.shape[0], width / height):
         raise InputError(
-            f"The picture '{path}' has {bgr.shape[1]} x {bgr.shape[0]} pixels and its mask {width} x {height}; both "
-            "must show the same."
+            f"The picture '{path}' has {picture.shape[1]} x {picture.shape[0]} pixels and its mask {width} x {height}; "
+            "both must show the same."
         )
-    if bgr.shape[:2] != (height, width):
-        bgr = np.asarray(cv2.resize(bgr, (width, height), interpolation=cv2.INTER_AREA))
-    return np.asarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
+    if picture.shape[:2] != (height, width):
+        picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
+    return picture
+
+
+def read_picture(path: Path) -> FloatArray:
+    """A picture in [0, 1], (H, W, 3).
+
+    Raises:
+        InputError: the file is no picture, or has more than 67 million pixels.
+    """
+    bgr = _decoded(_picture_bytes(path), cv2.IMREAD_COLOR, path)
+    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
 
 def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:

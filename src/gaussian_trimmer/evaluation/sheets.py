@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.evaluation.ground_truth import TestView
-from gaussian_trimmer.evaluation.scoring import Shown
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.ground_truth import TestView, at_size, find_picture, read_picture
+from gaussian_trimmer.evaluation.scoring import Cut, Judge, Shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.output.pictures import Picture, captioned
+from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views import HALF, Box, bounding_box
 
 _GREY = np.float32(0.35)
 CELL = 280
 """Side of a picture on a sheet, in pixels."""
+_SELECTED, _TRIMMED = (1.0, 0.6, 0.1), (0.1, 0.9, 1.0)
 _TOO_MUCH, _MISSING = (1.0, 0.1, 0.1), (0.1, 1.0, 0.1)
 
 
@@ -44,6 +51,49 @@ def comparison_sheet(
         box = square_about(np.any(masks, axis=0))
         rows.append(row_of_pictures([(name, cut_out(picture, box)) for name, picture in cells], captions=i == 0))
     return np.vstack(rows)
+
+
+def capture_sheet(
+    cameras: Sequence[Camera], images: Path, before: Cut, after: Cut, bounds: Bounds, renderer: Renderer, rows: int
+) -> Picture:
+    """Photograph, selection, trim, and both outlines in the photograph, a row for each of some training cameras.
+
+    The cameras are evenly spread over those that have the object in the picture.
+
+    Args:
+        images: folder of the photographs, of whatever size.
+        before: what was selected.
+        after: what the trim made of it.
+        bounds: bounds of the object.
+
+    Raises:
+        InputError: no camera has the object in its picture, or a photograph is missing.
+    """
+    seeing = cameras_that_see(cameras, bounds)
+    if not seeing:
+        raise InputError(f"None of the {len(cameras)} cameras has the object in its picture.")
+    judge = Judge(renderer)
+    drawn: list[Picture] = []
+    for number in [i * len(seeing) // rows for i in range(rows)] if len(seeing) > rows else range(len(seeing)):
+        camera, photograph = _with_photograph(seeing[number], images)
+        shown = [judge.show(cut, camera) for cut in (before, after)]
+        box = square_about(np.any([s.alpha > HALF for s in shown], axis=0))
+        outlined = photograph.copy()
+        for s, colour in zip(shown, (_SELECTED, _TRIMMED), strict=True):
+            contours, _ = cv2.findContours((s.alpha > HALF).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+            cv2.drawContours(outlined, contours, -1, colour, 1, cv2.LINE_AA)
+        cells = [("photograph", photograph), ("selection", over_grey(shown[0])), ("trimmed", over_grey(shown[1]))]
+        cells.append(("outlines: selection, trimmed", outlined))
+        drawn.append(row_of_pictures([(name, cut_out(cell, box)) for name, cell in cells], captions=not drawn))
+    return np.vstack(drawn)
+
+
+def _with_photograph(camera: Camera, images: Path) -> tuple[Camera, FloatArray]:
+    """The camera at the size of its photograph, and that in [0, 1], (H, W, 3)."""
+    path = find_picture(images, camera)
+    photograph = read_picture(path)
+    height, width = photograph.shape[:2]
+    return at_size(camera, width, height, path), photograph
 
 
 def square_about(mask: BoolArray, margin: float = 0.15) -> Box:
