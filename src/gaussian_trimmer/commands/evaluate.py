@@ -15,6 +15,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions, publish
 from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.evaluation.clip_iqa import load_scorer
 from gaussian_trimmer.evaluation.ground_truth import TestView, views_in
 from gaussian_trimmer.evaluation.results import StoredResult, cut_by, read_result
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Occlusion, Scores, Shown, mean_scores
@@ -38,9 +39,20 @@ class RuleOptions:
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
 
-    def judge(self, occlusion: Occlusion = "alone") -> Judge:
-        """The rules with a renderer."""
-        return Judge(get_renderer(self.renderer), self.threshold, occlusion)
+    clip: Annotated[str, arg(metavar="MODEL")] = ""
+    """Also score the looks of the object by CLIP-IQA with this CLIP model: a folder, or a name on the Hugging Face
+    hub. Only with the object rendered alone."""
+
+    def judge(self, *occlusion: Occlusion) -> list[Judge]:
+        """A judge for each rule of occlusion, with one renderer and one CLIP model.
+
+        Raises:
+            InputError: looks are to be judged and no object is rendered alone, or what they need is missing.
+        """
+        if self.clip and "alone" not in occlusion:
+            raise InputError("CLIP-IQA judges the object rendered alone; leave --clip out, or use --occlusion alone.")
+        renderer, looks = get_renderer(self.renderer), load_scorer(self.clip)
+        return [Judge(renderer, self.threshold, rule, looks) for rule in occlusion]
 
 
 @dataclass(frozen=True)
@@ -92,7 +104,7 @@ class Evaluate:
         found, views = views_in(cameras, self.masks, self.images, self.ignore)
         after = read_result(self.result, scene, self.selection_options)
         before = self._before(after, scene)
-        judge = self.rules.judge(self.occlusion)
+        (judge,) = self.rules.judge(self.occlusion)
         if after.unknown_background and self.occlusion == "alone":
             console.print(f"Fidelity is left out, since the scene without the object is unknown: "
                           f"{after.unknown_background}")  # fmt: skip

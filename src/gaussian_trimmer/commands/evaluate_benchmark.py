@@ -64,7 +64,7 @@ class Benchmark:
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
         check_settings(self.rules)
         check_folder(self.tables.output, overwrite=self.tables.overwrite)
-        chosen, judge = chosen_variants(self.variants), self.rules.judge(self.occlusion)
+        chosen, (judge,) = chosen_variants(self.variants), self.rules.judge(self.occlusion)
         runs: list[Run] = []
         pictures: dict[str, Picture] = {}
 

@@ -21,6 +21,7 @@ from gaussian_trimmer.evaluation.dataset_tasks import (
     dataset_tasks,
     find_predictions,
     table_beside_published,
+    table_of_looks,
     table_of_tasks,
 )
 from gaussian_trimmer.evaluation.ground_truth import TestView
@@ -76,7 +77,7 @@ class _EvaluateDataset(TrimmerOptions):
             name: find_predictions(tasks, folder, self.data.patterns, self.data.root)
             for name, folder in zip(names, self.data.predictions, strict=True)
         }
-        judges = [self.rules.judge("alone"), self.rules.judge("in-scene")]
+        judges = self.rules.judge("alone", "in-scene")
         runs: dict[str, list[Run]] = {name: [] for name in names}
         pictures: dict[str, Picture] = {}
 
@@ -90,7 +91,7 @@ class _EvaluateDataset(TrimmerOptions):
                 for run in measure(task, {self.preset: variant}, judges, fidelity=False, show=keep_sheet):
                     runs[name].append(run)
                     print_run(run, progress)
-        rule = judges[0].describe().split("; ")
+        rule = judges[1].describe().split("; ")
         occlusion = "alone: the object rendered by itself; in scene: its share of the whole (occlusion counts)"
         notes = [f"{rule[0]}; {rule[-1]}; {occlusion}"]
         notes.append(f"trimmed with the preset '{self.preset}', {self.config.plan.views} views, {self.segmenter}")
@@ -99,6 +100,8 @@ class _EvaluateDataset(TrimmerOptions):
             for name, of_method in runs.items()
         }
         tables[self.layout] = table_beside_published(layout, dict(runs), notes)
+        if self.rules.clip:
+            tables[f"{self.layout}-clip"] = table_of_looks(layout, dict(runs), [judges[0].describe(), notes[-1]])
         figures = [run.as_dict() for of_method in runs.values() for run in of_method]
         publish(Findings(tables, pictures, figures=figures), self.tables, console)
 

@@ -96,7 +96,7 @@ class _Study(TrimmerOptions):
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
         check_settings(self.rules)
         check_folder(self.tables.output, overwrite=self.tables.overwrite)
-        judge = self.rules.judge(self.occlusion)
+        (judge,) = self.rules.judge(self.occlusion)
         runs = measure_all(self.data.read(progress), variants, judge, lambda run: print_run(run, progress))
         if not runs:
             raise InputError(f"Nothing to measure in '{self.data.root}': it has no such objects and selections.")

@@ -8,6 +8,7 @@ from pathlib import Path
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.clip_iqa import PAIRS
 from gaussian_trimmer.evaluation.ground_truth import view_of
 from gaussian_trimmer.evaluation.layouts import Layout
 from gaussian_trimmer.evaluation.layouts.tasks import LayoutTask, camera_of
@@ -15,7 +16,7 @@ from gaussian_trimmer.evaluation.predictions import Prediction, PredictionPatter
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.evaluation.runs import Run, Task, only_training, training_cameras
 from gaussian_trimmer.evaluation.scoring import Scores, mean_scores
-from gaussian_trimmer.evaluation.tables import Cell, Change, ScoreTable
+from gaussian_trimmer.evaluation.tables import Cell, Change, ScoreTable, heading
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.selection_files import SelectionOptions
 
@@ -112,6 +113,19 @@ def table_beside_published(layout: Layout, methods: dict[str, Sequence[Run]], no
     counted = {len({(run.scene, run.object) for run in runs}) for runs in methods.values()}
     title = f"{layout.TITLE} with and without trimming"
     return ScoreTable(title, columns, rows, [*notes, *_notes_on(layout, min(counted, default=0))], digits=1)
+
+
+def table_of_looks(layout: Layout, methods: dict[str, Sequence[Run]], notes: Sequence[str]) -> ScoreTable:
+    """CLIP-IQA of the methods' objects, before and after, beside published figures."""
+    rows: list[list[Cell]] = [
+        [row.method, "published", *(Change(*pair) for pair in row.looks)] for row in layout.PUBLISHED if row.looks
+    ]
+    for method, runs in methods.items():
+        before, after = mean_of(layout, runs, "alone")
+        rows.append([method, "measured", *(Change(before.get(name), after.get(name)) for name in PAIRS)])
+    columns = ["method", "figures", *(heading(name) for name in PAIRS)]
+    unknown = "the model of the published figures is not known to be the same"
+    return ScoreTable(f"{layout.TITLE}: CLIP-IQA with and without trimming", columns, rows, [*notes, unknown], digits=1)
 
 
 def mean_of(layout: Layout, runs: Sequence[Run], rule: str) -> tuple[Scores, Scores]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 
 _WIDTH, _HEIGHT = 520, 320
-_LEFT, _RIGHT, _TOP, _BOTTOM = 62, 62, 34, 50
-_TICKS = 5
+_LEFT, _RIGHT, _TOP, _BOTTOM = 76, 76, 34, 50
+_MAX_TICKS = 5
 
 
 @dataclass(frozen=True)
@@ -47,13 +48,13 @@ def two_curves(title: str, x_label: str, xs: Sequence[float], left: Curve, right
 
 
 def _axis(curve: Curve, at: float, anchor: str, tick: float) -> list[str]:
-    low, high = _range(curve)
+    low, high, step = _range(curve)
     y_of = _vertical(curve)
     marks = [_line(at, _TOP, at, _HEIGHT - _BOTTOM, curve.colour)]
-    for i in range(_TICKS):
-        value = low + (high - low) * i / (_TICKS - 1)
+    for i in range(round((high - low) / step) + 1):
+        value = low + i * step
         marks.append(_line(at, y_of(value), at + tick / 2, y_of(value), curve.colour))
-        marks.append(_text(at + tick, y_of(value) + 4, f"{value:.3g}", anchor, curve.colour))
+        marks.append(_text(at + tick, y_of(value) + 4, f"{value:g}", anchor, curve.colour))
     x, turn = (14, -90) if anchor == "end" else (_WIDTH - 14, 90)
     y = (_TOP + _HEIGHT - _BOTTOM) / 2
     marks.append(
@@ -63,14 +64,18 @@ def _axis(curve: Curve, at: float, anchor: str, tick: float) -> list[str]:
     return marks
 
 
-def _range(curve: Curve) -> tuple[float, float]:
-    """From zero, or the lowest value below it, to a little above the highest."""
+def _range(curve: Curve) -> tuple[float, float, float]:
+    """Lowest and highest value of an axis, zero among them, and the step between its ticks: round numbers."""
     low, high = min(0.0, *curve.values), max(0.0, *curve.values)
-    return low, high + 0.08 * (high - low) if high > low else low + 1.0
+    rough = (high - low) / (_MAX_TICKS - 1) or 1.0
+    unit = 10.0 ** math.floor(math.log10(rough))
+    step = next(unit * factor for factor in (1, 2, 2.5, 5, 10) if unit * factor >= rough)
+    return step * math.floor(low / step), step * max(1, math.ceil(high / step)), step
 
 
 def _vertical(curve: Curve) -> Callable[[float], float]:
-    return _scale(*_range(curve), _HEIGHT - _BOTTOM, _TOP)
+    low, high, _ = _range(curve)
+    return _scale(low, high, _HEIGHT - _BOTTOM, _TOP)
 
 
 def _scale(low: float, high: float, start: float, end: float) -> Callable[[float], float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -30,8 +30,11 @@ METRICS: Mapping[str, str] = {
     "soft_iou": "soft IoU",
     "psnr": "extraction PSNR",
     "fidelity": "fidelity",
+    "clip_clear": "CLIP-IQA clear boundary",
+    "clip_smooth": "CLIP-IQA smooth boundary",
+    "clip_complete": "CLIP-IQA complete object",
 }
-"""Name of a metric in files -> its name in tables. The first four are percentages, the others dB."""
+"""Name of a metric in files -> its name in tables. `psnr` and `fidelity` are in dB, the others in percent."""
 HIGHEST_PSNR = 100.0
 """dB; pictures that agree everywhere would have an infinite one, and no mean."""
 
@@ -55,6 +58,18 @@ class Shown:
     """Its silhouette under the judge's rule, in [0, 1], (H, W)."""
 
 
+class Looks(Protocol):
+    """Judges how an object looks."""
+
+    def describe(self) -> str:
+        """How, for tables."""
+        ...
+
+    def score(self, shown: Shown, threshold: float) -> Scores:
+        """Scores of an object that is rendered alone."""
+        ...
+
+
 @dataclass(frozen=True)
 class Judge:
     """The rules of a comparison with ground truth."""
@@ -64,6 +79,8 @@ class Judge:
     """Opacity above which a rendered pixel belongs to the object."""
     occlusion: Occlusion = "alone"
     """`alone`: the object's accumulated opacity with nothing before it; `in-scene`: its share of the composite."""
+    looks: Looks | None = None
+    """Also judges the looks of the object, where it is rendered alone."""
 
     def describe(self) -> str:
         """The rules in words, for tables."""
@@ -71,10 +88,9 @@ class Judge:
             "alone": "object rendered alone (no occlusion)",
             "in-scene": "object's share of the whole scene (occlusion counts)",
         }
-        return (
-            f"mask: alpha > {self.threshold:g}, ground truth > 0.5; {rules[self.occlusion]}; "
-            f"renderer: {self.renderer.name}"
-        )
+        rule = f"mask: alpha > {self.threshold:g}, ground truth > 0.5; {rules[self.occlusion]}"
+        looks = [self.looks.describe()] if self.looks is not None and self.occlusion == "alone" else []
+        return "; ".join([rule, f"renderer: {self.renderer.name}", *looks])
 
     def show(self, cut: Cut, camera: Camera) -> Shown:
         """Render the object under the rules.
@@ -107,6 +123,8 @@ class Judge:
         if view.image is not None:
             psnr = metrics.extraction_psnr(shown.rgb, view.image, truth, valid=view.picture_valid)
             scores["psnr"] = min(psnr, HIGHEST_PSNR)
+        if self.looks is not None and self.occlusion == "alone":
+            scores |= self.looks.score(shown, self.threshold)
         return scores
 
     def fidelity(self, cut: Cut, camera: Camera, untouched: FloatArray) -> Scores:

@@ -53,6 +53,8 @@ class Published:
     trimmed_iou: float | None = None
     """IoU after GaussianTrimmer, as the paper reports it."""
     trimmed_second: float | None = None
+    looks: tuple[tuple[float, float], ...] = ()
+    """CLIP-IQA before and after trimming, in percent: clear boundary, smooth boundary, complete object."""
 
 
 def pictures_in(folder: Path) -> list[Path]:
