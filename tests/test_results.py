@@ -53,9 +53,10 @@ def test_splits_do_not_hide_what_was_selected(ball, tmp_path):
     report["counts"]["selected"] = 1
     (folder / "report.json").write_text(json.dumps(report))
     assert read_result(folder, scene).before is None
-    (folder / "report.json").write_text("[]")
-    with pytest.raises(InputError, match=r"report\.json"):
-        read_result(folder, scene)
+    for strange in ("[]", '{"counts": {"selected": Infinity}}', "{", "[" * 100_000):
+        (folder / "report.json").write_text(strange)
+        with pytest.raises(InputError, match=r"report\.json"):
+            read_result(folder, scene)
 
 
 def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
@@ -63,6 +64,12 @@ def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
     folder = trimmed.save(tmp_path / "t")
     with pytest.raises(InputError, match="does not fit the scene"):
         read_result(folder, scene.select(slice(0, 100)))
+    arrays = dict(np.load(folder / "labels.npz"))
+    wrong = {"n_object": np.float64(3), "label": arrays["label"][:-1], "source_index": arrays["source_index"] - 9}
+    for name, array in {**wrong, "n_object ": np.int64(-1)}.items():
+        np.savez(folder / "labels.npz", **{**arrays, name.strip(): array})
+        with pytest.raises(InputError, match="does not fit the scene"):
+            read_result(folder, scene)
     np.savez(folder / "labels.npz", label=np.zeros(3))
     with pytest.raises(InputError, match="lacks one of the arrays"):
         read_result(folder, scene)

@@ -87,7 +87,7 @@ class Evaluate:
     rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
     tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    """How RESULT is read if it is a selection file."""
+    """How RESULT and the file before are read if they are selection files."""
 
     def run(self) -> None:
         """Measure, print the table, and write it if asked to.
@@ -116,7 +116,7 @@ class Evaluate:
 
     def _before(self, after: StoredResult, scene: Gaussians) -> Cut | None:
         if self.before is not None:
-            return read_result(self.before, scene, replace(self.selection_options)).cut
+            return read_result(self.before, scene, self.selection_options).cut
         if after.before is not None:
             return cut_by(scene, after.before)
         if self.result.is_dir():

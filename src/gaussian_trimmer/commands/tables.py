@@ -49,8 +49,12 @@ def publish(findings: Findings, options: TableOptions, console: Console) -> None
     Raises:
         InputError: the folder cannot be written to, or holds something that may not be replaced.
     """
-    for table in findings.tables.values():
-        console.print(FORMATS[options.format](table))
+    tables = list(findings.tables.values())
+    if options.format == "json" and len(tables) > 1:  # one document, whatever the number of tables
+        console.print(json.dumps([table.as_dict() for table in tables], indent=1, allow_nan=False))
+    else:
+        for table in tables:
+            console.print(FORMATS[options.format](table))
     if options.output is None:
         return
     with atomic_folder(options.output, _WRITTEN, overwrite=options.overwrite) as folder:

@@ -100,14 +100,17 @@ def _rows_of(path: Path, scene: Gaussians) -> tuple[BoolArray, BoolArray | None]
     arrays, n = open_selection(path, len(scene)).arrays, len(scene)
     if not all(name in arrays for name in _LABELS):
         raise InputError(f"'{path}' lacks one of the arrays {', '.join(_LABELS)}; give a folder that a trim wrote.")
-    source, label, n_object = arrays["source_index"], arrays["label"], arrays["n_object"]
-    fits = source.ndim == 1 and source.shape == label.shape and source.dtype.kind == "i" and n_object.size == 1
-    if not fits or not n <= len(source) <= 2 * n or source.min() < 0 or source.max() >= n:
-        raise InputError(f"'{path}' does not fit the scene of {n} Gaussians; give the scene that was trimmed.")
+    source, label, count = arrays["source_index"], arrays["label"], arrays["n_object"]
+    whole = all(array.dtype.kind in "iu" for array in (source, label, count)) and count.size == 1
+    if not whole or source.ndim != 1 or source.shape != label.shape or not n <= len(source) <= 2 * n:
+        raise _unfit(path, n)
+    n_object = int(count.reshape(()))
+    if source.min() < 0 or source.max() >= n or not 0 <= n_object <= len(source):
+        raise _unfit(path, n)
     object_rows = np.zeros(n, np.bool_)
-    object_rows[source[: int(n_object.reshape(()))]] = True
+    object_rows[source[:n_object]] = True
     before = np.zeros(n, np.bool_)
-    selected = (label == RowLabel.KEPT) & (np.arange(len(source)) < int(n_object.reshape(())))
+    selected = (label == RowLabel.KEPT) & (np.arange(len(source)) < n_object)
     before[source[selected | (label == RowLabel.PRUNED)]] = True
     split = np.zeros(n, np.bool_)
     split[source[label >= RowLabel.SPLIT_INSIDE]] = True
@@ -119,6 +122,10 @@ def _rows_of(path: Path, scene: Gaussians) -> tuple[BoolArray, BoolArray | None]
     return object_rows, before
 
 
+def _unfit(path: Path, n: int) -> InputError:
+    return InputError(f"'{path}' does not fit the scene of {n} Gaussians; give the scene that was trimmed.")
+
+
 def _selected_before(report: Path) -> int | None:
     """Number of Gaussians that were selected, from the report of a trim; None if it does not say."""
     if not report.is_file():
@@ -126,7 +133,7 @@ def _selected_before(report: Path) -> int | None:
     try:
         counts = json.loads(file_bytes(report, _MAX_REPORT_BYTES))["counts"]
         return int(counts["selected"])
-    except (ValueError, TypeError, LookupError, RecursionError):
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         raise InputError(f"'{report}' is no report that 'gaussian-trimmer trim' wrote.") from None
 
 
