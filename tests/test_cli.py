@@ -1,7 +1,9 @@
 """The commands, run in this process as the terminal runs them."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 
@@ -11,7 +13,9 @@ import toy
 from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import __version__, cli, formats
+from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.config import TrimConfig, paper_config
+from gaussian_trimmer.formats import ply
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +34,7 @@ def test_trim_writes_everything(ball, tmp_path, capsys):
     output = tmp_path / "out"
     assert run("trim", folder / "scene.ply", folder / "rough.npy", "--up", 0, 0, 1, "--output", output, *SMALL) == 0
     assert sorted(path.name for path in output.iterdir()) == [
-        "background.ply", "before_after.png", "labels.npz", "object.ply", "report.json", "views",
+        "background.ply", "before_after.png", "labels.npz", "manifest.json", "object.ply", "report.json", "views",
     ]  # fmt: skip
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
     labels = np.load(output / "labels.npz", allow_pickle=False)
@@ -120,14 +124,62 @@ def test_overwriting_leaves_no_file_of_the_earlier_run(ball, tmp_path, capsys):
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL, "--quiet"]
     assert run(*command, "--format", "splat") == 0
-    (tmp_path / "notes.txt").write_text("mine")
+    mine = [tmp_path / name for name in ("notes.txt", "object.blend", "background.jpg", "views/photo.jpg")]
+    for path in mine:
+        path.write_text("mine")
     assert run(*command) == 2
     assert (tmp_path / "object.splat").exists()
     assert run(*command, "--overwrite", "--views", 2) == 0
     assert not (tmp_path / "object.splat").exists()
-    assert len(list((tmp_path / "views").iterdir())) == 2
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert sorted(path.name for path in (tmp_path / "views").iterdir()) == ["00.png", "01.png", "photo.jpg"]
+    assert all(path.read_text() == "mine" for path in mine)
     assert "not empty" in capsys.readouterr().err
+
+
+def test_trim_spares_its_inputs_and_what_it_did_not_write(ball, tmp_path, capsys, monkeypatch):
+    """All is refused before anything is read."""
+    folder, _, _ = ball
+    with atomic_folder(tmp_path, "trim") as part:
+        for name in ("object.ply", "background.ply", "labels.npz"):
+            (part / name).write_text("of an earlier run")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.setattr(formats, "read", lambda path: pytest.fail("it was read"))
+    for inputs in (["object.ply"], ["background.ply", folder / "rough.npy"], [folder / "scene.ply", "labels.npz"]):
+        assert run("trim", *(tmp_path / name for name in inputs), "--output", tmp_path, "--overwrite") == 2
+        assert "is an input of this run" in capsys.readouterr().err
+    (tmp_path / "object.ply").write_bytes(b"edited")
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite") == 2
+    assert "object.ply' is in the way" in capsys.readouterr().err
+    (tmp_path / "object.ply").write_bytes(before[tmp_path / "object.ply"])
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_second_run_into_a_folder_ends_before_it_reads(ball, tmp_path, capsys, monkeypatch):
+    folder, _, _ = ball
+    monkeypatch.setattr(formats, "read", lambda path: pytest.fail("it was read"))
+    scene, rough = folder / "scene.ply", folder / "rough.npy"
+    click = ["--click", 1, 1, "--view-index", 0, "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
+    with atomic_folder(tmp_path / "out", "trim"):
+        for command in (
+            ["trim", scene, rough, "--output", tmp_path / "out"],
+            ["select", scene, "--list-views", tmp_path / "out"],
+            ["select", scene, *click],
+        ):
+            assert run(*command) == 2
+            assert "Another run is writing to" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs signals")
+@pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monkeypatch, ball, tmp_path, capsys):
+    folder, _, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite", "--views", 2]
+    (tmp_path / "notes.txt").write_text("mine")
+    stop = getattr(signal, number)
+    monkeypatch.setattr("gaussian_trimmer.commands.trim.trim", lambda *_, **__: signal.raise_signal(stop))
+    assert run(*command, *SMALL) == code
+    assert capsys.readouterr().err == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 def test_quiet_prints_nothing(ball, tmp_path, capsys):
@@ -158,8 +210,13 @@ def test_convert_and_info(ball, tmp_path, capsys):
     target = tmp_path / "ball.spz"
     assert run("convert", folder / "scene.ply", target) == 0
     assert run("convert", folder / "scene.ply", target) == 2
+    assert run("convert", target, target, "--overwrite") == 2
+    assert "is an input of this run" in capsys.readouterr().err
+    assert run("convert", target, tmp_path / "nowhere" / "ball.spz") == 2
+    assert "no folder" in capsys.readouterr().err
     assert run("convert", folder / "scene.ply", target, "--overwrite", "--sort", "--quiet") == 0
-    assert f"{len(scene):,} Gaussians" in capsys.readouterr().out
+    assert capsys.readouterr().out == ""
+    assert len(formats.read(target)) == len(scene)
     assert run("info", target, folder / "rough.npy", folder / "cameras.json") == 0
     printed = capsys.readouterr().out
     for text in (f"{len(scene)} Gaussians", "bool", "5 views"):
@@ -242,3 +299,30 @@ def test_warnings_of_libraries_stay_off_the_terminal(ball):
         done = subprocess.run([sys.executable, *options, "-c", code], capture_output=True, text=True, check=True)
         assert "splats:" in done.stdout
         assert ("heard" in done.stderr) == heard
+
+
+def test_what_files_say_cannot_steer_the_terminal(ball, tmp_path, capsys):
+    _, scene, _ = ball
+    name = "\x1b]0;owned\x07\x1b[31mred"
+    extras = {name: np.zeros(len(scene), np.float32), "a" * 3000: np.zeros(len(scene), np.float32)}
+    ply.write(scene.replace(extras=extras), tmp_path / "steering.ply", extras=True)
+    assert run("info", tmp_path / "steering.ply") == 0
+    printed = capsys.readouterr().out
+    assert "\\x1b]0;owned\\x07\\x1b[31mred" in printed
+    assert "\x1b" not in printed
+    assert max(map(len, printed.splitlines())) < 1500
+    assert run("info", tmp_path / f"{name}.ply") == run("info", "nowhere" * 20_000) == 2
+    printed = capsys.readouterr().err
+    assert "\x1b" not in printed
+    assert max(map(len, printed.splitlines())) < 1500
+    assert printed.count("\n") == 2
+
+
+def test_terminal_of_few_characters(ball, tmp_path):
+    folder, _, _ = ball
+    scene = tmp_path / "Gauß→.ply"
+    scene.write_bytes((folder / "scene.ply").read_bytes())
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "ascii:strict"}
+    command = [sys.executable, "-m", "gaussian_trimmer", "info", str(scene)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert "Gau\\xdf\\u2192.ply" in done.stdout

@@ -56,3 +56,36 @@ def test_voxels_hang_together_through_others():
     chain = np.stack([np.arange(7) + 0.5, np.arange(7) + 0.5, np.zeros(7)], axis=1)
     assert same_pieces(connected_voxels(chain, 1.0), np.zeros(7, int))
     assert same_pieces(connected_voxels(np.delete(chain, 3, axis=0), 1.0), np.array([0, 0, 0, 1, 1, 1]))
+
+
+@pytest.mark.parametrize("offset", [1e3, 5e5, -4e6, 1e9])
+def test_the_distance_from_the_origin_does_not_matter(offset):
+    near = np.round(np.random.default_rng(5).uniform(-1, 1, (400, 3)) * 1024) / 1024  # so that no sum is rounded
+    far = near + offset * np.array([1.0, -2.0, 0.5])
+    assert np.array_equal(far - offset * np.array([1.0, -2.0, 0.5]), near)
+    expected = connected_points(near, 0.25)
+    assert 3 < len(np.unique(expected)) < 200
+    assert same_pieces(connected_points(far, 0.25), expected)
+
+
+@pytest.mark.parametrize("away", [1e6, 1e12, 1e100])
+def test_what_lies_far_apart_is_not_one_piece(away):
+    near = np.random.default_rng(6).uniform(0, 1, (200, 3))
+    far = away * np.array([[1, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [1.5, 0, 0]])
+    points = np.concatenate([far[:3], near, far[3:]])
+    pieces = connected_points(points, 0.2)
+    assert same_pieces(pieces, by_all_pairs(points, 0.2))
+    assert pieces[0] == pieces[1]
+    assert len(np.unique(pieces[[1, 2, -2, -1]])) == 4
+
+
+def test_steps_of_two_cells_stay_apart_where_the_axes_are_shortened():
+    cells = np.array([0, 1, 3, 6, 10, 1e9, 1e9 + 2, 1e9 + 5])[:, None] * np.array([[1.0, 0, 0]])
+    points = np.concatenate([cells / np.sqrt(3), cells[:, [1, 0, 2]] / np.sqrt(3)])
+    assert same_pieces(connected_points(points, 1.0), by_all_pairs(points, 1.0))
+
+
+def test_no_points_and_points_in_too_many_cells():
+    assert connected_points(np.zeros((0, 3)), 1.0).shape == (0,)
+    with pytest.raises(ValueError, match="800000 different cells"):
+        connected_points(np.arange(800_000)[:, None] * np.array([[4.0, 0, 0]]), 1.0)

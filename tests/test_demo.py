@@ -6,6 +6,7 @@ import numpy as np
 from command_line import run
 
 from gaussian_trimmer import formats, sample
+from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks
 
@@ -23,9 +24,11 @@ def test_sample_is_complete_and_small():
 def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "trimmed" / "demo"
-    folder.mkdir(parents=True)
-    (folder / "object.ply").write_text("of an earlier run")
+    with atomic_folder(folder, "trim") as earlier:
+        (earlier / "object.ply").write_text("of an earlier run")
+        (earlier / "object.splat").write_text("of an earlier run")
     assert run("demo") == 0
+    assert not (folder / "object.splat").exists()
     printed = capsys.readouterr().out
     for name in ("before_after.png", "object.ply", "background.ply", "views", "report.json"):
         assert f"trimmed/demo/{name}" in printed.replace("\\", "/")
@@ -41,5 +44,6 @@ def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch,
 def test_demo_spares_a_folder_that_the_user_names(tmp_path, capsys):
     (tmp_path / "object.ply").write_text("mine")
     assert run("demo", "--quiet", "--output", tmp_path) == 2
+    assert run("demo", "--quiet", "--output", tmp_path, "--overwrite") == 2
     assert (tmp_path / "object.ply").read_text() == "mine"
     assert capsys.readouterr().out == ""

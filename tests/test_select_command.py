@@ -10,7 +10,7 @@ import toy
 from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_cameras
+from gaussian_trimmer.camera_files import read_camera_set
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def ball(tmp_path_factory):
 
 
 def middle_of(folder, name="0.png"):
-    camera = next(camera for camera in read_cameras(folder / "cameras.json") if camera.name == name)
+    camera = next(camera for camera in read_camera_set(folder / "cameras.json").cameras if camera.name == name)
     return [int(value) for value in camera.project(toy.CENTRE[None])[0][0]]
 
 
@@ -92,8 +92,10 @@ def test_click_in_a_planned_view(ball, tmp_path, capsys):
     folder, _, truth = ball
     command = ["select", folder / "scene.ply", "--up", 0, 0, 1]
     assert run(*command, "--list-views", tmp_path / "views") == 0
-    pictures = sorted((tmp_path / "views").iterdir())
+    pictures = sorted((tmp_path / "views").glob("*.png"))
     assert [path.name for path in pictures] == [f"{i:03d}.png" for i in range(8)]
+    assert run(*command, "--list-views", tmp_path / "views") == 2
+    assert run(*command, "--list-views", tmp_path / "views", "--overwrite", "--quiet") == 0
     red = cv2.imread(str(pictures[2]))[..., 2] > 2.0 * cv2.imread(str(pictures[2]))[..., 1] + 40
     y, x = (int(np.median(axis)) for axis in np.nonzero(red))
     assert run(*command, "--view-index", 2, "--click", x, y, "--output", tmp_path / "a.npy") == 0

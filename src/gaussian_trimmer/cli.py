@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+# Nothing that takes long is imported here: until `main` runs, Ctrl-C would end in a traceback.
 import io
 import os
 import sys
-import warnings
-from collections.abc import Sequence
-from dataclasses import replace
-from importlib import import_module
-from typing import Protocol, cast
 
 from gaussian_trimmer import __version__
 from gaussian_trimmer.errors import InputError, printable
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Protocol
+
+    class Command(Protocol):
+        """What the dataclass of a command has beside its options."""
+
+        def run(self) -> None:
+            """Do the work."""
+            ...
+
 
 PROGRAM = "gaussian-trimmer"
 
@@ -36,25 +45,34 @@ COMMANDS = {
 }  # fmt: skip
 """A command of two words goes before the command of its first word."""
 
-USER_ERROR, INTERRUPTED = 2, 130
+USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
+"""Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it."""
 _MESSAGE_LENGTH = 1000
-
-
-class Command(Protocol):
-    """What the dataclass of a command has besides its options."""
-
-    def run(self) -> None:
-        """Do the work."""
-        ...
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code.
 
-    What the user can correct is reported in one sentence on standard error, with code 2; an interruption gives code
-    130. Other exceptions are defects of the program and keep their traceback.
+    What the user can mend is one sentence on standard error and code 2. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129,
+    without a word, and what was begun is removed. Other exceptions are defects and keep their traceback.
     """
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        from gaussian_trimmer.stop_signals import stop_signals_raised
+
+        with stop_signals_raised() as signals:
+            try:
+                code = _run(sys.argv[1:] if arguments is None else list(arguments))
+            except BaseException as error:
+                # Whatever follows a signal follows from it.
+                code = 0 if signals else _explain(error)
+            return STOPPED_BY + signals[0] if signals else code
+    except KeyboardInterrupt as stopped:  # before or after what stands above takes the signals
+        return STOPPED_BY + stopped.args[0] if stopped.args else INTERRUPTED
+
+
+def _run(arguments: Sequence[str]) -> int:
+    import warnings
+
     for stream in (sys.stdout, sys.stderr):
         # A name with an umlaut must not end in a traceback where the terminal knows ASCII alone.
         if isinstance(stream, io.TextIOWrapper):
@@ -64,17 +82,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")  # Warnings of libraries tell a user nothing; `python -W` shows them.
-        try:
-            return _dispatch(arguments)
-        except InputError as error:
+        return _dispatch(arguments)
+
+
+def _explain(error: BaseException) -> int:
+    """Print what the user can mend, and raise the rest again."""
+    match error:
+        case InputError():
             return _fail(str(error))
-        except OSError as error:
+        case OSError():
             place = f": '{error.filename}'" if error.filename else ""
             return _fail(f"{error.strerror or error}{place}.")
-        except MemoryError:
+        case MemoryError():
             return _fail("There is not enough memory for this.")
-        except KeyboardInterrupt:
-            return INTERRUPTED
+    raise error
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
@@ -93,6 +114,10 @@ def _dispatch(arguments: Sequence[str]) -> int:
 
 
 def _parse(name: str, arguments: Sequence[str]) -> Command:
+    from dataclasses import replace
+    from importlib import import_module
+    from typing import cast
+
     import tyro
 
     module, attribute, _ = COMMANDS[name]
@@ -105,7 +130,7 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
         default = replace(command, config=paper_config(), segmenter=PAPER_SEGMENTER)
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
-    return cast(Command, command)
+    return cast("Command", command)
 
 
 def _overview() -> str:

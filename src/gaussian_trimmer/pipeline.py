@@ -39,6 +39,7 @@ from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
@@ -92,11 +93,13 @@ def trim(
 
     Raises:
         InputError: the selection does not fit the scene, is empty or can be understood in two ways; a setting is out
-            of its range; or a renderer or segmenter of the caller's gives something else than its contract says.
+            of its range; the scene holds numbers with which nothing can be computed; or a renderer or segmenter of the
+            caller's gives something else than its contract says.
     """
     check_scene(scene, cameras)
     config = settings(config, views, up, view_cameras)
     check_config(config)
+    check_magnitudes(scene)
     selection = mask_of_selection(selection, len(scene))
     given_renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,11 +83,15 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
         console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
 
 
-def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Keep a file from being replaced unasked.
+def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:
+    """Keep a file from being replaced unasked, and an input of this run from being replaced at all.
 
     Raises:
-        InputError: the file exists and may not be overwritten.
+        InputError: the file exists and may not be overwritten, or is one of the inputs, or its folder is missing.
     """
-    if path.exists() and not overwrite:
+    if not path.parent.is_dir():
+        raise InputError(f"There is no folder '{path.parent}' to write '{path.name}' to; make it first.")
+    if any(path.exists() and given.exists() and path.samefile(given) for given in inputs):
+        raise InputError(f"'{path}' is an input of this run, which would be lost; choose another name.")
+    if os.path.lexists(path) and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with --overwrite.")

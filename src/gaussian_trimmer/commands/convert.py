@@ -14,7 +14,10 @@ from gaussian_trimmer.commands.console import open_console, refuse_existing
 
 @dataclass(frozen=True)
 class Convert:
-    """Convert a splat file; the endings of the names tell the formats."""
+    """Convert a splat file; the endings of the names tell the formats.
+
+    A file cannot be converted into itself: what the format does not hold would be lost.
+    """
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     """File to read: .ply, .compressed.ply, .splat, .spz, .sog or .ksplat."""
@@ -31,9 +34,9 @@ class Convert:
         """Read, write, and print how large the files are.
 
         Raises:
-            InputError: the source cannot be read, or the target exists or cannot be written.
+            InputError: the source cannot be read, or the target is the source, exists, or cannot be written.
         """
-        refuse_existing(self.target, overwrite=self.overwrite)
+        refuse_existing(self.target, inputs=[self.source], overwrite=self.overwrite)
         written = formats.convert(self.source, self.target, sort=self.sort)
         before, after = (path.stat().st_size / 1e6 for path in (self.source, self.target))
         open_console(quiet=self.quiet).print(

@@ -23,7 +23,7 @@ class Demo:
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/demo)")] = None
     """Folder for the results; every run replaces those in trimmed/demo."""
     overwrite: bool = False
-    """Replace earlier results in the output folder."""
+    """Replace earlier results in the output folder; files that the program did not write stay."""
     quiet: bool = False
     """Print nothing but errors."""
 

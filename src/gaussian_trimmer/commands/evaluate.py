@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
+from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import check_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.commands.tables import Findings, TableOptions, publish
+from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.evaluation.clip_iqa import load_scorer
 from gaussian_trimmer.evaluation.ground_truth import TestView, views_in
@@ -98,7 +98,10 @@ class Evaluate:
         console = open_console(quiet=self.quiet)
         check_settings(self.rules)
         check_settings(self.selection_options, "selection")
-        check_folder(self.tables.output, overwrite=self.tables.overwrite)
+        with results_folder(self.tables) as folder:
+            publish(self._measure(console), self.tables, console, folder)
+
+    def _measure(self, console: Console) -> Findings:
         scene = formats.read(self.scene)
         cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
         found, views = views_in(cameras, self.masks, self.images, self.ignore)
@@ -112,7 +115,7 @@ class Evaluate:
         notes = [judge.describe(), f"views: {len(found)}, those of {len(cameras)} cameras with a mask; mean over views"]
         table = table_of_views(f"{shown(self.result.name)} in {shown(self.scene.name)}", scored, notes)
         pictures = {"sheet.png": sheet} if sheet is not None else {}
-        publish(Findings({"scores": table}, pictures), self.tables, console)
+        return Findings({"scores": table}, pictures)
 
     def _before(self, after: StoredResult, scene: Gaussians) -> Cut | None:
         if self.before is not None:

@@ -11,10 +11,9 @@ import numpy as np
 from rich.console import Console
 from tyro.conf import Positional, arg
 
-from gaussian_trimmer.atomic import check_folder
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
-from gaussian_trimmer.commands.tables import Findings, TableOptions, publish
+from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.benchmark import (
     BenchmarkOptions,
@@ -63,7 +62,10 @@ class Benchmark:
         # Lines on every trim would be no part of a CSV, JSON or LaTeX.
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
         check_settings(self.rules)
-        check_folder(self.tables.output, overwrite=self.tables.overwrite)
+        with results_folder(self.tables) as folder:
+            publish(self._measure(progress), self.tables, console, folder)
+
+    def _measure(self, progress: Console) -> Findings:
         chosen, (judge,) = chosen_variants(self.variants), self.rules.judge(self.occlusion)
         runs: list[Run] = []
         pictures: dict[str, Picture] = {}
@@ -84,8 +86,7 @@ class Benchmark:
             of_variant, notes = [run for run in runs if run.variant == variant], [judge.describe()]
             tables[f"{variant}-kinds"] = table_of_kinds(variant, of_variant, notes)
             tables[f"{variant}-scenes"] = table_of_scenes(variant, of_variant, notes)
-        findings = Findings(tables, pictures, figures=[run.as_dict() for run in runs])
-        publish(findings, self.tables, console)
+        return Findings(tables, pictures, figures=[run.as_dict() for run in runs])
 
 
 def print_run(run: Run, console: Console) -> None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+from rich.console import Console
 from tyro.conf import Positional, arg
 
-from gaussian_trimmer.atomic import check_folder
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.evaluate_benchmark import print_run
-from gaussian_trimmer.commands.tables import Findings, TableOptions, publish
+from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
 from gaussian_trimmer.commands.trimmer_options import TrimmerOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tasks import (
@@ -69,7 +69,10 @@ class _EvaluateDataset(TrimmerOptions):
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
         check_settings(self.rules)
         check_settings(self.data.selection_options, "selection")
-        check_folder(self.tables.output, overwrite=self.tables.overwrite)
+        with results_folder(self.tables) as folder:
+            publish(self._measure(progress), self.tables, console, folder)
+
+    def _measure(self, progress: Console) -> Findings:
         layout, variant = get_layout(self.layout), self.variant()
         tasks = chosen_tasks(layout, self.data.root, self.data.tasks)
         names = method_names(self.data.predictions)
@@ -103,7 +106,7 @@ class _EvaluateDataset(TrimmerOptions):
         if self.rules.clip:
             tables[f"{self.layout}-clip"] = table_of_looks(layout, dict(runs), [judges[0].describe(), notes[-1]])
         figures = [run.as_dict() for of_method in runs.values() for run in of_method]
-        publish(Findings(tables, pictures, figures=figures), self.tables, console)
+        return Findings(tables, pictures, figures=figures)
 
 
 @dataclass(frozen=True)

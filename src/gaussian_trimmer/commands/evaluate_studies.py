@@ -11,13 +11,13 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import atomic_folder, check_folder
+from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.evaluate_benchmark import print_run
 from gaussian_trimmer.commands.evaluate_dataset import method_names
-from gaussian_trimmer.commands.tables import Findings, TableOptions, publish
+from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
 from gaussian_trimmer.commands.trimmer_options import TrimmerOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.benchmark import BenchmarkOptions, benchmark_tasks
@@ -87,6 +87,16 @@ class _Study(TrimmerOptions):
     quiet: bool = False
     """Print nothing but errors."""
 
+    def run(self) -> None:
+        """Measure, print the table, and write it if asked to; errors as those of the other commands."""
+        check_settings(self.rules)
+        console = open_console(quiet=self.quiet)
+        with results_folder(self.tables) as folder:
+            publish(self._study(), self.tables, console, folder)
+
+    def _study(self) -> Findings:
+        raise NotImplementedError
+
     def _measure(self, variants: Mapping[str, Variant]) -> tuple[list[Run], list[str]]:
         """All runs, and notes on how they were made.
 
@@ -94,16 +104,11 @@ class _Study(TrimmerOptions):
             InputError: something that the user gave cannot be used, or there is nothing to measure.
         """
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
-        check_settings(self.rules)
-        check_folder(self.tables.output, overwrite=self.tables.overwrite)
         (judge,) = self.rules.judge(self.occlusion)
         runs = measure_all(self.data.read(progress), variants, judge, lambda run: print_run(run, progress))
         if not runs:
             raise InputError(f"Nothing to measure in '{self.data.root}': it has no such objects and selections.")
         return runs, [judge.describe(), f"trimmed with the preset '{self.preset}' and the segmenter {self.segmenter}"]
-
-    def _publish(self, findings: Findings) -> None:
-        publish(findings, self.tables, open_console(quiet=self.quiet))
 
 
 @dataclass(frozen=True)
@@ -113,12 +118,11 @@ class Ablation(_Study):
     Without planning, five training cameras are looked from, so the data must have some.
     """
 
-    def run(self) -> None:
-        """Measure, print the table, and write it if asked to; errors as those of the other commands."""
+    def _study(self) -> Findings:
         variants = without_planning_or_background(self.variant())
         runs, notes = self._measure(variants)
         table = ablation_table(runs, list(variants), notes)
-        self._publish(Findings({"ablation": table}, figures=[run.as_dict() for run in runs]))
+        return Findings({"ablation": table}, figures=[run.as_dict() for run in runs])
 
 
 @dataclass(frozen=True)
@@ -128,8 +132,7 @@ class ViewCounts(_Study):
     Each task is first trimmed once without being measured, since that compiles and fills caches.
     """
 
-    def run(self) -> None:
-        """Measure, print the table, and write it with the plot if asked to; errors as those of the other commands."""
+    def _study(self) -> Findings:
         by_count = with_view_counts(self.variant())
         warm_up = {"warm-up": by_count[1]}
         variants = {f"{n} views": variant for n, variant in by_count.items()}
@@ -141,10 +144,8 @@ class ViewCounts(_Study):
         gain = Curve("gain in mIoU (points)", [point[2] for point in points], _GAIN)
         plot = two_curves("Number of virtual views", "views", [point[0] for point in points], latency, gain)
         table = view_counts_table(runs, counts, notes)
-        findings = Findings(
-            {"view-counts": table}, texts={"view-counts.svg": plot}, figures=[r.as_dict() for r in runs]
-        )
-        self._publish(findings)
+        figures = [run.as_dict() for run in runs]
+        return Findings({"view-counts": table}, texts={"view-counts.svg": plot}, figures=figures)
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ class Sheets(TrimmerOptions):
         check_settings(self.selection_options, "selection")
         found = [find_capture(folder, self.patterns) for folder in self.captures]
         variant = self.variant()
-        with atomic_folder(self.output, ("*.png",), overwrite=self.overwrite) as folder:
+        with atomic_folder(self.output, "evaluate sheets", overwrite=self.overwrite) as folder:
             for name, capture in zip(names, found, strict=True):
                 write_picture(self._draw(capture, variant), folder / f"{name}.png")
                 console.print(f"{self.output / name}.png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +19,7 @@ from gaussian_trimmer.atomic import atomic_file, atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, refuse_existing
-from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.commands.trim import Loaded, Trim
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.output.pictures import write_picture
@@ -82,7 +83,7 @@ class Select:
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
     overwrite: bool = False
-    """Replace the output if it exists."""
+    """Replace the output if it exists, and earlier results of --trim or --list-views; other files stay."""
     quiet: bool = False
     """Print nothing but errors."""
 
@@ -94,24 +95,30 @@ class Select:
         """
         console = open_console(quiet=self.quiet)
         self._check()
-        scene = formats.read(self.scene)
-        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         if self.list_views is not None:
-            self._write_views(self.list_views, scene, cameras, console)
-            return
+            self._write_views(self.list_views, console)
+        elif self.trim is not None:
+            Trim(
+                self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
+                overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
+            ).run(load=lambda: self._select(console))  # fmt: skip
+        else:
+            self._select(console)
+            console.print(f"Now: {self._next_command()}")
+
+    def _select(self, console: Console) -> Loaded:
+        """Make the selection and save it; returns it, and what it was made from."""
+        scene, cameras = self._read()
         selection, how = self._lift(scene, cameras) if self.masks else self._pick(scene, cameras)
         if not selection.any():
             raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
-        with atomic_file(self.output) as part, part.open("wb") as file:
-            np.save(file, selection, allow_pickle=False)
+        _save(selection, self.output)
         console.print(f"{self.output}: {np.count_nonzero(selection):,} of {len(scene):,} Gaussians, {how}")
-        if self.trim is None:
-            console.print(f"Now: {self._next_command()}")
-            return
-        Trim(
-            self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
-            overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
-        ).run((scene, selection, cameras))  # fmt: skip
+        return scene, selection, cameras
+
+    def _read(self) -> tuple[Gaussians, CameraSet | None]:
+        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
+        return formats.read(self.scene), cameras
 
     def _check(self) -> None:
         """Refuse what is not possible or cannot go together before anything is read."""
@@ -128,9 +135,8 @@ class Select:
         if self.output.suffix != ".npy":
             raise InputError(f"The selection '{self.output}' is saved as .npy; give a name with that ending.")
         if self.list_views is None:
-            refuse_existing(self.output, overwrite=self.overwrite)
-        if self.trim is not None and self.trim.is_dir() and any(self.trim.iterdir()) and not self.overwrite:
-            raise InputError(f"The folder '{self.trim}' is not empty; choose another one, or allow --overwrite.")
+            inputs = [path for path in (self.scene, self.cameras) if path is not None]
+            refuse_existing(self.output, inputs=inputs, overwrite=self.overwrite)
 
     def _lift(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
         """Selection or object numbers (N,) by the masks, and how they came about."""
@@ -176,11 +182,13 @@ class Select:
             raise InputError(f"There is no view {self.view_index}; the {len(views)} views are numbered from 0.")
         return views[self.view_index]
 
-    def _write_views(self, folder: Path, scene: Gaussians, cameras: CameraSet | None, console: Console) -> None:
-        renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
-        views, rows = _views(scene, cameras, up)
-        drawn = scene.select(rows)
-        with atomic_folder(folder, overwrite=self.overwrite) as part:
+    def _write_views(self, folder: Path, console: Console) -> None:
+        names = ["[0-9][0-9][0-9].png"]
+        with atomic_folder(folder, "select --list-views", names=names, overwrite=self.overwrite) as part:
+            scene, cameras = self._read()
+            renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
+            views, rows = _views(scene, cameras, up)
+            drawn = scene.select(rows)
             for number, camera in enumerate(views):
                 bgr = np.clip(renderer.render(drawn, camera).rgb[..., ::-1], 0, 1)
                 write_picture((255 * bgr).astype(np.uint8), part / f"{number:03d}.png")
@@ -200,6 +208,14 @@ class Select:
 def _training_cameras(cameras: CameraSet | None) -> list[Camera]:
     listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
     return [camera for camera, train in listed if train]
+
+
+def _save(selection: NDArray[Any], path: Path) -> None:
+    """Write an .npy file; `np.save` does not notice everywhere that a disk is full, but memory has room."""
+    buffer = BytesIO()
+    np.save(buffer, selection, allow_pickle=False)
+    with atomic_file(path) as part:
+        part.write_bytes(buffer.getbuffer())
 
 
 def _views(scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> tuple[list[Camera], IntArray]:

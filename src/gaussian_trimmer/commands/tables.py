@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,7 +16,8 @@ from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.evaluation.tables import ENDINGS, FORMATS, ScoreTable
 from gaussian_trimmer.output.pictures import Picture, write_picture
 
-_WRITTEN = ("*.md", "*.csv", "*.json", "*.tex", "*.png", "*.svg", "sheets")
+_KIND = "evaluate"
+"""What writes the folder, as far as replacing earlier results is concerned."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,27 @@ class Findings:
     """Written to `runs.json`."""
 
 
-def publish(findings: Findings, options: TableOptions, console: Console) -> None:
-    """Print the tables, and write everything if there is a folder for it.
+@contextmanager
+def results_folder(options: TableOptions) -> Iterator[Path | None]:
+    """The folder to write to, or None if none is wished for; to be opened before anything is measured.
+
+    It appears whole at the end, and not at all if there is an error.
 
     Raises:
         InputError: the folder cannot be written to, or holds something that may not be replaced.
+    """
+    if options.output is None:
+        yield None
+        return
+    with atomic_folder(options.output, _KIND, overwrite=options.overwrite) as folder:
+        yield folder
+
+
+def publish(findings: Findings, options: TableOptions, console: Console, folder: Path | None) -> None:
+    """Print the tables, and write everything if there is a folder for it.
+
+    Raises:
+        InputError: a picture cannot be written.
     """
     tables = list(findings.tables.values())
     if options.format == "json" and len(tables) > 1:  # one document, whatever the number of tables
@@ -55,17 +73,16 @@ def publish(findings: Findings, options: TableOptions, console: Console) -> None
     else:
         for table in tables:
             console.print(FORMATS[options.format](table))
-    if options.output is None:
+    if folder is None:
         return
-    with atomic_folder(options.output, _WRITTEN, overwrite=options.overwrite) as folder:
-        for name, table in findings.tables.items():
-            for kind, ending in ENDINGS.items():
-                (folder / f"{name}{ending}").write_text(FORMATS[kind](table), encoding="utf-8")
-        for name, picture in findings.pictures.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_picture(picture, folder / name)
-        for name, text in findings.texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
-        if findings.figures is not None:
-            text = json.dumps(findings.figures, indent=1, allow_nan=False)
-            (folder / "runs.json").write_text(text + "\n", encoding="utf-8")
+    for name, table in findings.tables.items():
+        for kind, ending in ENDINGS.items():
+            (folder / f"{name}{ending}").write_text(FORMATS[kind](table), encoding="utf-8")
+    for name, picture in findings.pictures.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_picture(picture, folder / name)
+    for name, text in findings.texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    if findings.figures is not None:
+        text = json.dumps(findings.figures, indent=1, allow_nan=False)
+        (folder / "runs.json").write_text(text + "\n", encoding="utf-8")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
@@ -19,7 +22,7 @@ from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output.report import RESULT_FILES
+from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
@@ -64,7 +67,7 @@ class Trim:
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
     """Folder for the results."""
     overwrite: bool = False
-    """Replace earlier results in the output folder."""
+    """Replace earlier results in the output folder; files that the program did not write stay."""
     format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
     """File format of object and background: ply, compressed.ply, splat, spz, sog or ksplat."""
     preset: Literal["default", "paper"] = "default"
@@ -85,39 +88,55 @@ class Trim:
         default_factory=_SegmenterOptions
     )
 
-    def run(self, loaded: Loaded | None = None) -> None:
+    def run(self, load: Callable[[], Loaded] | None = None) -> None:
         """Trim and write the results.
 
         Args:
-            loaded: scene, selection and cameras, if the caller has read these files already.
+            load: gives scene, selection and cameras instead of the files; called when the output folder can be used.
 
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
         console = open_console(quiet=self.quiet)
         self._check_settings()
-        suffix, start = self._suffix(), time.perf_counter()
-        with (
-            atomic_folder(self._folder(), RESULT_FILES, overwrite=self.overwrite) as folder,
-            progress_over_stages(console) as stage,
-        ):
-            stage("read")
-            scene, selection, cameras = loaded or self._read()
-            self._refuse_whole_scene(selection)
-            seconds = {"read": time.perf_counter() - start}
-            config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
-            views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
-            self._refuse_unused_views(views)
-            if renderer.name == "numba" and not _kernels_are_compiled():
-                console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
-            result = trim(
-                scene, selection, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras,
-                view_cameras=views, progress=stage,
-            )  # fmt: skip
-            stage("write")
-            summary = write_trim(result, folder, suffix, self._inputs(), seconds)
+        with self._results() as folder:
+            loaded = load() if load else None
+            start = time.perf_counter()
+            with progress_over_stages(console) as stage:
+                summary = self._write(folder, loaded, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
-        console.print(f"object{suffix}, before_after.png and the rest are in {self._folder()}.")
+        console.print(f"object{self._suffix()}, before_after.png and the rest are in {self._folder()}.")
+
+    def _write(
+        self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
+    ) -> dict[str, Any]:
+        """Trim and write the results to a folder; returns the report."""
+        start = time.perf_counter()
+        stage("read")
+        scene, selection, cameras = loaded or self._read()
+        self._refuse_whole_scene(selection)
+        seconds = {"read": time.perf_counter() - start}
+        config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
+        views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
+        self._refuse_unused_views(views)
+        if renderer.name == "numba" and not _kernels_are_compiled():
+            console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
+        result = trim(
+            scene, selection, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras,
+            view_cameras=views, progress=stage,
+        )  # fmt: skip
+        stage("write")
+        return write_trim(result, folder, self._suffix(), self._inputs(), seconds)
+
+    def _results(self) -> AbstractContextManager[Path]:
+        """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
+        return atomic_folder(
+            self._folder(),
+            RESULTS,
+            names=result_files(self._suffix()),
+            inputs=self._input_paths(),
+            overwrite=self.overwrite,
+        )
 
     def _check_settings(self) -> None:
         """Refuse settings that are not possible before anything is read, also those that this run would not use."""
@@ -135,6 +154,13 @@ class Trim:
             return self.output
         names = [self.scene.name.split(".")[0]] + ([self.selection.name.split(".")[0]] if self.selection else [])
         return Path("trimmed") / "-".join(names)
+
+    def _input_paths(self) -> list[Path]:
+        """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
+        cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
+        options = [vars(options) for options in (self.selection_options, self._used_options()) if options]
+        given = [self.scene, self.selection, cameras, *(value for values in options for value in values.values())]
+        return [path for path in given if isinstance(path, Path)]
 
     def _read(self) -> Loaded:
         scene = formats.read(self.scene)

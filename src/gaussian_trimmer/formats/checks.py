@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.reading import LARGEST
+from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
-LARGEST_LOG_SCALE = 88.0
-"""Greatest log scale: standard deviations beyond it are no float32."""
 SHORTEST, LONGEST = 1e-12, 1e12
 """Lengths of quaternions; of shorter and longer ones, float32 cannot tell the direction."""
 _ROWS_PER_CHUNK = 1 << 12

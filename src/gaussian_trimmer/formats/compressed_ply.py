@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file
+from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
@@ -101,9 +101,8 @@ def write(gaussians: Gaussians, path: Path) -> None:
     ends = np.column_stack([position_ends, scale_ends, low, high]).astype("<f4")
     with atomic_file(path) as part, part.open("wb") as file:
         file.write(_header(len(ends), n, gaussians.sh_rest.shape[2]).encode("ascii"))
-        ends.tofile(file)
-        words.tofile(file)
-        _pack_sh(gaussians.sh_rest).tofile(file)
+        for array in (ends, words, _pack_sh(gaussians.sh_rest)):
+            write_array(file, array)
 
 
 def _header(n_chunks: int, n: int, n_coefficients: int) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file
+from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
@@ -100,7 +100,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
     section_header = _SECTION.pack(n, n, 256, 0, 5.0, 12, 1, rows.nbytes, 0, 0, degree)
     with atomic_file(path) as part, part.open("wb") as file:
         file.write(file_header.ljust(_HEADER_SIZE, b"\0") + section_header.ljust(_SECTION_SIZE, b"\0"))
-        rows.tofile(file)
+        write_array(file, rows)
 
 
 def _row_type(level: int, n_coefficients: int) -> np.dtype[np.void]:

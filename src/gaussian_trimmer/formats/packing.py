@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, logit
+from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12
@@ -92,8 +93,8 @@ def finite_log_scales(log_scales: FloatArray) -> FloatArray:
 
 
 def linear_scales(gaussians: Gaussians) -> FloatArray:
-    """Scales, cut where float32 ends, (N, 3)."""
-    return np.exp(np.minimum(gaussians.log_scales, 88.0), dtype=np.float32)
+    """Scales, cut where they could not be read again, (N, 3)."""
+    return np.exp(np.minimum(gaussians.log_scales, LARGEST_LOG_SCALE), dtype=np.float32)
 
 
 def drop_largest(quaternions: FloatArray) -> tuple[IntArray, Float64Array]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaussian_trimmer.atomic import atomic_file
+from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
@@ -59,5 +59,5 @@ def write(gaussians: Gaussians, path: Path) -> None:
     rows["rgba"][:, :3] = to_levels(colours_of(gaussians.sh_dc), 0.0, 1.0, 8)
     rows["rgba"][:, 3] = opacity_bytes(gaussians)
     rows["rotation"] = np.clip(np.rint(unit * 128.0 + 128.0), 0, 255)
-    with atomic_file(path) as part:
-        rows.tofile(part)
+    with atomic_file(path) as part, part.open("wb") as file:
+        write_array(file, rows)

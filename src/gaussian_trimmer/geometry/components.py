@@ -8,9 +8,15 @@ import numpy as np
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 
+_CELLS_ACROSS = 1 << 21
+"""Cells along an axis that a key has room for."""
+
 
 def connected_voxels(points: Float64Array, size: float) -> IntArray:
-    """Number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,)."""
+    """Number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,).
+
+    Voxels are counted from the origin; points a million of them away and more are taken to lie in the last ones.
+    """
     voxels, members = np.unique(_cell_keys(points, size), return_inverse=True)
     return np.asarray(_connect(voxels)[members.reshape(-1)])
 
@@ -18,10 +24,14 @@ def connected_voxels(points: Float64Array, size: float) -> IntArray:
 def connected_points(points: Float64Array, reach: float) -> IntArray:
     """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
 
-    Exact, whatever grid sorts the points: those of one cell are within reach of each other, and between cells at most
-    two apart the distances decide.
+    Exact, wherever the points lie and whatever grid sorts them: those of one cell are within reach of each other, and
+    between cells at most two apart the distances decide.
+
+    Raises:
+        ValueError: the points fill more than 699,049 cells along an axis, each 0.58 of the reach wide.
     """
-    keys = _cell_keys(points, reach / np.sqrt(3))
+    points = points - points.min(axis=0, initial=np.inf)
+    keys = _compact_keys(points, reach / np.sqrt(3))
     voxels, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
     order = np.argsort(members.reshape(-1), kind="stable")
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -34,6 +44,24 @@ def _cell_keys(points: Float64Array, size: float) -> IntArray:
     Cells are counted from two beyond the first, so that steps of two from any of them stay apart as well.
     """
     cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_002
+    return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
+
+
+def _compact_keys(points: Float64Array, size: float) -> IntArray:
+    """As `_cell_keys`, of points (N, 3) above zero that may spread over any number of cells.
+
+    Where they are more than a key has room for, empty stretches of the axes are shortened to as many cells as keep what
+    lies beyond out of the reach of two steps.
+    """
+    cells = np.floor(points / size)
+    if cells.max(initial=0) >= _CELLS_ACROSS - 4:
+        for axis in range(3):
+            values, places = np.unique(cells[:, axis], return_inverse=True)
+            shortened = np.cumsum(np.minimum(np.diff(values, prepend=values[0]), 3))
+            if shortened[-1] >= _CELLS_ACROSS - 4:
+                raise ValueError(f"Points in {len(values)} different cells along an axis are too many to connect.")
+            cells[:, axis] = shortened[places.reshape(-1)]
+    cells = cells.astype(np.int64) + 2
     return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
 
 

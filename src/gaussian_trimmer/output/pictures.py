@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
@@ -109,10 +110,8 @@ def write_picture(picture: Picture, path: Path) -> None:
     done, data = cv2.imencode(path.suffix, picture)
     if not done:
         raise InputError(f"Cannot write '{path}': no picture format has the ending '{path.suffix}'.")
-    try:
-        path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise InputError(f"Cannot write '{path}': {error.strerror}.") from error
+    with atomic_file(path) as part:
+        part.write_bytes(data.tobytes())
 
 
 def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> Picture:

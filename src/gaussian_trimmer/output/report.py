@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer import __version__, formats
+from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray
@@ -20,8 +21,14 @@ from gaussian_trimmer.result import RowLabel, TrimResult
 
 LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
 """Names of the labels of rows, by number."""
-RESULT_FILES = ("object.*", "background.*", "labels.npz", "report.json", "views", "before_after.png")
-"""Patterns of the names that `write_results` writes."""
+RESULTS = "trim"
+"""What the manifest of a folder calls these results."""
+
+
+def result_files(suffix: str) -> tuple[str, ...]:
+    """Patterns of the names that `write_results` writes."""
+    splats = (f"object{suffix}", f"background{suffix}")
+    return (*splats, "labels.npz", "report.json", "before_after.png", "views/[0-9][0-9].png")
 
 
 def write_results(
@@ -48,18 +55,20 @@ def write_results(
         formats.write_selected(
             result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
         )
-    np.savez(
-        folder / "labels.npz",
-        source_index=result.source_index.astype(np.int32),
-        label=result.label,
-        n_object=np.int64(len(result.object)),
-        label_names=np.array(LABEL_NAMES),
-    )
+    with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
+        np.savez(
+            file,
+            source_index=result.source_index.astype(np.int32),
+            label=result.label,
+            n_object=np.int64(len(result.object)),
+            label_names=np.array(LABEL_NAMES),
+        )
     (folder / "views").mkdir()
     for i, view in enumerate(result.views):
         write_picture(draw_view(view, i), folder / "views" / f"{i:02d}.png")
     write_picture(draw_before_after(result, selection, renderer), folder / "before_after.png")
-    (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with atomic_file(folder / "report.json") as part:
+        part.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def describe(

@@ -9,14 +9,14 @@ from typing import Any
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.output.report import RESULT_FILES, describe, write_results
+from gaussian_trimmer.output.report import RESULTS, describe, result_files, write_results
 from gaussian_trimmer.result import TrimResult
 
 
 def save(result: TrimResult, folder: str | Path, *, overwrite: bool = False, format: str | None = None) -> Path:
     """Write a trim into a folder, which appears whole or not at all; returns the folder. See `TrimResult.save`."""
     folder, suffix = Path(folder), suffix_of(format or "ply")
-    with atomic_folder(folder, RESULT_FILES, overwrite=overwrite) as part:
+    with atomic_folder(folder, RESULTS, names=result_files(suffix), overwrite=overwrite) as part:
         write_trim(result, part, suffix, {})
     return folder
 

@@ -12,6 +12,7 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
+from gaussian_trimmer.scene_limits import check_size
 from gaussian_trimmer.settings import Range, check_settings
 
 _NEAR = 0.01
@@ -57,11 +58,12 @@ def plan_cameras(
             was observed.
 
     Raises:
-        InputError: a setting is out of its range, or the up vector is zero.
+        InputError: a setting is out of its range, the up vector is zero, or the object is too small or too large.
     """
     check_settings(config, "plan")
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
+    check_size(bounds.radius)
     yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
     directions = np.stack(
         [np.cos(yaws) * np.cos(pitch), np.sin(yaws) * np.cos(pitch), np.full_like(yaws, np.sin(pitch))], -1

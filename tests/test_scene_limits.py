@@ -1,0 +1,148 @@
+"""Scenes with which nothing can be computed are refused at once; all others are trimmed as their ordinary twins are."""
+
+import numpy as np
+import pytest
+import toy
+from command_line import SMALL, run
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras
+from gaussian_trimmer.scene_limits import check_magnitudes
+
+SCENE, TRUTH = toy.ball_on_floor(n_ball=400, floor_side=20)
+SELECTION = toy.dilated(SCENE, TRUTH)
+CONFIG = toy.small_config()
+
+
+class NoRenderer:
+    """Fails when it is asked for anything."""
+
+    name = "none"
+
+    def render(self, *args, **options):
+        raise AssertionError("Nothing is to be drawn.")
+
+    blend_values = blend_weights = top_contributors = render
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread():
+    with toy.one_thread():
+        yield
+
+
+def with_values(name, row, value):
+    """The scene with another value in one row of an attribute."""
+    values = getattr(SCENE, name).copy()
+    values[row] = value
+    return SCENE.replace(**{name: values})
+
+
+def scaled(factor):
+    """The scene in other units."""
+    means = (SCENE.means * np.float64(factor)).astype(np.float32)
+    return SCENE.replace(means=means, log_scales=(SCENE.log_scales + np.log(factor)).astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("means", 1e19, r"1 of 812 Gaussians have means .* row 5 \(1e\+19, .* coordinates up to 1e15 .* scale the sc"),
+        ("means", [0, -3e38, 0], r"means .* row 5 \(0, -3e\+38, 0\)"),
+        ("means", np.nan, r"means .* row 5 \(nan,"),
+        ("means", -np.inf, r"means .* row 5 \(-inf,"),
+        ("log_scales", 88.5, r"log_scales .* row 5 \(88.5, .* finite ones up to 80 can be used; remove such"),
+        ("log_scales", 3e38, "log_scales"),
+        ("log_scales", [0, np.nan, 0], r"log_scales .* row 5 \(0, nan, 0\)"),
+        ("log_scales", -np.inf, "log_scales"),
+        ("opacity_logits", np.nan, r"opacity_logits .* row 5 \(nan\): remove such Gaussians"),
+        ("quaternions", 0, r"quaternions .* row 5 \(0, 0, 0, 0\): lengths from 1e-12 to 1e\+12 can be used; bring"),
+        ("quaternions", [1e-30, 0, 0, 0], "quaternions"),
+        ("quaternions", [0, 1e20, 0, 0], "quaternions"),
+        ("quaternions", np.nan, "quaternions"),
+    ],
+)
+def test_impossible_numbers_are_refused_before_any_work(name, value, said):
+    with pytest.raises(InputError, match=said):
+        trim(with_values(name, 5, value), SELECTION, config=CONFIG, renderer=NoRenderer())
+
+
+def test_ordinary_scenes_and_empty_ones_pass():
+    check_magnitudes(SCENE)
+    check_magnitudes(SCENE.select(slice(0, 0)))
+    check_magnitudes(SCENE.select(slice(0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1e30, "812 of 812 .* have means"), (1e-25, "whole scene is .* scale it up")]
+)
+def test_scenes_in_impossible_units_are_refused(factor, said):
+    with pytest.raises(InputError, match=said):
+        trim(scaled(factor), SELECTION, config=CONFIG, renderer=NoRenderer())
+
+
+def test_they_are_one_sentence_on_the_command_line(tmp_path, capsys):
+    formats.write(scaled(1e30), tmp_path / "scene.ply")
+    np.save(tmp_path / "rough.npy", SELECTION)
+    command = ["trim", tmp_path / "scene.ply", tmp_path / "rough.npy", *SMALL, "--output", tmp_path / "out"]
+    assert run(*command) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert run("select", tmp_path / "scene.ply", "--click", 5, 5, "--view-index", 0) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["rough.npy", "scene.ply"]
+
+
+@pytest.mark.parametrize("log_scale", [60.0, -1e6])
+def test_objects_of_impossible_sizes_are_refused(log_scale):
+    scene = SCENE.replace(log_scales=np.full_like(SCENE.log_scales, log_scale))
+    if log_scale < 0:
+        scene = scene.replace(means=np.where(TRUTH[:, None], np.float32(1), SCENE.means))
+    with pytest.raises(InputError, match=r"The selected object is .* units large, .* select others, or scale the sc"):
+        trim(scene, TRUTH, config=CONFIG, renderer=NoRenderer())
+
+
+@pytest.mark.parametrize("exponent", [-45, 45])
+@pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), None])
+def test_units_do_not_matter(exponent, up):
+    config = toy.small_config(up=up)
+    expected = trim(SCENE, SELECTION, config=config)
+    assert toy.jaccard(toy.object_rows(expected), TRUTH) > 0.98
+    result = trim(scaled(2.0**exponent), SELECTION, config=config)
+    np.testing.assert_array_equal(toy.object_rows(result), toy.object_rows(expected))
+
+
+@pytest.mark.parametrize("offset", [1e4, 5e5])
+def test_the_distance_from_the_origin_does_not_matter(offset):
+    # As of maps: 5e5 metres to the east. Rounded there, then moved back, which is exact.
+    far = SCENE.means + np.float32([offset, -2 * offset, offset / 10])
+    near = (far.astype(np.float64) - [offset, -2 * offset, offset / 10]).astype(np.float32)
+    results = [trim(SCENE.replace(means=means), SELECTION, config=CONFIG) for means in (far, near)]
+    here, there = (toy.object_rows(result) for result in results)
+    np.testing.assert_array_equal(here, there)
+    assert toy.jaccard(here, TRUTH) > 0.98
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "selected"),
+    [
+        ("means", 1e15, True), ("means", [0, -1e12, 0], False), ("log_scales", 80.0, True),
+        ("log_scales", [80, -100, 0], False), ("log_scales", -3e38, True), ("quaternions", [2e-12, 0, 0, 0], True),
+        ("quaternions", [0, 9e11, 0, 0], False), ("opacity_logits", np.inf, True), ("opacity_logits", -np.inf, True),
+    ],
+)  # fmt: skip
+def test_one_extreme_gaussian_does_not_spoil_a_trim(name, value, selected, tmp_path):
+    scene = with_values(name, np.flatnonzero(selected == SELECTION)[3], value)
+    result = trim(scene, SELECTION, config=CONFIG)
+    assert result.refused == ""
+    toy.check_parts(result, SELECTION)
+    assert toy.jaccard(toy.object_rows(result), TRUTH) > 0.98
+    result.save(tmp_path / "trimmed")
+
+
+def test_planning_refuses_them_too():
+    with pytest.raises(InputError, match="The selected object is 0 units large"):
+        plan_cameras(
+            SCENE.replace(means=np.zeros_like(SCENE.means), log_scales=np.full_like(SCENE.log_scales, -1e9)), toy.UP
+        )
