@@ -33,7 +33,18 @@ COMMANDS = {
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
-}
+    "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
+    "evaluate benchmark": (
+        "gaussian_trimmer.commands.evaluate_benchmark", "Benchmark", "trim and measure scenes with ground truth",
+    ),
+    "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "measure a method on NVOS, and trimmed"),
+    "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
+    "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
+    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure what stages bring"),
+    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by views"),
+    "evaluate sheets": ("gaussian_trimmer.commands.evaluate_studies", "Sheets", "draw trims of captures"),
+}  # fmt: skip
+"""A command of two words goes before the command of its first word."""
 
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
 """Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it."""
@@ -89,13 +100,15 @@ def _explain(error: BaseException) -> int:
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
-    name = arguments[0] if arguments else "--help"
+    name, used = arguments[0] if arguments else "--help", 1
+    if (two_words := " ".join(arguments[:2])) in COMMANDS:
+        name, used = two_words, 2
     if name in ("-h", "--help"):
         print(_overview())
     elif name == "--version":
         print(f"{PROGRAM} {__version__}")
     elif name in COMMANDS:
-        _parse(name, arguments[1:]).run()
+        _parse(name, arguments[used:]).run()
     else:
         raise InputError(f"Unknown command '{name}'; available: {', '.join(COMMANDS)}.")
     return 0
@@ -122,7 +135,8 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
 
 
 def _overview() -> str:
-    lines = [f"  {name:<9}{text}" for name, (_, _, text) in COMMANDS.items()]
+    width = max(map(len, COMMANDS)) + 2
+    lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     return "\n".join([
         f"usage: {PROGRAM} COMMAND ...", "", "Sharp object boundaries for 3D Gaussian Splatting segmentations.", "",
         *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version names the version.",

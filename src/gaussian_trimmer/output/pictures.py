@@ -96,6 +96,11 @@ def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
     return replace(camera, K=crop @ camera.K, width=size, height=size)
 
 
+def captioned(caption: str, picture: Picture) -> Picture:
+    """A picture with a line of text above it."""
+    return np.vstack([_strip([(caption, _TEXT)], picture.shape[1]), picture])
+
+
 def write_picture(picture: Picture, path: Path) -> None:
     """Write a picture in the format of the file's name.
 
@@ -117,8 +122,7 @@ def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], renderer
             renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else np.tile(BACKDROP, (_CELL, _CELL, 1))
         )
         cells += [gap, _as_picture(rgb)]
-    pictures = np.hstack(cells[1:])
-    return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
+    return captioned(caption, np.hstack(cells[1:]))
 
 
 def _context(result: TrimResult) -> Gaussians:
