@@ -248,7 +248,7 @@ def test_overview_names_every_command_and_the_version(capsys):
 
 def test_wrong_usage_has_exit_code_2(capsys):
     assert run("tirm") == run("trim") == run("trim", "a.ply", "--plan.views", "x") == run("trim", "a", "--no-such") == 2
-    assert "available: trim, demo" in capsys.readouterr().err
+    assert "available: trim, batch, demo" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

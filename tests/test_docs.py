@@ -61,6 +61,7 @@ def workplace(tmp_path_factory):
     masks, _ = save_capture(folder, [f"IMG_{i}.png" for i in range(5)], "rough.npy")
     for view, mask in masks.items():
         write(folder / "masks" / view, mask)
+    (folder / "manifest.csv").write_text("scene,selection\nscene.ply,rough.npy\n", encoding="utf-8")
     (folder / "sparse" / "0").mkdir(parents=True)
     (folder / "cameras.json").rename(folder / "sparse" / "0" / "cameras.json")
     scene = formats.read(folder / "scene.ply")
