@@ -26,7 +26,7 @@ from gaussian_trimmer.config import (
     paper_config,
 )
 from gaussian_trimmer.decomposition.contact import split_at_support_plane
-from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
+from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_large_halo, find_outsiders
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
@@ -237,12 +237,11 @@ def _decompose(
         if config.evidence.second_evidence and len(rows):
             plane = _support_plane(scope, keep, inside + outside, config)
             free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
-            alone, widths = (
-                np.sum(weights, axis=0),
-                np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius)),
-            )
+            alone = np.sum(weights, axis=0)
+            widths = np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius))
             seen = alone, inside[rows], outside[rows]
             wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
+            wrong |= find_large_halo(alone, inside[rows], widths)
             keep[rows[wrong]] = False
     if not keep.any():
         return _Decomposition(keep, np.zeros(0, np.int64), None, None)
