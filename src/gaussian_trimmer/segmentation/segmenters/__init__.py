@@ -15,9 +15,10 @@ from gaussian_trimmer.views import View
 class Segmenter(Protocol):
     """Finds the object in every view, starting from where the coarse object is.
 
-    Two further methods are optional. `describe() -> str` is a line for the report, in place of the name.
+    Three further methods are optional. `describe() -> str` is a line for the report, in place of the name.
     `own_cameras(cameras: CameraSet | None) -> list[Camera]` names the cameras whose pictures the segmenter has masks
-    of; the command line then uses these in place of virtual ones.
+    of; the command line then uses these in place of virtual ones. `report_to(report: Callable[[str], None])` gives a
+    slow segmenter a function to call while it works, with "2 of 5" when the second of five views begins.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Segmenter(Protocol):
 SEGMENTERS = {
     "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter", "SilhouetteConfig"),
     "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig"),
+    "sam": ("gaussian_trimmer.segmentation.segmenters.sam", "SamSegmenter", "SamConfig"),
     "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter", "Sam2Config"),
     "mask-files": ("gaussian_trimmer.segmentation.segmenters.mask_files", "MaskFilesSegmenter", "MaskFilesConfig"),
 }

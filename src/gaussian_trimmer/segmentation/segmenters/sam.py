@@ -1,0 +1,144 @@
+"""Virtual view segmentation with any model of the SAM family as ONNX files, without PyTorch.
+
+Each view is encoded once, which takes nearly all of the time, and prompted with what is known of the object. What the
+encoder made of a view is kept, so that further prompts in it cost little.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits, middle_points
+from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates, Embedding, OnnxSam
+from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.views import HALF, View, bounding_box
+
+_KEPT_BYTES = 1 << 30
+"""Memory for embeddings that are kept: those of some sixty views."""
+_POINTS = 3
+"""Points inside the expected silhouette, and as many outside of it."""
+_SURELY, _HARDLY = 0.8, 0.1
+"""Expected share of the picture from which on a point is inside, and up to which it is outside."""
+_HOW = (
+    "pass --sam.model FOLDER with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as .onnx files; "
+    "docs/sam.md says where they come from"
+)
+
+
+@dataclass(frozen=True)
+class SamConfig:
+    """Which model segments the views, and how it is prompted."""
+
+    model: str = ""
+    """Folder with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as ONNX files."""
+    prompt: Literal["expected", "box"] = "expected"
+    """`expected`: box, points and silhouette as the corrected labels expect them; `box`: the bounding box of the
+    coarse object alone, eq. 6 of the paper."""
+    choice: Literal["agreement", "score"] = "agreement"
+    """Which of the model's masks is taken: that which agrees best with the corrected labels, or that which the model
+    scores highest."""
+    provider: Literal["auto", "cuda", "coreml", "directml", "cpu"] = "auto"
+    """What runs the model; auto is the first of these that the installed ONNX Runtime has."""
+
+
+class SamSegmenter:
+    """Fulfils the `Segmenter` contract with a model of the SAM family. It is loaded when the segmenter is made.
+
+    Raises:
+        InputError: no model is named, ONNX Runtime is missing, or the model cannot be loaded.
+    """
+
+    name = "sam"
+
+    def __init__(self, config: SamConfig | None = None) -> None:
+        self.config = config or SamConfig()
+        check_settings(self.config, self.name)
+        if not self.config.model:
+            raise InputError(f"The segmenter sam has no model: {_HOW}.")
+        self.model = OnnxSam(Path(self.config.model), self.config.provider)
+        self._embeddings: OrderedDict[bytes, Embedding] = OrderedDict()
+        self._report: Callable[[str], None] = lambda part: None
+
+    def describe(self) -> str:
+        """One line for reports: model, what runs it, and how it is prompted."""
+        how = f"prompted by {self.config.prompt}, masks chosen by {self.config.choice}"
+        return f"sam with {self.config.model} ({self.model.family}) on {self.model.provider}, {how}"
+
+    def report_to(self, report: Callable[[str], None]) -> None:
+        """Call `report` with "1 of 5" and so on when a view begins."""
+        self._report = report
+
+    def segment(self, views: Sequence[View]) -> list[BoolArray]:
+        """One mask (H, W) for each view; empty where the object is not expected.
+
+        Raises:
+            InputError: the model cannot be run.
+        """
+        masks = []
+        for number, view in enumerate(views):
+            self._report(f"{number + 1} of {len(views)}")
+            masks.append(self._segment_one(view))
+        return masks
+
+    def propose(self, rgb: FloatArray, prompt: Prompt) -> Candidates:
+        """The model's masks for a prompt in a picture (H, W, 3) in [0, 1], which is encoded once.
+
+        Raises:
+            InputError: the model cannot be run.
+        """
+        return self.model.decode(self._embedding(rgb), prompt)
+
+    def _segment_one(self, view: View) -> BoolArray:
+        prompt = prompt_of(view) if self.config.prompt == "expected" else _box_prompt(view)
+        if prompt is None:
+            return np.zeros(view.alpha.shape, np.bool_)
+        found = self.propose(view.rgb, prompt)
+        if self.config.choice == "score":
+            return np.asarray(found.logits[int(np.argmax(found.scores))] > 0)
+        masks = found.logits > 0
+        return np.asarray(masks[int(np.argmax([agreement(mask, view.object_prior) for mask in masks]))])
+
+    def _embedding(self, rgb: FloatArray) -> Embedding:
+        picture = np.ascontiguousarray(rgb, np.float32)
+        key = hashlib.sha256(repr(picture.shape).encode() + picture.tobytes()).digest()
+        if key in self._embeddings:
+            self._embeddings.move_to_end(key)
+            return self._embeddings[key]
+        embedding = self._embeddings[key] = self.model.encode(picture)
+        while len(self._embeddings) > 1 and sum(e.n_bytes for e in self._embeddings.values()) > _KEPT_BYTES:
+            self._embeddings.popitem(last=False)
+        return embedding
+
+
+def prompt_of(view: View) -> Prompt | None:
+    """What the corrected labels expect in a view: box, points and silhouette; None if they expect nothing."""
+    silhouette = view.silhouette
+    if not silhouette.any():
+        return None
+    box = bounding_box(silhouette)
+    near = np.zeros(silhouette.shape, np.bool_)
+    near[box[1] : box[3], box[0] : box[2]] = True
+    inner = middle_points(view.object_prior > _SURELY, _POINTS)
+    outer = middle_points(near & (view.object_prior < _HARDLY), _POINTS)
+    inside = np.arange(len(inner) + len(outer)) < len(inner)
+    return Prompt(box, np.concatenate([inner, outer]), inside, expected_logits(view.object_prior))
+
+
+def agreement(mask: BoolArray, share: FloatArray) -> float:
+    """Intersection over union of a mask (H, W) and the share of the picture that is expected to be object, (H, W)."""
+    expected = np.clip(share, 0, 1)
+    common = float(expected[mask].sum())
+    return common / max(float(np.count_nonzero(mask)) + float(expected.sum()) - common, 1e-9)
+
+
+def _box_prompt(view: View) -> Prompt | None:
+    return Prompt(view.box) if (view.object_alpha > HALF).any() else None
