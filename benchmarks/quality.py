@@ -1,6 +1,7 @@
 """How good are the trims? Every scene x object x kind of coarse selection, before and after, against ground truth.
 
     python benchmarks/quality.py ROOT [--variants default paper sagd ...] [--without-cameras] [--output DIR]
+    python benchmarks/quality.py ROOT --variants default sam paper-sam --sam-model DIR
 
 ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`), for example `benchmarks/data`. No ground
 truth reaches the trimmer: it gets the scene, the coarse selection and, where the scene has them, the up vector and the
@@ -16,6 +17,7 @@ import json
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,8 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.pipeline import RowLabel, SplitConfig, TrimConfig, TrimResult, paper_config, trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, Segmenter, get_segmenter
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, paper_sam
 
 _HIGHEST_PSNR = 100.0  # dB; a view that does not show the object would have an infinite one.
 _LOSS = 0.3
@@ -53,10 +56,13 @@ class Variant:
     segmenter: str = DEFAULT_SEGMENTER
     training_views: int = 0
     """Use this many training cameras instead of virtual ones."""
+    sam: SamConfig = field(default_factory=SamConfig)
+    """Options of the segmenter sam, but for its model."""
 
 
 def variants() -> dict[str, Variant]:
     base, paper = TrimConfig(), paper_config()
+    close, eq_6 = replace(paper, plan=base.plan), paper_sam()
 
     def with_views(n: int) -> Variant:
         return Variant(replace(base, plan=replace(base.plan, views=n)))
@@ -68,6 +74,16 @@ def variants() -> dict[str, Variant]:
         "grabcut": Variant(segmenter="grabcut"),
         "paper": Variant(paper, PAPER_SEGMENTER),
         "sagd": Variant(replace(paper, split=SplitConfig("sagd")), PAPER_SEGMENTER),
+        "sam": Variant(segmenter="sam"),
+        "sam-alone": Variant(segmenter="sam", sam=SamConfig(fusion=False)),
+        "paper-sam": Variant(paper, "sam", sam=eq_6),
+        "paper-sam-close": Variant(close, "sam", sam=eq_6),
+        "paper-sam-sagd-split": Variant(replace(paper, split=SplitConfig("sagd")), "sam", sam=eq_6),
+        "paper-sam-plane-split": Variant(replace(paper, split=SplitConfig("plane")), "sam", sam=eq_6),
+        "paper-sam-no-split": Variant(replace(paper, split=SplitConfig("none")), "sam", sam=eq_6),
+        "paper-sam-no-virtual-cameras": Variant(paper, "sam", 5, eq_6),
+        "paper-sam-no-background": Variant(replace(paper, context_radius=0.0), "sam", sam=eq_6),
+        "paper-sam-neither": Variant(replace(paper, context_radius=0.0), "sam", 5, eq_6),
         "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
         "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
         "no-split": Variant(replace(base, split=SplitConfig("none"))),
@@ -79,7 +95,11 @@ def variants() -> dict[str, Variant]:
         "no-background": Variant(no_background),
         "neither": Variant(no_background, training_views=5),
     }
-    return named | {f"views-{n}": with_views(n) for n in (1, 2, 3, 5, 7, 10)}
+    for n in (1, 2, 3, 5, 7, 10):
+        named[f"views-{n}"] = with_views(n)
+        few = replace(paper, plan=replace(paper.plan, views=n))
+        named[f"paper-sam-views-{n}"] = Variant(few, "sam", sam=eq_6)
+    return named
 
 
 @dataclass(frozen=True)
@@ -89,7 +109,9 @@ class Arguments:
     root: tyro.conf.Positional[Path]
     """Folder with benchmark scenes, or one scene."""
     variants: tuple[str, ...] = ("default",)
-    """Ways of running the trimmer, side by side; `ablations` stands for all of them."""
+    """Ways of running the trimmer, side by side; `ablations` stands for all of them that need no SAM."""
+    sam_model: Path | None = None
+    """Folder with a model for the variants that have sam in their names."""
     objects: tuple[str, ...] = ()
     """Only these objects."""
     kinds: tuple[str, ...] = ()
@@ -133,7 +155,11 @@ class Row:
 def main() -> None:
     arguments = tyro.cli(Arguments)
     console = Console(width=160)
-    chosen = list(variants()) if "ablations" in arguments.variants else list(arguments.variants)
+    chosen = (
+        [name for name in variants() if "sam" not in name]
+        if "ablations" in arguments.variants
+        else list(arguments.variants)
+    )
     rows = []
     for folder in find_scenes(arguments.root):
         for row in _measure_scene(open_scene(folder), chosen, arguments, console):
@@ -218,9 +244,17 @@ def _trim(
     if variant.training_views:
         n = len(scene.training_cameras)
         views = [scene.training_cameras[i * n // variant.training_views] for i in range(variant.training_views)]
+    segmenter = _sam(replace(variant.sam, model=str(arguments.sam_model or ""))) if variant.segmenter == "sam" else None
     return trim(
-        scene.gaussians, coarse, config=config, segmenter=variant.segmenter, cameras=cameras, view_cameras=views
-    )
+        scene.gaussians, coarse, config=config, segmenter=segmenter or variant.segmenter, cameras=cameras,
+        view_cameras=views,
+    )  # fmt: skip
+
+
+@cache
+def _sam(options: SamConfig) -> Segmenter:
+    """A segmenter whose model is loaded once for all trims."""
+    return get_segmenter("sam", options)
 
 
 def _render(gaussians: Gaussians, view: TestView) -> Any:

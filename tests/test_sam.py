@@ -1,6 +1,7 @@
 """The segmenter sam, with tiny models of every family whose masks can be foretold, and with trained ones."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ import tiny_sam  # noqa: E402
 from benchmark_data import benchmark_scene  # noqa: E402
 from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 
+import gaussian_trimmer as gt  # noqa: E402
+from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
 from gaussian_trimmer.pipeline import trim  # noqa: E402
@@ -174,7 +177,8 @@ def test_points_lie_deep_inside_and_apart():
 
 def test_the_prompt_says_what_the_labels_expect():
     expected = rectangle(64, 64, (16, 8, 48, 56)).astype(np.float32)
-    prompt = prompt_of(view(expected))
+    assert len(prompt_of(view(expected)).points) == 0
+    prompt = prompt_of(view(expected), points=3)
     assert prompt.box == (16, 8, 48, 56)
     assert prompt.inside.sum() == 3
     assert all(expected[int(y), int(x)] for x, y in prompt.points[prompt.inside])
@@ -241,6 +245,63 @@ def test_reports_name_model_family_and_provider(tmp_path):
     assert str(tmp_path) in text
     assert "SAM 2" in text
     assert " on cpu" in text
+
+
+def test_decoders_without_silhouettes_get_points(tmp_path):
+    segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path / "a", "transformers-sam2"))))
+    assert len(segmenter._prompt(view(rectangle(64, 64, (8, 8, 40, 40)))).points) == 3
+    segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path / "b", "sam2"))))
+    assert len(segmenter._prompt(view(rectangle(64, 64, (8, 8, 40, 40)))).points) == 0
+
+
+def red_ball():
+    """A red ball on a blue floor, z up, and a selection that takes some of the floor along."""
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(1500, 3))
+    ball = 0.5 * ball / np.linalg.norm(ball, axis=1, keepdims=True) + (0, 0, 0.5)
+    floor = np.column_stack([rng.uniform(-2, 2, (6000, 2)), np.zeros(6000)])
+    means = np.concatenate([ball, floor])
+    colours = np.where(np.arange(len(means))[:, None] < 1500, (0.9, 0.1, 0.1), (0.1, 0.2, 0.9))
+    scene = gt.Gaussians.from_arrays(
+        means, np.tile([1.0, 0, 0, 0], (len(means), 1)), (colours[:, None] - 0.5) / 0.28209479,
+        scales=np.full((len(means), 3), 0.03), opacities=np.full(len(means), 0.95),
+    )  # fmt: skip
+    truth = np.arange(len(means)) < 1500
+    return scene, truth, truth | (np.linalg.norm(means - (0, 0, 0.5), axis=1) < 0.75)
+
+
+@pytest.mark.parametrize("fusion", [True, False])
+def test_a_trim_with_sam_finds_the_object_and_reports_its_progress(tmp_path, fusion):
+    scene, truth, rough = red_ball()
+    stages = []
+    segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path, "sam2")), fusion=fusion))
+    result = trim(scene, rough, views=3, up="z", segmenter=segmenter, progress=stages.append)
+    assert not result.refused
+    assert overlap(result.object_mask, truth) > max(0.9, overlap(rough, truth) + 0.02)
+    assert [stage for stage in stages if stage.startswith("segment ")] == [
+        "segment 1 of 3",
+        "segment 2 of 3",
+        "segment 3 of 3",
+    ]
+    assert ("fused" in result.segmenter_description) == fusion
+
+
+def test_masks_of_something_else_are_told_in_the_report(tmp_path):
+    """Nothing is red, so the red mask is empty, and the box's mask is left out."""
+    scene, _, rough = red_ball()
+    grey = replace(scene, sh_dc=np.zeros_like(scene.sh_dc))
+    segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path, "sam2", (0.1, 0.1, 0.9))), choice="score"))
+    result = trim(grey, rough, views=3, up="z", segmenter=segmenter)
+    assert "3 of 3 masks set aside" in result.segmenter_description
+    assert not result.refused
+
+
+def test_the_papers_preset_takes_the_papers_prompt(tmp_path):
+    command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--segmenter", "sam", "--sam.model", "m"])
+    assert command._used_options() == SamConfig("m", prompt="box", choice="score", fusion=False)
+    command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--sam.prompt", "expected"])
+    assert command.segmenter == "grabcut"
+    assert command.segmenter_options.sam.prompt == "expected"
 
 
 def test_files_are_found_in_the_folder_onnx_and_under_the_names_of_checkpoints(tmp_path):

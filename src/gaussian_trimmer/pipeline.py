@@ -115,7 +115,9 @@ def trim(
     if hasattr(given_segmenter, "report_to"):
         given_segmenter.report_to(lambda part: progress(f"segment {part}"))
     with clock("segment"):
-        trimmed = check_masks(unsegmented, segmenter.segment(unsegmented), config.acceptance)
+        trimmed = check_masks(
+            unsegmented, segmenter.segment_with(unsegmented, scope.local, renderer), config.acceptance
+        )
     refused, parts = rejection(trimmed, config.acceptance), None
     if not refused:
         accepted = [view for view in trimmed if not view.rejected]

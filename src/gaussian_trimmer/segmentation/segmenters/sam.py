@@ -9,23 +9,26 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.segmentation.fusion import fuse_with_silhouettes
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits, middle_points
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates, Embedding, OnnxSam
-from gaussian_trimmer.settings import check_settings
-from gaussian_trimmer.views import HALF, View, bounding_box
+from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteSegmenter
+from gaussian_trimmer.settings import Range, check_settings
+from gaussian_trimmer.views import HALF, View, bounding_box, box_slices
 
 _KEPT_BYTES = 1 << 30
 """Memory for embeddings that are kept: those of some sixty views."""
 _POINTS = 3
-"""Points inside the expected silhouette, and as many outside of it."""
+"""Points where a decoder takes no silhouette, if none are asked for."""
 _SURELY, _HARDLY = 0.8, 0.1
 """Expected share of the picture from which on a point is inside, and up to which it is outside."""
 _HOW = (
@@ -41,13 +44,23 @@ class SamConfig:
     model: str = ""
     """Folder with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as ONNX files."""
     prompt: Literal["expected", "box"] = "expected"
-    """`expected`: box, points and silhouette as the corrected labels expect them; `box`: the bounding box of the
-    coarse object alone, eq. 6 of the paper."""
+    """`expected`: box and silhouette as the corrected labels expect them; `box`: the bounding box of the coarse object
+    alone, eq. 6 of the paper."""
+    points: Annotated[int, Range(0, 16)] = 0
+    """With `expected`, number of points inside the silhouette, and as many outside of it."""
     choice: Literal["agreement", "score"] = "agreement"
     """Which of the model's masks is taken: that which agrees best with the corrected labels, or that which the model
     scores highest."""
+    fusion: bool = True
+    """Follow the masks only where they are sure of themselves and agree from view to view, and the silhouettes of the
+    labels elsewhere."""
     provider: Literal["auto", "cuda", "coreml", "directml", "cpu"] = "auto"
     """What runs the model; auto is the first of these that the installed ONNX Runtime has."""
+
+
+def paper_sam(config: SamConfig | None = None) -> SamConfig:
+    """The paper's choices among these settings: eq. 6, and the masks as they come."""
+    return replace(config or SamConfig(), prompt="box", choice="score", fusion=False)
 
 
 class SamSegmenter:
@@ -67,11 +80,13 @@ class SamSegmenter:
         self.model = OnnxSam(Path(self.config.model), self.config.provider)
         self._embeddings: OrderedDict[bytes, Embedding] = OrderedDict()
         self._report: Callable[[str], None] = lambda part: None
+        self._note = ""
 
     def describe(self) -> str:
         """One line for reports: model, what runs it, and how it is prompted."""
         how = f"prompted by {self.config.prompt}, masks chosen by {self.config.choice}"
-        return f"sam with {self.config.model} ({self.model.family}) on {self.model.provider}, {how}"
+        fused = ", fused with the labels" if self.config.fusion else ""
+        return f"sam with {self.config.model} ({self.model.family}) on {self.model.provider}, {how}{fused}{self._note}"
 
     def report_to(self, report: Callable[[str], None]) -> None:
         """Call `report` with "1 of 5" and so on when a view begins."""
@@ -83,10 +98,25 @@ class SamSegmenter:
         Raises:
             InputError: the model cannot be run.
         """
-        masks = []
-        for number, view in enumerate(views):
-            self._report(f"{number + 1} of {len(views)}")
-            masks.append(self._segment_one(view))
+        return [logits > 0 for logits in self._logits(views)]
+
+    def segment_together(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
+        """The same, fused with the silhouettes of the labels if the settings say so.
+
+        Args:
+            views: V views.
+            gaussians: what they show.
+            renderer: tells what each Gaussian contributes to the views.
+
+        Raises:
+            InputError: the model cannot be run.
+        """
+        logits = self._logits(views)
+        if not self.config.fusion:
+            return [logit > 0 for logit in logits]
+        silhouettes = SilhouetteSegmenter().segment(views)
+        masks, aside = fuse_with_silhouettes(views, silhouettes, logits, gaussians, renderer)
+        self._note = f"; {aside} of {len(views)} masks set aside, since they show something else" if aside else ""
         return masks
 
     def propose(self, rgb: FloatArray, prompt: Prompt) -> Candidates:
@@ -97,15 +127,28 @@ class SamSegmenter:
         """
         return self.model.decode(self._embedding(rgb), prompt)
 
-    def _segment_one(self, view: View) -> BoolArray:
-        prompt = prompt_of(view) if self.config.prompt == "expected" else _box_prompt(view)
+    def _logits(self, views: Sequence[View]) -> list[FloatArray]:
+        """The chosen mask of each view as logits, (H, W)."""
+        logits = []
+        for number, view in enumerate(views):
+            self._report(f"{number + 1} of {len(views)}")
+            logits.append(self._logits_of(view))
+        return logits
+
+    def _logits_of(self, view: View) -> FloatArray:
+        prompt = self._prompt(view)
         if prompt is None:
-            return np.zeros(view.alpha.shape, np.bool_)
+            return np.full(view.alpha.shape, -1, np.float32)
         found = self.propose(view.rgb, prompt)
         if self.config.choice == "score":
-            return np.asarray(found.logits[int(np.argmax(found.scores))] > 0)
-        masks = found.logits > 0
-        return np.asarray(masks[int(np.argmax([agreement(mask, view.object_prior) for mask in masks]))])
+            return np.asarray(found.logits[int(np.argmax(found.scores))])
+        fits = [agreement(logits > 0, view.object_prior) for logits in found.logits]
+        return np.asarray(found.logits[int(np.argmax(fits))])
+
+    def _prompt(self, view: View) -> Prompt | None:
+        if self.config.prompt == "box":
+            return Prompt(view.box) if (view.object_alpha > HALF).any() else None
+        return prompt_of(view, self.config.points or (0 if self.model.takes_mask else _POINTS))
 
     def _embedding(self, rgb: FloatArray) -> Embedding:
         picture = np.ascontiguousarray(rgb, np.float32)
@@ -119,16 +162,21 @@ class SamSegmenter:
         return embedding
 
 
-def prompt_of(view: View) -> Prompt | None:
-    """What the corrected labels expect in a view: box, points and silhouette; None if they expect nothing."""
+def prompt_of(view: View, points: int = 0) -> Prompt | None:
+    """What the corrected labels expect in a view: box, silhouette and points; None if they expect nothing.
+
+    Args:
+        view: the view.
+        points: how many points inside, and how many outside within the box.
+    """
     silhouette = view.silhouette
     if not silhouette.any():
         return None
     box = bounding_box(silhouette)
     near = np.zeros(silhouette.shape, np.bool_)
-    near[box[1] : box[3], box[0] : box[2]] = True
-    inner = middle_points(view.object_prior > _SURELY, _POINTS)
-    outer = middle_points(near & (view.object_prior < _HARDLY), _POINTS)
+    near[box_slices(box)] = True
+    inner = middle_points(view.object_prior > _SURELY, points)
+    outer = middle_points(near & (view.object_prior < _HARDLY), points)
     inside = np.arange(len(inner) + len(outer)) < len(inner)
     return Prompt(box, np.concatenate([inner, outer]), inside, expected_logits(view.object_prior))
 
@@ -138,7 +186,3 @@ def agreement(mask: BoolArray, share: FloatArray) -> float:
     expected = np.clip(share, 0, 1)
     common = float(expected[mask].sum())
     return common / max(float(np.count_nonzero(mask)) + float(expected.sum()) - common, 1e-9)
-
-
-def _box_prompt(view: View) -> Prompt | None:
-    return Prompt(view.box) if (view.object_alpha > HALF).any() else None

@@ -163,6 +163,8 @@ class OnnxSam:
             raise InputError(f"The model '{path}' has {path.stat().st_size} bytes; more than {_MAX_BYTES} are refused.")
         options = self._runtime.SessionOptions()
         options.log_severity_level = 4  # What goes wrong becomes an error of our own.
+        # Threads that spin while they wait lose their time to whatever else runs on the machine.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         if path.suffix == ".ort":  # such files have been optimised, and doing it again makes some unusable
             options.graph_optimization_level = self._runtime.GraphOptimizationLevel.ORT_DISABLE_ALL
         try:
