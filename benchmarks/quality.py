@@ -162,7 +162,7 @@ def main() -> None:
     )
     rows = []
     for folder in find_scenes(arguments.root):
-        for row in _measure_scene(open_scene(folder), chosen, arguments, console):
+        for row in measure_scene(open_scene(folder), chosen, arguments, console):
             rows.append(row)
             loss = "  LOSS" if row.loses else ""
             shown = "  ".join(
@@ -182,7 +182,7 @@ def main() -> None:
         (arguments.output / "results.json").write_text(json.dumps([row.__dict__ for row in rows], indent=1))
 
 
-def _measure_scene(
+def measure_scene(
     scene: BenchmarkScene, chosen: Sequence[str], arguments: Arguments, console: Console
 ) -> Iterator[Row]:
     cameras = None if arguments.without_cameras else _training_cameras(scene.cameras_file)
