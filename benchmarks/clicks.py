@@ -1,6 +1,7 @@
 """How good is a selection by one box or one click, as it is selected and after the trim?
 
     python benchmarks/clicks.py ROOT [--ways box click] [--objects NAME ...] [--without-cameras] [--output FILE]
+    python benchmarks/clicks.py ROOT --sam-model DIR
 
 ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`), or is one. The user is simulated: in the
 training view whose mask of the object is largest, the box is the mask's bounds and two pixels more, within the
@@ -12,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -28,7 +30,9 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.model_masks import select_by_model
 from gaussian_trimmer.views import Box, bounding_box
 
 Way = Literal["box", "click"]
@@ -50,6 +54,8 @@ class Arguments:
     """Only these objects."""
     without_cameras: bool = False
     """Give neither the selection nor the trim cameras or an up vector."""
+    sam_model: Path | None = None
+    """Let a model of the SAM family in this folder understand the marks."""
     output: Path | None = None
     """Write all rows to this JSON file."""
 
@@ -111,7 +117,7 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
         camera, mask = _best_view(scene, name)
         for way in arguments.ways:
             try:
-                pick = _select(scene.gaussians, camera, mask, way, up, cameras)
+                pick = _select(scene.gaussians, camera, mask, way, up, cameras, arguments.sam_model)
             except InputError as refused:
                 yield Row(scene.name, name, way, camera.name, str(refused), 0, 0.0, 0.0)
                 continue
@@ -123,12 +129,22 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
 
 
 def _select(
-    gaussians: Gaussians, camera: Camera, mask: BoolArray, way: Way, up: Float64Array, cameras: CameraSet | None
-) -> Pick:
+    gaussians: Gaussians, camera: Camera, mask: BoolArray, way: Way, up: Float64Array, cameras: CameraSet | None,
+    sam_model: Path | None,
+) -> Pick:  # fmt: skip
     seen_from = cameras.cameras if cameras else ()
+    if sam_model is not None:
+        marks = box_around(mask) if way == "box" else [middle_of(mask)]
+        return select_by_model(gaussians, camera, marks, up, _RENDERER, _sam(sam_model), seen_from)
     if way == "box":
         return select_by_box(gaussians, camera, box_around(mask), up, _RENDERER, seen_from)
     return select_by_clicks(gaussians, camera, [middle_of(mask)], up, _RENDERER, seen_from)
+
+
+@cache
+def _sam(folder: Path) -> SamSegmenter:
+    """The model, loaded once."""
+    return SamSegmenter(SamConfig(str(folder)))
 
 
 def box_around(mask: BoolArray) -> Box:

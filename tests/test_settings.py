@@ -18,6 +18,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig
 from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
 from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteConfig
 from gaussian_trimmer.selection_files import SelectionOptions
@@ -25,12 +26,12 @@ from gaussian_trimmer.settings import Range, Vector, check_settings, hints_of
 
 ROOTS = {
     TrimConfig: "", SelectionOptions: "selection", SilhouetteConfig: "silhouette",
-    GrabCutConfig: "grabcut", Sam2Config: "sam2",
+    GrabCutConfig: "grabcut", Sam2Config: "sam2", SamConfig: "sam",
     MaskFilesConfig: "mask-files",
 }  # fmt: skip
 HARMLESS = {
-    (Sam2Config, "model"), (Sam2Config, "device"), (MaskFilesConfig, "folder"), (SelectionOptions, "property"),
-    (SelectionOptions, "classifier"),
+    (Sam2Config, "model"), (SamConfig, "model"), (Sam2Config, "device"), (MaskFilesConfig, "folder"),
+    (SelectionOptions, "property"), (SelectionOptions, "classifier"),
 }  # fmt: skip
 """Names of files, folders and the like, which those who open them check."""
 

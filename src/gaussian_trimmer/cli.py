@@ -126,10 +126,13 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config
-        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER
+        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(command, config=paper_config(), segmenter=PAPER_SEGMENTER)
+        default = replace(
+            command, config=paper_config(), segmenter=PAPER_SEGMENTER,
+            segmenter_options=paper_options(command.segmenter_options),
+        )  # fmt: skip
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
     return cast("Command", command)
 

@@ -89,7 +89,8 @@ def trim(
         view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
             given masks.
         up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
-        progress: called with the name of each stage when it begins.
+        progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
+            one they are at, as in "segment 2 of 5".
 
     Raises:
         InputError: the selection does not fit the scene, is empty or can be understood in two ways; a setting is out
@@ -114,8 +115,12 @@ def trim(
         probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
     with clock("render"):
         unsegmented = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
+    if hasattr(given_segmenter, "report_to"):
+        given_segmenter.report_to(lambda part: progress(f"segment {part}"))
     with clock("segment"):
-        trimmed = check_masks(unsegmented, segmenter.segment(unsegmented), config.acceptance)
+        trimmed = check_masks(
+            unsegmented, segmenter.segment_with(unsegmented, scope.local, renderer), config.acceptance
+        )
     refused, parts = rejection(trimmed, config.acceptance), None
     if not refused:
         accepted = [view for view in trimmed if not view.rejected]

@@ -60,7 +60,12 @@ def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     )
     with bar:
         task = bar.add_task("", total=_STEPS)
-        yield lambda stage: bar.update(task, description=_STAGES.get(stage, stage), advance=1)
+
+        def show(stage: str) -> None:
+            name, _, part = stage.partition(" ")  # a part of a stage that takes long is no step of its own
+            bar.update(task, description=f"{_STAGES.get(name, name)} {part}".rstrip(), advance=0 if part else 1)
+
+        yield show
 
 
 def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -> None:

@@ -41,7 +41,9 @@ class Benchmark:
     root: Annotated[Positional[Path], arg(metavar="ROOT")]
     """Folder with benchmark scenes, or one scene; the repository has some in benchmarks/data."""
     variants: tuple[str, ...] = ("default",)
-    """Ways of running the trimmer, side by side; `ablations` stands for all of them."""
+    """Ways of running the trimmer, side by side; `ablations` stands for all that need no trained model."""
+    sam_model: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder with a model of the SAM family, for variants with `sam` in their names."""
     fidelity: bool = True
     """Also compare object and background together with the untouched scene."""
     occlusion: Occlusion = "alone"
@@ -66,7 +68,7 @@ class Benchmark:
             publish(self._measure(progress), self.tables, console, folder)
 
     def _measure(self, progress: Console) -> Findings:
-        chosen, (judge,) = chosen_variants(self.variants), self.rules.judge(self.occlusion)
+        chosen, (judge,) = chosen_variants(self.variants, self.sam_model), self.rules.judge(self.occlusion)
         runs: list[Run] = []
         pictures: dict[str, Picture] = {}
 

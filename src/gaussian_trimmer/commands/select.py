@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,14 +27,16 @@ from gaussian_trimmer.pipeline import TrimConfig
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
+from gaussian_trimmer.selecting.model_masks import select_by_model
 from gaussian_trimmer.selecting.overview import plan_overview
 from gaussian_trimmer.settings import Range, Share, Vector, check_settings
 
 _WAYS = {
     "piece": "an object that stands on a surface",
-    "part": "the part that fills the box, on all of its sides",
+    "part": "the part that is marked, on all of its sides",
     "colour": "what has its colour in that view, on all of its sides",
 }
 
@@ -80,6 +82,10 @@ class Select:
     """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
+    segmenter: Literal["built-in", "sam"] = "built-in"
+    """What understands clicks and box: `built-in` knows things that stand on something, a model of the SAM family also
+    knows parts."""
+    sam: SamConfig = field(default_factory=SamConfig)
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
     overwrite: bool = False
@@ -128,6 +134,8 @@ class Select:
             raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
+        if self.segmenter == "sam" and not (self.click or self.box):
+            raise InputError("The segmenter sam understands --click and --box; leave --segmenter out for the rest.")
         if self.object_ids and (self.masks is None or self.method == "vote"):
             raise InputError("Object numbers are lifted from --masks only by 'assignment'; leave --method out.")
         if self.object_ids and self.trim is not None:
@@ -164,6 +172,9 @@ class Select:
     def _understand(
         self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer, seen_from: Sequence[Camera]
     ) -> Pick:
+        if self.segmenter == "sam":
+            marks = self.box if self.box is not None else self.click
+            return select_by_model(drawn, camera, marks, up.direction, renderer, SamSegmenter(self.sam), seen_from)
         if self.box is not None:
             return select_by_box(drawn, camera, self.box, up.direction, renderer, seen_from)
         return select_by_clicks(drawn, camera, self.click, up.direction, renderer, seen_from)

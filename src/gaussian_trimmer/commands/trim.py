@@ -22,9 +22,12 @@ from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.planning.photo_views import photo_views
+from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.segmentation.segmenters import (
     DEFAULT_SEGMENTER,
@@ -34,6 +37,7 @@ from gaussian_trimmer.segmentation.segmenters import (
     field_name,
     get_segmenter,
 )
+from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.settings import check_settings
 
@@ -42,6 +46,8 @@ _COMPILING_AGAIN = (
     "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
     "set NUMBA_CACHE_DIR to one that is."
 )
+_PHOTOS = 8
+"""Photographs that are looked at, unless more views or another number are asked for."""
 _SegmenterOptions = all_options()
 Loaded = tuple[Gaussians, BoolArray, CameraSet | None]
 """A scene, the rough selection (N,) and the cameras."""
@@ -62,6 +68,9 @@ class Trim:
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
     angles from which the object was observed."""
+    photos: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of the training pictures: the object is segmented in those that show it best, in place of virtual views.
+    Needs --cameras."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
@@ -119,6 +128,8 @@ class Trim:
         config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
         views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
         self._refuse_unused_views(views)
+        if self.photos is not None:
+            views, segmenter = self._photo_views(scene, selection, cameras, segmenter)
         if renderer.name == "numba" and not _kernels_are_compiled():
             console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
         result = trim(
@@ -176,6 +187,22 @@ class Trim:
                 "or leave the selection out if the file holds the object alone."
             )
 
+    def _photo_views(
+        self, scene: Gaussians, selection: BoolArray, cameras: CameraSet | None, segmenter: Segmenter
+    ) -> tuple[list[Camera], Segmenter]:
+        """Crops of the training pictures that show the object best, and the segmenter that is shown these pictures."""
+        if self.photos is None or cameras is None or hasattr(segmenter, "own_cameras"):
+            raise InputError("--photos needs the cameras that took the pictures, --cameras, and a segmenter for them.")
+        listed = zip(cameras.pinhole_cameras(), cameras.train, strict=True)
+        known = cameras_with_photos([camera for camera, train in listed if train], self.photos)
+        up = find_up(scene, cameras, self._config().up, selection)
+        bounds = robust_bounds(scene.select(selection), up_frame(up.direction))
+        plan = self._config().plan
+        views = photo_views(known, bounds, self.views or max(plan.views, _PHOTOS), plan.size, plan.fill)
+        if not views:
+            raise InputError(f"None of the {len(known)} cameras with pictures in '{self.photos}' sees the object.")
+        return views, PhotoSegmenter(segmenter, self.photos, known)
+
     def _refuse_unused_views(self, given: list[Camera] | None) -> None:
         """A number of virtual views means nothing where the views are those of the user's masks."""
         wished = self.config.plan.views if self.views is None else self.views
@@ -206,6 +233,7 @@ class Trim:
             "selection": str(self.selection) if self.selection else None,
             "selection_options": _as_json(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
+            "photos": str(self.photos) if self.photos else None,
             "preset": self.preset,
             "segmenter_options": _as_json(used) if used else {},
         }

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from gaussian_trimmer.config import SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, Segmenter
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, paper_sam
 
 VIEW_COUNTS = (1, 2, 3, 5, 7, 10)
 """Numbers of virtual views that the paper compares."""
@@ -70,16 +72,56 @@ def variants() -> dict[str, Variant]:
     return named | {f"views-{n}": variant for n, variant in with_view_counts(Variant()).items()}
 
 
-def chosen_variants(names: tuple[str, ...]) -> dict[str, Variant]:
-    """The variants of these names; `ablations` stands for all.
+def sam_variants(model: Path) -> dict[str, Variant]:
+    """Variants whose views a trained model segments: ours, and the paper's with its ablations, by name.
+
+    Args:
+        model: folder with a model of the SAM family, as `SamConfig.model`.
 
     Raises:
-        InputError: no variant has such a name.
+        InputError: the model cannot be loaded, or ONNX Runtime is missing.
+    """
+    ours = SamConfig(model=str(model))
+    follow, alone, as_published = (
+        SamSegmenter(options) for options in (ours, replace(ours, fusion=False), paper_sam(ours))
+    )
+    paper = Variant(paper_config(), as_published)
+    ablated = without_planning_or_background(paper)
+
+    def with_split(split: SplitConfig) -> Variant:
+        return replace(paper, config=replace(paper.config, split=split))
+
+    named = {
+        "sam": Variant(segmenter=follow),
+        "sam-alone": Variant(segmenter=alone),
+        "paper-sam": paper,
+        "paper-sam-close": replace(paper, config=replace(paper.config, plan=TrimConfig().plan)),
+        "paper-sam-sagd-split": with_split(SplitConfig("sagd")),
+        "paper-sam-plane-split": with_split(SplitConfig("plane")),
+        "paper-sam-no-split": with_split(SplitConfig("none")),
+        "paper-sam-no-virtual-cameras": ablated["No VCP"],
+        "paper-sam-no-background": ablated["No background augmentation"],
+        "paper-sam-neither": ablated["No VCP and BA"],
+    }
+    return named | {f"paper-sam-views-{n}": variant for n, variant in with_view_counts(paper).items()}
+
+
+def chosen_variants(names: tuple[str, ...], sam_model: Path | None = None) -> dict[str, Variant]:
+    """The variants of these names; `ablations` stands for all that need no trained model.
+
+    Args:
+        sam_model: folder with the model of variants with `sam` in their names.
+
+    Raises:
+        InputError: no variant has such a name, or a model is missing.
     """
     known = variants()
     if "ablations" in names:
         return known
+    if sam_model is not None:
+        known |= sam_variants(sam_model)
     for name in names:
         if name not in known:
-            raise InputError(f"Unknown variant '{name}'; available: ablations, {', '.join(known)}.")
+            more = "" if sam_model else "; those of SAM need --sam-model"
+            raise InputError(f"Unknown variant '{name}'; available: ablations, {', '.join(known)}{more}.")
     return {name: known[name] for name in names}
