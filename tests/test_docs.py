@@ -19,7 +19,7 @@ from gaussian_trimmer.gaussians import sigmoid
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
-NOT_RUN = {"sam2.md": "needs a model", "methods.md": "needs a checkpoint of a training"}
+NOT_RUN = {"sam.md": "needs a model", "sam2.md": "needs a model", "methods.md": "needs a checkpoint of a training"}
 """Pages whose Python is only compiled."""
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _COMMAND = re.compile(r"gaussian-trimmer (?!\[)[^`\n#&]+")
