@@ -78,7 +78,14 @@ def select_by_model(
     whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
     if not whole.any():
         return built_in
-    return Pick(_corrected(gaussians, whole, (camera, mask), up, renderer, model, seen_from), ("part",))
+    part = _corrected(gaussians, whole, (camera, mask), up, renderer, model, seen_from)
+    # What was carried around must still show the mask in the user's own view, and fill the box, and both better than
+    # the built-in selection does.
+    seen = shown(gaussians, part, camera, renderer) > HALF
+    worse = overlap(seen, mask) <= overlap(silhouette, mask)
+    if worse or (box is not None and _box_overlap(seen, box) <= _box_overlap(silhouette, box)):
+        return built_in
+    return Pick(part, ("part",))
 
 
 def shown(gaussians: Gaussians, selection: BoolArray, camera: Camera, renderer: Renderer) -> FloatArray:
