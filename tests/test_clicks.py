@@ -211,18 +211,6 @@ def test_impossible_boxes(ball, box):
         select_by_box(ball[0], camera_at((5, 0, 3)), box, toy.UP, RENDERER)
 
 
-def test_boxes_are_clipped_to_the_picture(ball):
-    """The ball reaches beyond the left edge: a box that passes the edge means what one up to the edge means."""
-    scene, truth = ball
-    camera = camera_at((5, 0, 3), toy.CENTRE + np.array([0, 2.4, 0]))
-    shown = RENDERER.blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
-    x0, y0, x1, y1 = bounding_box(shown)
-    assert x0 == 0
-    inside, beyond = (select_by_box(scene, camera, (low, y0, x1, y1), toy.UP, RENDERER) for low in (0, -50))
-    np.testing.assert_array_equal(inside.selection, beyond.selection)
-    assert toy.jaccard(beyond.selection, truth) > 0.9
-
-
 def test_where_nothing_is_seen(ball):
     away = camera_at((40, 0, 60), (80, 0, 120))
     with pytest.raises(InputError, match="Nothing is seen at the pixel"):

@@ -53,38 +53,6 @@ def ball_on_floor(seed=0, n_ball=700, floor_side=30, n_floaters=12):
     return scene.select(order), order < n_ball
 
 
-BALL, POLE, NEIGHBOUR, FLOOR = range(4)
-POLE_TOP = np.array([0.0, 0.0, 3.0])
-"""Centre of the ball on the pole, of radius 1."""
-
-
-def ball_on_pole(seed=0, neighbour=True):
-    """A red ball on a red pole on a checkered floor, and which part each Gaussian is, (N,); rows in random order.
-
-    A smaller red ball, the neighbour, touches the ball from behind for who looks along -x.
-    """
-    rng = np.random.default_rng(seed)
-
-    def sphere(n, centre, radius):
-        outward = rng.normal(size=(n, 3))
-        return centre + radius * outward / np.linalg.norm(outward, axis=1, keepdims=True)
-
-    ball, beside = sphere(2000, POLE_TOP, 1.0), sphere(1000, POLE_TOP - [1.7, 0, 0], 0.7)
-    angles, heights = rng.uniform(0, 2 * np.pi, 600), rng.uniform(0, 2.05, 600)
-    pole = np.stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), heights], axis=1)
-    grid = (np.arange(60) + 0.5) / 60 * 10 - 5
-    floor = np.stack(np.meshgrid(grid, grid, [-0.05], indexing="ij"), -1).reshape(-1, 3)
-    parts = [ball, pole, beside if neighbour else beside[:0], floor]
-    part = np.repeat([BALL, POLE, NEIGHBOUR, FLOOR], [len(p) for p in parts])
-    means = np.concatenate(parts)
-    checks = (np.floor(means[:, 0]) + np.floor(means[:, 1])) % 2 == 0
-    colours = np.where((part == FLOOR)[:, None], np.where(checks[:, None], WHITE, BLUE), RED)
-    scales = np.where((part == FLOOR)[:, None], (0.11, 0.11, 0.02), 0.06)
-    order = rng.permutation(len(means))
-    scene = gaussians(means[order], scales[order], (colours + rng.normal(0, 0.02, means.shape))[order])
-    return scene, part[order]
-
-
 def dilated(scene, truth, reach=0.5):
     """The ball and whatever lies within `reach` of its surface."""
     return truth | (np.linalg.norm(scene.means - CENTRE, axis=1) < RADIUS + reach)

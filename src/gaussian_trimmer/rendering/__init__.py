@@ -23,8 +23,6 @@ TRANSMITTANCE_STOP = 1e-4
 """A pixel is finished before a Gaussian would push its transmittance below this."""
 FRUSTUM_MARGIN = 0.15
 """The projection's Jacobian is evaluated no farther outside the image than this share of its size."""
-LARGEST_LOG_SCALE = 88.0
-"""Larger ones are taken as this, the largest whose standard deviation is a number in single precision."""
 LARGEST_SPREAD = 1e6
 """Projected semi-axes longer than this many pixels are drawn as long as this: what they show in an image hardly
 differs, and beyond it single precision no longer tells pixels apart."""

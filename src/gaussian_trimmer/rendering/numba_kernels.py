@@ -23,12 +23,12 @@ from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.rendering import (
     ALPHA_CAP,
     ALPHA_CUTOFF,
-    LARGEST_LOG_SCALE,
     LARGEST_SPREAD,
     LARGEST_VALUE,
     LOW_PASS_VARIANCE,
     TRANSMITTANCE_STOP,
 )
+from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 TILE = 16
 """Side of a tile in pixels."""

@@ -18,13 +18,13 @@ from gaussian_trimmer.rendering import (
     ALPHA_CAP,
     ALPHA_CUTOFF,
     FRUSTUM_MARGIN,
-    LARGEST_LOG_SCALE,
     LARGEST_SPREAD,
     LARGEST_VALUE,
     LOW_PASS_VARIANCE,
     TRANSMITTANCE_STOP,
     Rendering,
 )
+from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 Box = tuple[slice, slice]
 

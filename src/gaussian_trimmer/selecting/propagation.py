@@ -97,7 +97,7 @@ def _cut(graph: SurfaceGraph, share: Float64Array, allowed: BoolArray) -> BoolAr
     part = graph.cut(unaries)
     for _ in range(COLOUR_ROUNDS):
         ratio, accuracy = graph.colour_evidence(part)
-        part = graph.cut(unaries + _COLOUR * colour_weight(accuracy) * undecided * np.minimum(ratio, 0))
+        part = graph.cut(unaries + _COLOUR * colour_weight(accuracy) * undecided * ratio)
     return part
 
 

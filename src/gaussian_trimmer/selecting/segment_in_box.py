@@ -140,7 +140,6 @@ def _cuts(graph: SurfaceGraph, allowed: BoolArray, visible: BoolArray) -> Iterat
         yield chosen
         for _ in range(COLOUR_ROUNDS):
             ratio, accuracy = graph.colour_evidence(chosen)
-            ratio = np.where(visible, ratio, np.minimum(ratio, 0))
             refined = graph.cut(unaries + _COLOUR * unary * colour_weight(accuracy) * graph.areas * ratio)
             if not refined.any() or np.array_equal(refined, chosen):
                 break

@@ -28,7 +28,7 @@ from gaussian_trimmer.gaussians import (
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
-from gaussian_trimmer.rendering import LOW_PASS_VARIANCE, Renderer
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 
 _REACH = 3.0
@@ -43,8 +43,6 @@ _REFERENCE_RADIUS = 64.0
 """Radius in pixels to which the weights of the user's view are scaled, whatever its resolution."""
 _MIN_VISIBLE, _MIN_VISIBLE_IN_VIEW = 0.5, 0.3
 """Smallest visible weight of a node, in pixels over all views, and in the user's view to be judged by it."""
-_MIN_SHARE = 0.1
-"""Visible weight for a Gaussian's size, relative to the median, below which it lies buried behind others."""
 _MAX_NODES = 15_000
 _NEIGHBOURS, _NEIGHBOURHOOD = 10, 17
 """Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""
@@ -54,7 +52,6 @@ _COLOUR_SIGMA = 10.0
 """Standard deviation of edge weights over Lab colours."""
 _LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
 """Weights of the channels in distances between Lab colours: lightness changes with shading."""
-_COLOUR_FLOOR = 0.0
 _CONCAVITY = 0.3
 """Concavity at which an edge weighs 1/e: the difference of the normals along the edge."""
 _UNEVEN = 0.5
@@ -176,8 +173,6 @@ def build_surface_graph(
     weights = [_visible(local, view, renderer) for view in views]
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
-    best_view = np.max([in_view, *weights], axis=0)
-    nodes &= _unburied(local, best_view, reach * radius, nodes)
     if np.count_nonzero(nodes) > _MAX_NODES:
         nodes &= visible >= np.partition(visible[nodes], -_MAX_NODES)[-_MAX_NODES]
     facing = np.zeros((np.count_nonzero(nodes), 3), np.float32)
@@ -191,13 +186,11 @@ def build_surface_graph(
     colours = _smoothed(np.clip(0.5 + SH_C0 * local.sh_dc[nodes], 0, 1), beside, shares)
     normals, flatness = _normals(means, beside, shares, facing)
     spacing = np.sqrt(squared[:, squared.shape[1] // 4])
-    shown = in_view > _MIN_VISIBLE_IN_VIEW
-    shown &= _unburied(local, in_view, reach * radius, shown & nodes)
     edges, lengths = _edges(beside, np.sqrt(squared), spacing)
     affinity = _affinity(edges, means, colours, normals, flatness)
     return SurfaceGraph(
         centre, radius, near[nodes], near[~nodes], means, colours, np.square(spacing / radius, dtype=np.float64),
-        shown[nodes], edges, lengths / radius, lengths / radius * affinity,
+        in_view[nodes] > _MIN_VISIBLE_IN_VIEW, edges, lengths / radius, lengths / radius * affinity,
     )  # fmt: skip
 
 
@@ -232,20 +225,6 @@ def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatA
     """Blend weight of each Gaussian in a view, in pixels, (N,)."""
     labels = np.zeros((camera.height, camera.width), np.uint8)
     return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
-
-
-def _unburied(local: Gaussians, weights: FloatArray, radius: float, among: BoolArray) -> BoolArray:
-    """Which Gaussians show at least a share of their size, as others among which they are do, (L,).
-
-    Args:
-        weights: their visible weights in one view, or the largest of several, (L,).
-        radius: by which the views' distance is measured, in scene units.
-        among: whose median is taken, (L,).
-    """
-    sides = np.sort(local.scales, axis=1)[:, 1:]
-    low_pass = np.float32(LOW_PASS_VARIANCE) * (_DISTANCE * radius / intrinsics(_FOV, _SIZE, _SIZE)[0, 0]) ** 2
-    share = weights / (local.opacities * np.sqrt(np.square(sides) + low_pass).prod(axis=1))
-    return np.asarray(share > _MIN_SHARE * np.median(share[among])) if among.any() else among
 
 
 def _directions(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
@@ -305,8 +284,7 @@ def _affinity(
     concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
     flat = np.minimum(flatness[a], flatness[b])
     convex = flat * np.exp(-concavity / _CONCAVITY) + (1 - flat) * _UNEVEN
-    alike = _COLOUR_FLOOR + (1 - _COLOUR_FLOOR) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2)
-    return np.asarray(_MIN_EDGE + (1 - _MIN_EDGE) * alike * convex)
+    return np.asarray(_MIN_EDGE + (1 - _MIN_EDGE) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
 
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
