@@ -17,8 +17,8 @@ PACKAGE = Path(gaussian_trimmer.__file__).parent
 STAGES = ("planning", "segmentation", "decomposition")
 FILES = ("formats", "camera_files", "selection_files")
 BASE = (
-    "settings", "errors", "compiling", "stop_signals", "atomic", "reading", "zip_members", "picture_headers", "gaussians", "cameras",
-    "label_assignment", "sample", "scene_limits",
+    "settings", "errors", "compiling", "stop_signals", "atomic", "reading", "zip_members", "picture_headers",
+    "gaussians", "cameras", "label_assignment", "sample", "scene_limits",
 )  # fmt: skip
 LAYERS = (
     BASE,

@@ -117,6 +117,8 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
         default = replace(command, config=paper_config(), segmenter=PAPER_SEGMENTER)
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
+    if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
+        command = command.in_order_of(arguments)
     return cast("Command", command)
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -18,6 +18,7 @@ from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
+from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
@@ -34,6 +35,9 @@ from gaussian_trimmer.segmentation.segmenters import (
     field_name,
     get_segmenter,
 )
+from gaussian_trimmer.selecting.marks import FromFile, Marks
+from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.select import select, settle_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.settings import check_settings
 
@@ -43,29 +47,30 @@ _COMPILING_AGAIN = (
     "set NUMBA_CACHE_DIR to one that is."
 )
 _SegmenterOptions = all_options()
-Loaded = tuple[Gaussians, BoolArray, CameraSet | None]
-"""A scene, the rough selection (N,) and the cameras."""
+MARKS = "selection.json"
+"""Name of the file of marks among the results."""
 
 
-@dataclass(frozen=True)
-class Trim:
-    """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
+class Loaded(NamedTuple):
+    """What is read before a trim."""
 
-    Without SELECTION, the file is taken to hold the object alone.
-    """
+    scene: Gaussians
+    selection: BoolArray
+    """The rough selection, (N,)."""
+    cameras: CameraSet | None
+    marks: Marks | None = None
+    """The marks that the selection was made by, if it was."""
 
-    scene: Positional[Path]
-    """Splat file of the scene, or of the object alone."""
-    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
-    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, or a file
-    that a segmentation method saved."""
+
+@dataclass(frozen=True, kw_only=True)
+class TrimSettings:
+    """What `trim`, and `select --trim`, can be told beside what is selected."""
+
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
     angles from which the object was observed."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
-    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
-    """Folder for the results."""
     overwrite: bool = False
     """Replace earlier results in the output folder; files that the program did not write stay."""
     format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
@@ -82,11 +87,32 @@ class Trim:
     quiet: bool = False
     """Print nothing but errors."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
     segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
         default_factory=_SegmenterOptions
     )
+
+
+@dataclass(frozen=True)
+class Trim(TrimSettings):
+    """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
+
+    Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone.
+    """
+
+    scene: Positional[Path]
+    """Splat file of the scene, or of the object alone; or the folder of a training."""
+    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
+    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, or a file
+    that a segmentation method saved."""
+    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
+    """Folder for the results."""
+    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
+    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
+    mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
+
+    def in_order_of(self, arguments: Sequence[str]) -> Trim:
+        """This command, with its marks in the order of the arguments that it was made from."""
+        return replace(self, mark_options=self.mark_options.in_order_of(arguments))
 
     def run(self, load: Callable[[], Loaded] | None = None) -> None:
         """Trim and write the results.
@@ -113,7 +139,7 @@ class Trim:
         """Trim and write the results to a folder; returns the report."""
         start = time.perf_counter()
         stage("read")
-        scene, selection, cameras = loaded or self._read()
+        scene, selection, cameras, marks = loaded or self._read()
         self._refuse_whole_scene(selection)
         seconds = {"read": time.perf_counter() - start}
         config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
@@ -126,6 +152,8 @@ class Trim:
             view_cameras=views, progress=stage,
         )  # fmt: skip
         stage("write")
+        if marks is not None:
+            write_marks(marks, folder / MARKS)
         return write_trim(result, folder, self._suffix(), self._inputs(), seconds)
 
     def _results(self) -> AbstractContextManager[Path]:
@@ -133,7 +161,7 @@ class Trim:
         return atomic_folder(
             self._folder(),
             RESULTS,
-            names=result_files(self._suffix()),
+            names=(*result_files(self._suffix()), MARKS),
             inputs=self._input_paths(),
             overwrite=self.overwrite,
         )
@@ -143,6 +171,8 @@ class Trim:
         check_config(self._config())
         check_settings(self.selection_options, "selection")
         check_settings(self.segmenter_options)
+        check_settings(self.mark_options)
+        self.mark_options.marks()
 
     def _suffix(self) -> str:
         if self.format is None:
@@ -160,14 +190,22 @@ class Trim:
         cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
         options = [vars(options) for options in (self.selection_options, self._used_options()) if options]
         given = [self.scene, self.selection, cameras, *(value for values in options for value in values.values())]
-        return [path for path in given if isinstance(path, Path)]
+        return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
 
     def _read(self) -> Loaded:
         scene = formats.read(self.scene)
         cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
+        marks = self.mark_options.marks()
+        if marks:
+            given = [] if self.selection is None else [FromFile(self.selection, self.selection_options)]
+            settled = settle_marks(
+                scene, [*given, *marks], cameras=cameras, up=self.config.up, camera_path=self.cameras
+            )
+            made = select(scene, settled, cameras=cameras, renderer=self.renderer)
+            return Loaded(scene, made.mask, cameras, made.marks)
         if self.selection is None:
-            return scene, np.ones(len(scene), np.bool_), cameras
-        return scene, load_selection(self.selection, scene, self.selection_options), cameras
+            return Loaded(scene, np.ones(len(scene), np.bool_), cameras)
+        return Loaded(scene, load_selection(self.selection, scene, self.selection_options), cameras)
 
     def _refuse_whole_scene(self, selection: BoolArray) -> None:
         if self.selection is not None and selection.all():
