@@ -22,6 +22,8 @@ _COMPACT = 3.2
 """A capture is compact, as of a single object, if it has the latter share within this many radii of the former."""
 _REACH = 3.0
 """Gaussians farther from the middle than this many radii of what is framed are left out: walls would hide the rest."""
+_ENDS = (0.005, 0.995)
+"""Quantiles of the centres along each axis between which the whole capture lies."""
 _ROUNDS = 5
 _SIZE, _FOV_DEGREES = 640, 60.0
 _PITCH_DEGREES = 30.0
@@ -78,7 +80,7 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig
     views = [Viewpoint(camera, (x, y, z), reach) for camera in cameras]
     if compact:
         return Overview(views, range(len(views)))
-    all_of_it = [Viewpoint(camera) for camera in _ring(gaussians, up, config, _WHOLE_FILL)]
+    all_of_it = [Viewpoint(camera) for camera in _ring_of_all(gaussians, up, config)]
     return Overview(views + all_of_it, range(len(views), 2 * len(views)))
 
 
@@ -105,15 +107,38 @@ def _ring(framed: Gaussians, up: Float64Array, config: OverviewConfig, fill: flo
     ]
 
 
+def _ring_of_all(gaussians: Gaussians, up: Float64Array, config: OverviewConfig) -> list[Camera]:
+    """Views of the box that holds nearly all centres, wherever they lie dense."""
+    axes = up_frame(up)
+    ends = np.quantile(gaussians.means.astype(np.float64) @ axes.T, _ENDS, axis=0)
+    corners = np.stack(np.meshgrid(*ends.T), -1).reshape(-1, 3) @ axes
+    centre = corners.mean(axis=0)
+    radius = float(np.linalg.norm(corners - centre, axis=1).max())
+    slope = _WHOLE_FILL * np.tan(np.radians(_FOV_DEGREES) / 2)
+    outward = _directions(config, axes)
+    distance = radius
+    for way in outward:
+        local = (corners - centre) @ look_at(way, np.zeros(3), axes[2])[:3, :3].T
+        distance = max(distance, float((np.abs(local[:, :2]).max(axis=1) / slope - local[:, 2]).max()))
+    K = intrinsics(float(np.radians(_FOV_DEGREES)), _SIZE, _SIZE)
+    poses = [look_at(centre + config.distance * distance * way, centre, axes[2]) for way in outward]
+    return [Camera(pose, K, _SIZE, _SIZE, near=_NEAR * radius) for pose in poses]
+
+
+def _directions(config: OverviewConfig, axes: Float64Array) -> list[Float64Array]:
+    """Unit vectors from what is looked at to the cameras, (3,) each."""
+    pitch = np.radians(config.pitch)
+    yaws = 2 * np.pi * np.arange(config.ring) / config.ring
+    return [np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes for yaw in yaws]
+
+
 def _around_target(config: OverviewConfig, radius: float, up: Float64Array) -> Overview:
     assert config.target is not None
     axes, centre = up_frame(up), np.array(config.target, np.float64)
-    yaws, pitch = 2 * np.pi * np.arange(config.ring) / config.ring, np.radians(config.pitch)
     reach = _TARGET_DISTANCE * radius * config.distance
     K = intrinsics(float(np.radians(_FOV_DEGREES)), _SIZE, _SIZE)
     views = []
-    for yaw in yaws:
-        outward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes
+    for outward in _directions(config, axes):
         pose = look_at(centre + reach * outward, centre, axes[2])
         camera = Camera(pose, K, _SIZE, _SIZE, near=max(_NEAR * radius, 1e-6))
         # What is farther from the point than the camera stands behind walls as often as not.
