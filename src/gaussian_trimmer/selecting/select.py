@@ -225,8 +225,10 @@ def _apply(context: _Scene, state: _State, mark: Mark, number: int) -> str:
             state.mask = combined(state.mask, inside_shape(means, mark, context.up), mark.effect)
             return {Box3D: "a 3D box", Sphere: "a sphere", Plane: "what lies above a plane"}[type(mark)]
         case FromFile():
-            state.mask = combined(state.mask, load_selection(mark.path, scene, mark.options), mark.effect)
-            return f"'{mark.path.name}'"
+            notes: list[str] = []
+            found = load_selection(mark.path, scene, mark.options, notes.append)
+            state.mask = combined(state.mask, found, mark.effect)
+            return "; ".join([f"'{mark.path.name}'", *notes])
         case FromMasks():
             found, n = _lift(context, mark)
             state.mask = combined(state.mask, found, mark.effect)
