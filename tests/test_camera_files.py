@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gaussian_trimmer.camera_files import read_camera_set, read_cameras
+from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 
@@ -161,12 +161,12 @@ def test_principal_point_off_centre(kind: str, tmp_path: Path) -> None:
 def test_capital_endings(tmp_path: Path) -> None:
     cameras = random_cameras()
     path = write_transforms(cameras, tmp_path)
-    assert len(read_cameras(path.rename(tmp_path / "CAMERAS.JSON"))) == len(cameras)
+    assert len(read_camera_set(path.rename(tmp_path / "CAMERAS.JSON")).cameras) == len(cameras)
 
 
 def test_opengl_camera_looks_along_minus_z(tmp_path: Path) -> None:
     frame = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist(), "w": 100, "h": 80, "fl_x": 50}
-    (camera,) = read_cameras(write_json({"frames": [frame]}, tmp_path / "transforms.json"))
+    (camera,) = read_camera_set(write_json({"frames": [frame]}, tmp_path / "transforms.json")).cameras
     pixels, depths = camera.project(np.array([[0.0, 0.0, -2.0], [1.0, 1.0, -2.0]]))
     np.testing.assert_allclose(depths, [2, 2])
     np.testing.assert_allclose(pixels, [[50, 40], [75, 15]])  # +x is right, +y up in the image
@@ -189,7 +189,7 @@ def test_blender_file_without_sizes_takes_them_from_the_first_image(tmp_path: Pa
     cv2.imwrite(str(tmp_path / "r_0.png"), np.zeros((60, 80, 3), np.uint8))
     frames = [{"file_path": f"./r_{i}", "transform_matrix": np.eye(4).tolist()} for i in range(2)]
     document = {"camera_angle_x": np.pi / 2, "frames": frames}
-    cameras = read_cameras(write_json(document, tmp_path / "transforms_train.json"))
+    cameras = read_camera_set(write_json(document, tmp_path / "transforms_train.json")).cameras
     assert [(c.width, c.height, c.name) for c in cameras] == [(80, 60, "r_0"), (80, 60, "r_1")]
     np.testing.assert_allclose(cameras[1].K, [[40, 0, 40], [0, 40, 30], [0, 0, 1]])
 
@@ -197,7 +197,7 @@ def test_blender_file_without_sizes_takes_them_from_the_first_image(tmp_path: Pa
 def test_focal_length_goes_before_angle_and_frame_before_file(tmp_path: Path) -> None:
     frames = [{"transform_matrix": np.eye(4).tolist()}, {"transform_matrix": np.eye(4).tolist(), "fl_x": 70.0}]
     document = {"camera_angle_x": 1.0, "camera_angle_y": np.pi / 2, "fl_x": 90.0, "w": 80, "h": 60, "frames": frames}
-    cameras = read_cameras(write_json(document, tmp_path / "transforms.json"))
+    cameras = read_camera_set(write_json(document, tmp_path / "transforms.json")).cameras
     assert [(c.K[0, 0], round(c.K[1, 1], 9)) for c in cameras] == [(90, 30), (70, 30)]
 
 
@@ -237,7 +237,7 @@ def test_distortion_of_transforms(tmp_path: Path) -> None:
 
 def test_equal_file_names_keep_their_folders_but_do_not_lead_out(tmp_path: Path) -> None:
     frames = [matrix_frame(random_cameras(1)[0]) | {"file": f} for f in ("a/0.png", "../../b/0.png", "c\\1.png")]
-    names = [c.name for c in read_cameras(write_json({"frames": frames}, tmp_path / "c.json"))]
+    names = [c.name for c in read_camera_set(write_json({"frames": frames}, tmp_path / "c.json")).cameras]
     assert names == ["a/0.png", "b/0.png", "1.png"]
 
 
@@ -247,7 +247,7 @@ def test_truncated_images(keep: int, tmp_path: Path) -> None:
     images = tmp_path / "images.bin"
     images.write_bytes(images.read_bytes()[:keep])
     with pytest.raises(InputError, match="truncated"):
-        read_cameras(tmp_path)
+        read_camera_set(tmp_path)
 
 
 def test_truncated_cameras_and_false_counts(tmp_path: Path) -> None:
@@ -257,24 +257,24 @@ def test_truncated_cameras_and_false_counts(tmp_path: Path) -> None:
     for damaged in (whole[:40], struct.pack("<Q", 1 << 60) + whole[8:]):
         cameras.write_bytes(damaged)
         with pytest.raises(InputError, match="truncated"):
-            read_cameras(tmp_path)
+            read_camera_set(tmp_path)
     cameras.write_bytes(whole)
     start = images.read_bytes()
     end_of_name = start.index(b"\0", 8 + 64) + 1
     images.write_bytes(start[:end_of_name] + struct.pack("<Q", 1 << 62) + start[end_of_name + 8 :])
     with pytest.raises(InputError, match="truncated"):
-        read_cameras(tmp_path)
+        read_camera_set(tmp_path)
 
 
 def test_unknown_colmap_model(tmp_path: Path) -> None:
     write_colmap_binary(random_cameras(1), tmp_path, model=99)
     with pytest.raises(InputError, match="unknown camera model 99"):
-        read_cameras(tmp_path)
+        read_camera_set(tmp_path)
     write_colmap_text(random_cameras(1), tmp_path / "text")
     lenses = tmp_path / "text" / "cameras.txt"
     lenses.write_text(lenses.read_text().replace("PINHOLE", "ORTHO"))
     with pytest.raises(InputError, match="no known camera model"):
-        read_cameras(tmp_path / "text")
+        read_camera_set(tmp_path / "text")
 
 
 @pytest.mark.parametrize(
@@ -291,7 +291,7 @@ def test_damaged_colmap_text(old: str, new: str, message: str, tmp_path: Path) -
     assert old in images.read_text()
     images.write_text(images.read_text().replace(old, new))
     with pytest.raises(InputError, match=message):
-        read_cameras(tmp_path)
+        read_camera_set(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -316,7 +316,7 @@ def test_damaged_colmap_text(old: str, new: str, message: str, tmp_path: Path) -
 def test_impossible_cameras(change: dict[str, Any], message: str, tmp_path: Path) -> None:
     frame = matrix_frame(random_cameras(1)[0]) | change
     with pytest.raises(InputError, match=message):
-        read_cameras(write_json({"frames": [frame]}, tmp_path / "c.json"))
+        read_camera_set(write_json({"frames": [frame]}, tmp_path / "c.json"))
 
 
 @pytest.mark.parametrize(
@@ -339,31 +339,31 @@ def test_impossible_cameras(change: dict[str, Any], message: str, tmp_path: Path
 )
 def test_wrong_documents(document: Any, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
-        read_cameras(write_json(document, tmp_path / "c.json"))
+        read_camera_set(write_json(document, tmp_path / "c.json"))
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"[" * 100_000])
 def test_no_json(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "c.json").write_bytes(content)
     with pytest.raises(InputError, match="not valid JSON"):
-        read_cameras(tmp_path / "c.json")
+        read_camera_set(tmp_path / "c.json")
 
 
 def test_nothing_there_and_too_much_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no file or folder"):
-        read_cameras(tmp_path / "missing")
+        read_camera_set(tmp_path / "missing")
     with pytest.raises(InputError, match="holds no cameras"):
-        read_cameras(tmp_path)
+        read_camera_set(tmp_path)
     (tmp_path / "scene.ply").write_text("ply")
     with pytest.raises(InputError, match="no camera file"):
-        read_cameras(tmp_path / "scene.ply")
+        read_camera_set(tmp_path / "scene.ply")
     (tmp_path / "cameras.bin").write_text("")
     with pytest.raises(InputError, match="holds no cameras"):
-        read_cameras(tmp_path / "cameras.bin")
+        read_camera_set(tmp_path / "cameras.bin")
     write_colmap_text(random_cameras(), tmp_path / "sparse")
     write_transforms(random_cameras(), tmp_path)
     with pytest.raises(InputError, match=r"several sets of cameras \(sparse/images.txt, transforms.json\)"):
-        read_cameras(tmp_path)
+        read_camera_set(tmp_path)
 
 
 @pytest.mark.parametrize(("name", "cameras", "train"), [("scene0", 72, 60), ("tabletop", 48, 40)])

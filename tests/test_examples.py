@@ -33,6 +33,7 @@ def test_trim_one_object(printed):
         "background.ply",
         "before_after.png",
         "labels.npz",
+        "manifest.json",
         "report.json",
         "views",
     }

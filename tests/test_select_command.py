@@ -11,7 +11,7 @@ import toy
 from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_cameras
+from gaussian_trimmer.camera_files import read_camera_set
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def ball(tmp_path_factory):
 
 
 def middle_of(folder, name="0.png"):
-    camera = next(camera for camera in read_cameras(folder / "cameras.json") if camera.name == name)
+    camera = next(camera for camera in read_camera_set(folder / "cameras.json").cameras if camera.name == name)
     return [int(value) for value in camera.project(toy.CENTRE[None])[0][0]]
 
 

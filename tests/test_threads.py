@@ -11,6 +11,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
+import cv2
 import numba
 import numpy as np
 import pytest
@@ -108,6 +109,16 @@ def test_one_and_two_threads_agree(work, threads):
         threads(n)
         results.add(work())
     assert len(results) == 1
+
+
+def test_opencv_with_one_thread_agrees():
+    before = cv2.getNumThreads()
+    expected = trimmed()
+    cv2.setNumThreads(1)
+    try:
+        assert {trimmed() for _ in range(6)} == {expected}
+    finally:
+        cv2.setNumThreads(before)
 
 
 @pytest.mark.parametrize("layer", ["default", "workqueue"])

@@ -66,11 +66,16 @@ def make_case(reader: Reader, name: str, seed: int, case: int) -> tuple[Files, s
 def run_cases(reader: Reader, name: str, seed: int, cases: range, keep: Path | None = None) -> Tally:
     """Run cases in as many children as it takes."""
     tally, at = Tally(), cases.start
-    warnings.simplefilter("ignore")
-    warnings.simplefilter("error", RuntimeWarning)
-    cv2.setNumThreads(1)
-    while at < cases.stop:
-        at = _run_child(reader, name, seed, range(at, min(cases.stop, at + _CASES_PER_CHILD)), tally)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # before the children are forked, who would wait for threads that they do not have
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", RuntimeWarning)
+            while at < cases.stop:
+                at = _run_child(reader, name, seed, range(at, min(cases.stop, at + _CASES_PER_CHILD)), tally)
+    finally:
+        cv2.setNumThreads(threads)
     if keep is not None:
         for case, _, _ in tally.defects:
             folder = keep / f"{name.replace(' ', '-')}-{seed}-{case}"

@@ -130,7 +130,8 @@ def _check(target: Path, shown: Path, kind: str, names: Sequence[str], inputs: I
         return
     if not overwrite and not all(map(is_part, target.iterdir())):
         raise InputError(
-            f"The folder '{shown}' is not empty; choose another one, or replace earlier results with --overwrite."
+            f"The folder '{shown}' is not empty; choose another one, or replace earlier results: --overwrite, or in "
+            "Python overwrite=True."
         )
     earlier = earlier_files(target, kind)
     for pattern in names:

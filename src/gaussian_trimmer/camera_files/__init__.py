@@ -25,12 +25,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.reading import is_file, reading
 
-__all__ = ["DISTORTION_TOLERANCE", "read_camera_set", "read_cameras"]
-
-
-def read_cameras(path: str | Path, *, trust_paths: bool = False) -> list[Camera]:
-    """The cameras of a COLMAP folder or of a JSON file; arguments and errors as those of `read_camera_set`."""
-    return list(read_camera_set(path, trust_paths=trust_paths).cameras)
+__all__ = ["DISTORTION_TOLERANCE", "read_camera_set"]
 
 
 def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet:

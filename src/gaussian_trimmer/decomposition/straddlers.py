@@ -97,9 +97,16 @@ def contour_pixels(mask: BoolArray, band: int) -> IntArray:
 
 def signed_distance(mask: BoolArray) -> FloatArray:
     """Distance of every pixel to the mask's contour in pixels, positive inside, (H, W)."""
-    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(np.where(mask, inside - 0.5, 0.5 - outside), np.float32)
+    return np.asarray(np.where(mask, _distance_to_zero(mask) - 0.5, 0.5 - _distance_to_zero(~mask)), np.float32)
+
+
+def _distance_to_zero(mask: BoolArray) -> Float64Array:
+    """Distance of every pixel to the nearest one outside the mask in pixels, (H, W).
+
+    With one thread, OpenCV's last bits change from call to call; the squares are whole numbers, and the same always.
+    """
+    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.sqrt(np.rint(np.square(distance, dtype=np.float64)))
 
 
 def _in_view(
