@@ -102,7 +102,7 @@ class Select(TrimSettings):
 
     def _select(self, console: Console) -> Loaded:
         """Make the selection and save it; returns it, and what it was made from."""
-        scene, cameras = self._read()
+        scene, cameras = self._read(console)
         if self.object_ids:
             labels, how = self._label(scene, cameras)
             if not labels.any():
@@ -135,9 +135,12 @@ class Select(TrimSettings):
             cameras=self.cameras or earlier.cameras,
         )  # fmt: skip
 
-    def _read(self) -> tuple[Gaussians, CameraSet | None]:
+    def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
         cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
-        return formats.read(self.scene), cameras
+        found = formats.find_scene(self.scene)
+        if found != self.scene:
+            console.print(f"{self.scene}: reading {found}")
+        return formats.read(found), cameras
 
     def _check(self) -> None:
         """Refuse what is not possible or cannot go together before anything is read."""
@@ -182,7 +185,7 @@ class Select(TrimSettings):
     def _write_views(self, folder: Path, console: Console) -> None:
         overwrite = self.overwrite or (folder / MANIFEST).is_file()
         with atomic_folder(folder, _LISTING, names=VIEW_FILES, overwrite=overwrite) as part:
-            scene, cameras = self._read()
+            scene, cameras = self._read(console)
             up = find_up(scene, cameras, self.config.up)
             whole: Sequence[int] = ()
             if cameras is None:

@@ -19,6 +19,8 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
 from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.remaining import read_remaining
+from gaussian_trimmer.commands.trim_objects import trim_labels
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
@@ -108,6 +110,13 @@ class Trim(TrimSettings):
     """Folder for the results."""
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
     """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
+    labels: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Trim several objects at once, in place of SELECTION: one id a Gaussian, what a method with several objects saved,
+    or a folder of masks whose pixels are ids. There is a file object_ID for each, and one background without all."""
+    objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
+    """Which objects of --labels; without it, all with ids above zero."""
+    remaining: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Go on with what the earlier results in this folder left of SCENE; rows still count in SCENE."""
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
 
     def in_order_of(self, arguments: Sequence[str]) -> Trim:
@@ -125,13 +134,16 @@ class Trim(TrimSettings):
         """
         console = open_console(quiet=self.quiet)
         self._check_settings()
+        if self.labels is not None:
+            trim_labels(self, console)
+            return
         with self._results() as folder:
             loaded = load() if load else None
             start = time.perf_counter()
             with progress_over_stages(console) as stage:
                 summary = self._write(folder, loaded, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
-        console.print(f"object{self._suffix()}, before_after.png and the rest are in {self._folder()}.")
+        console.print(f"object{self.suffix()}, before_after.png and the rest are in {self.folder()}.")
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
@@ -139,10 +151,13 @@ class Trim(TrimSettings):
         """Trim and write the results to a folder; returns the report."""
         start = time.perf_counter()
         stage("read")
-        scene, selection, cameras, marks = loaded or self._read()
+        scene, selection, cameras, marks = loaded or self._read(console)
         self._refuse_whole_scene(selection)
+        remaining = read_remaining(self.remaining, scene) if self.remaining else None
+        if remaining is not None:
+            scene, selection = remaining.scene, remaining.of_original(selection, "the selection")
         seconds = {"read": time.perf_counter() - start}
-        config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
+        config, renderer, segmenter = self.settings(), get_renderer(self.renderer), self.make_segmenter()
         views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
         self._refuse_unused_views(views)
         if renderer.name == "numba" and not _kernels_are_compiled():
@@ -154,36 +169,40 @@ class Trim(TrimSettings):
         stage("write")
         if marks is not None:
             write_marks(marks, folder / MARKS)
-        return write_trim(result, folder, self._suffix(), self._inputs(), seconds)
+        rows = (remaining.rows, remaining.n_scene) if remaining else (None, None)
+        return write_trim(result, folder, self.suffix(), self._inputs(), seconds, *rows)
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
         return atomic_folder(
-            self._folder(),
+            self.folder(),
             RESULTS,
-            names=(*result_files(self._suffix()), MARKS),
+            names=(*result_files(self.suffix()), MARKS),
             inputs=self._input_paths(),
             overwrite=self.overwrite,
         )
 
     def _check_settings(self) -> None:
         """Refuse settings that are not possible before anything is read, also those that this run would not use."""
-        check_config(self._config())
+        check_config(self.settings())
         check_settings(self.selection_options, "selection")
         check_settings(self.segmenter_options)
         check_settings(self.mark_options)
         self.mark_options.marks()
 
-    def _suffix(self) -> str:
+    def suffix(self) -> str:
+        """Ending of the splat files that are written."""
         if self.format is None:
-            return formats.format_suffix(self.scene)
+            return formats.format_suffix(formats.find_scene(self.scene))
         return suffix_of(self.format)
 
-    def _folder(self) -> Path:
+    def folder(self) -> Path:
+        """The folder for the results."""
         if self.output is not None:
             return self.output
-        names = [self.scene.name.split(".")[0]] + ([self.selection.name.split(".")[0]] if self.selection else [])
-        return Path("trimmed") / "-".join(names)
+        given = self.selection or self.labels
+        names = [self.scene.name.split(".")[0], *([given.name.split(".")[0]] if given else [])]
+        return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
 
     def _input_paths(self) -> list[Path]:
         """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
@@ -192,8 +211,15 @@ class Trim(TrimSettings):
         given = [self.scene, self.selection, cameras, *(value for values in options for value in values.values())]
         return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
 
-    def _read(self) -> Loaded:
-        scene = formats.read(self.scene)
+    def read_scene(self, console: Console) -> Gaussians:
+        """The Gaussians of the scene; of a training's folder, those of its latest iteration, which is said."""
+        found = formats.find_scene(self.scene)
+        if found != self.scene:
+            console.print(f"{self.scene}: reading {found}")
+        return formats.read(found)
+
+    def _read(self, console: Console) -> Loaded:
+        scene = self.read_scene(console)
         cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         marks = self.mark_options.marks()
         if marks:
@@ -205,7 +231,7 @@ class Trim(TrimSettings):
             return Loaded(scene, made.mask, cameras, made.marks)
         if self.selection is None:
             return Loaded(scene, np.ones(len(scene), np.bool_), cameras)
-        return Loaded(scene, load_selection(self.selection, scene, self.selection_options), cameras)
+        return Loaded(scene, load_selection(self.selection, scene, self.selection_options, console.print), cameras)
 
     def _refuse_whole_scene(self, selection: BoolArray) -> None:
         if self.selection is not None and selection.all():
@@ -223,7 +249,8 @@ class Trim(TrimSettings):
                 "virtual views cannot be had; leave --views and --plan.views out, or remove masks from their folder."
             )
 
-    def _config(self) -> TrimConfig:
+    def settings(self) -> TrimConfig:
+        """The settings of all stages."""
         if self.views is None:
             return self.config
         return replace(self.config, plan=replace(self.config.plan, views=self.views))
@@ -232,7 +259,8 @@ class Trim(TrimSettings):
         """The options of the segmenter that is used, or None if it has none."""
         return getattr(self.segmenter_options, field_name(self.segmenter), None)
 
-    def _segmenter(self) -> Segmenter:
+    def make_segmenter(self) -> Segmenter:
+        """The segmenter with its options."""
         options = self._used_options()
         return get_segmenter(self.segmenter, options) if options else get_segmenter(self.segmenter)
 
@@ -244,6 +272,7 @@ class Trim(TrimSettings):
             "selection": str(self.selection) if self.selection else None,
             "selection_options": _as_json(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
+            "remaining": str(self.remaining) if self.remaining else None,
             "preset": self.preset,
             "segmenter_options": _as_json(used) if used else {},
         }
