@@ -23,8 +23,8 @@ def save(result: TrimResult, folder: str | Path, *, overwrite: bool = False, for
 
 
 def write_trim(
-    result: TrimResult, folder: Path, suffix: str, inputs: Mapping[str, Any], seconds: Mapping[str, float] | None = None,
-    rows: IntArray | None = None, n_scene: int | None = None,
+    result: TrimResult, folder: Path, suffix: str, inputs: Mapping[str, Any],
+    seconds: Mapping[str, float] | None = None, rows: IntArray | None = None, n_scene: int | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Write everything into an existing folder, and return the report.
 
