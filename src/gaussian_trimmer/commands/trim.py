@@ -76,7 +76,7 @@ class TrimSettings:
     overwrite: bool = False
     """Replace earlier results in the output folder; files that the program did not write stay."""
     format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
-    """File format of object and background: ply, compressed.ply, splat, spz, sog or ksplat."""
+    """File format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
     preset: Literal["default", "paper"] = "default"
     """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
     views: Annotated[int | None, arg(metavar="INT")] = None

@@ -19,6 +19,7 @@ FORMATS = {
     ".spz": "gaussian_trimmer.formats.spz",
     ".sog": "gaussian_trimmer.formats.sog",
     ".ksplat": "gaussian_trimmer.formats.ksplat",
+    ".glb": "gaussian_trimmer.formats.glb",
 }
 
 
