@@ -1,8 +1,8 @@
 """glTF's .glb with KHR_gaussian_splatting: attributes of a primitive of points, one accessor each, in float32.
 
 The extension's axes are glTF's, left, up, front; those of a splat PLY are right, down, front. The scene is turned about
-z between the two, as the field's converters do. Rotations are (x, y, z, w), scales linear, opacities from 0 to 1. What is written has all
-attributes as floats; what is read may have them as integers that are normalised, as the extension allows.
+z between the two, as the field's converters do. Rotations are (x, y, z, w), scales linear, opacities from 0 to 1. What
+is written has all attributes as floats; what is read may have them as integers that are normalised.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def _primitive(document: dict[str, Any], path: Path) -> dict[str, Any]:
                         f"'{path}' holds Gaussians compressed as SPZ, which cannot be read; convert it with "
                         f"splat-transform: 'splat-transform {path.name} scene.ply'."
                     )
-                return primitive
+                return dict(primitive)
     raise InputError(f"'{path}' holds no Gaussians: no primitive has the extension {EXTENSION}.")
 
 
