@@ -29,6 +29,7 @@ LAYERS = (
     ("config", "plugin_checks"),
     ("arguments", "result"),
     ("pipeline",),
+    ("several_objects",),
     ("output", "selecting"),
     ("evaluation",),
     ("batch",),

@@ -23,25 +23,31 @@ if TYPE_CHECKING:
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
+    from gaussian_trimmer.selecting import marks
+    from gaussian_trimmer.selecting.marks_file import read_marks
+    from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selection_files import load_selection as read_selection
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "read", "read_cameras",
-    "read_selection", "trim", "write",
+    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "marks", "read", "read_cameras",
+    "read_marks", "read_selection", "select", "trim", "write",
 ]  # fmt: skip
 
-# Name -> module and the name there; none for the module itself.
+# Name -> module and the name there; without one the module itself.
 _LATE = {
     "Gaussians": ("gaussian_trimmer.gaussians", "Gaussians"),
     "InputError": ("gaussian_trimmer.errors", "InputError"),
     "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
     "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
     "batch": ("gaussian_trimmer.batch", ""),
+    "marks": ("gaussian_trimmer.selecting.marks", ""),
     "read": ("gaussian_trimmer.formats", "read"),
     "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),
+    "read_marks": ("gaussian_trimmer.selecting.marks_file", "read_marks"),
     "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
+    "select": ("gaussian_trimmer.selecting.select", "select"),
     "trim": ("gaussian_trimmer.pipeline", "trim"),
     "write": ("gaussian_trimmer.formats", "write"),
 }

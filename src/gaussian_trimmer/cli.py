@@ -134,6 +134,8 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
             segmenter_options=paper_options(command.segmenter_options),
         )  # fmt: skip
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
+    if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
+        command = command.in_order_of(arguments)
     return cast("Command", command)
 
 

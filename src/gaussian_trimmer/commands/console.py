@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from gaussian_trimmer.errors import InputError, printable
+from gaussian_trimmer.planning.up_vector import UpVector
 
 _STAGES = {
     "read": "reading the files",
@@ -86,6 +87,14 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
         console.print(f"Not trimmed: {report['refused']}; the coarse selection was written unchanged.")
     elif up["confidence"] < _DOUBTFUL:
         console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+
+
+def print_up(console: Console, up: UpVector) -> None:
+    """The up vector, where it comes from, and a warning where it is little more than a guess."""
+    direction = " ".join(f"{value:.3f}" for value in up.direction)
+    console.print(f"up: {direction} ({up.source}, confidence {up.confidence:.2f})")
+    if up.confidence < _DOUBTFUL:
+        console.print("That is little more than a guess; if the views look tilted, give it with --up X Y Z.")
 
 
 def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:

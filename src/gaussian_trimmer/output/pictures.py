@@ -125,6 +125,18 @@ def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], renderer
     return captioned(caption, np.hstack(cells[1:]))
 
 
+def draw_cells(caption: str, shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -> Picture:
+    """Pictures of several sets of Gaussians from one camera, side by side under a caption."""
+    gap = np.full((camera.height, _GAP, 3), _PAPER, np.uint8)
+    empty = np.tile(BACKDROP, (camera.height, camera.width, 1))
+    cells: list[Picture] = []
+    for gaussians in shown:
+        rgb = renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else empty
+        cells += [gap, _as_picture(rgb)]
+    pictures = np.hstack([*cells, gap])
+    return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
+
+
 def _context(result: TrimResult) -> Gaussians:
     """What of the background lies around the object."""
     rows = result.background_rows

@@ -14,7 +14,7 @@ from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -33,7 +33,7 @@ def result_files(suffix: str) -> tuple[str, ...]:
 
 def write_results(
     result: TrimResult, selection: BoolArray, report: Mapping[str, Any], folder: Path, renderer: Renderer,
-    suffix: str = ".ply", *, background: bool = True,
+    suffix: str = ".ply", rows: IntArray | None = None, n_scene: int | None = None, *, background: bool = True,
 ) -> None:  # fmt: skip
     """Write everything into an existing folder.
 
@@ -45,6 +45,8 @@ def write_results(
         renderer: draws the pictures.
         suffix: ending of the splat files, one of `formats.FORMATS`.
         background: write the background too, which is nearly as large as the scene.
+        rows: row in the original scene of each Gaussian of the result's scene, where that is what an earlier trim left.
+        n_scene: number of Gaussians of that original scene.
 
     A background without a single Gaussian, as an object that was given alone can leave, is not written.
 
@@ -59,10 +61,11 @@ def write_results(
     with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
         np.savez(
             file,
-            source_index=result.source_index.astype(np.int32),
+            source_index=(result.source_index if rows is None else rows[result.source_index]).astype(np.int32),
             label=result.label,
             n_object=np.int64(len(result.object)),
             label_names=np.array(LABEL_NAMES),
+            n_scene=np.int64(len(result.scene) if n_scene is None else n_scene),
         )
     (folder / "views").mkdir()
     for i, view in enumerate(result.views):
