@@ -199,6 +199,8 @@ def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
         assert run(*command, "--output", selection, "--method", method) == 0
         assert toy.jaccard(np.load(selection), truth) > 0.5
         assert "4 masks" in capsys.readouterr().out
+    assert run(*command, "--output", selection) == 0  # its own file may be replaced
+    np.save(selection, truth)
     assert run(*command, "--output", selection) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert run(*command, "--output", tmp_path / "a.txt") == run(*command, "--object-ids", "--method", "vote") == 2

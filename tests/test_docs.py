@@ -19,7 +19,10 @@ from gaussian_trimmer.gaussians import sigmoid
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
-NOT_RUN = {"sam.md": "needs a model", "sam2.md": "needs a model", "methods.md": "needs a checkpoint of a training"}
+NOT_RUN = {
+    "sam.md": "needs a model", "sam2.md": "needs a model", "methods.md": "needs a checkpoint of a training",
+    "selecting.md": "names views and pixels of a capture",
+}  # fmt: skip
 """Pages whose Python is only compiled."""
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _COMMAND = re.compile(r"gaussian-trimmer (?!\[)[^`\n#&]+")
@@ -112,7 +115,8 @@ def test_no_exception_is_left_over():
 
 
 def commands():
-    found = {(name(page), c.strip()) for page in PAGES for c in _COMMAND.findall(page.read_text(encoding="utf-8"))}
+    texts = {name(page): page.read_text(encoding="utf-8").replace("\\\n", " ") for page in PAGES}
+    found = {(page, command.strip()) for page, text in texts.items() for command in _COMMAND.findall(text)}
     return [pytest.param(command, id=f"{page}: {command}") for page, command in sorted(found)]
 
 

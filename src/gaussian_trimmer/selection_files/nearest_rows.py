@@ -16,7 +16,6 @@ from __future__ import annotations
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, sigmoid
-from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.selection_files.splat_rows import SplatRows
 
 UNMATCHED = -1
@@ -37,6 +36,8 @@ def match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free:
         wanted: numbers of the file's rows that are to be matched, (W,).
         free: scene rows that may be used, (F,).
     """
+    from gaussian_trimmer.geometry.kd_tree import nearest  # Loads Numba, which reading most files does without.
+
     found = np.full(len(wanted), UNMATCHED, np.int64)
     places, features = _features_of_rows(rows, wanted)
     if features is None or not len(wanted) or not len(free):
@@ -64,6 +65,8 @@ def match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free:
 
 def match_children(rows: SplatRows, wanted: IntArray, gaussians: Gaussians) -> IntArray:
     """Scene row of the Gaussian of which each of some rows of a file may be a part, (W,), -1 for none."""
+    from gaussian_trimmer.geometry.kd_tree import nearest  # Loads Numba, which reading most files does without.
+
     found = np.full(len(wanted), UNMATCHED, np.int64)
     places, features = _features_of_rows(rows, wanted)
     if features is None or not len(wanted):
