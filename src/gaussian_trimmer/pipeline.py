@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.arguments import check_scene, mask_of_selection, settings
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import (
     CONTEXT_RADIUS,
     AcceptanceConfig,
@@ -33,6 +33,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
+from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
@@ -105,8 +106,18 @@ def trim(
     given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
     clock = _Clock(_logged(progress))
+    known = training_cameras(cameras)
     with clock("plan"):
         scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
+        wrong = find_wrong_input(scene, selection, scope.bounds, known)
+        doubt = doubts_about_up(scene, selection, scope.up)
+    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
+    if wrong:
+        _LOG.info("not trimmed: %s", wrong)
+        return TrimResult(
+            scene, *_assemble(scene, selection, scope.rows, None), scope.up, scope.bounds, (), 0, wrong, clock.seconds,
+            renderer.name, segmenter.name, how, selection, config, given_renderer, tuple(known),
+        )  # fmt: skip
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
         visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
@@ -124,11 +135,11 @@ def trim(
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts)
     floaters = int(selection.sum() - scope.coarse.sum())
-    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
     _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
-        segmenter.name, how, selection, config, given_renderer,
+        segmenter.name, how, selection, config, given_renderer, tuple(known),
+        (doubt,) if doubt else (),
     )  # fmt: skip
 
 
@@ -177,14 +188,13 @@ def _plan(
 ) -> _Scope:  # fmt: skip
     """Up vector, cameras, and the object with the Gaussians around it."""
     up = find_up(scene, cameras, config.up, selection)
-    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    training_cameras = [camera for camera, train in listed if train]
-    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, training_cameras)
+    known = training_cameras(cameras)
+    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, known)
     rows, coarse = _surroundings(scene, selection, bounds, config.context_radius)
     local = scene.select(rows)
     if views:
         planned = list(views)
-    elif not cameras_that_see(training_cameras, bounds):
+    elif not cameras_that_see(known, bounds):
         plan = limit_yaw_to_observed(local, coarse, up.direction, config.plan, renderer)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
@@ -55,6 +56,7 @@ class TrimResult:
     bounds: Bounds
     """Bounds of the coarse object, which the views frame."""
     views: tuple[TrimmedView, ...]
+    """The views that the trimmer looked from; none if the inputs were found wrong before."""
     floaters: int
     """Number of selected Gaussians that lie too far from the object to belong to it."""
     refused: str
@@ -73,6 +75,10 @@ class TrimResult:
     """The settings that it was trimmed with."""
     used_renderer: Renderer
     """The renderer itself, which draws the pictures that are saved."""
+    cameras: tuple[Camera, ...] = ()
+    """The training cameras, if known."""
+    warnings: tuple[str, ...] = ()
+    """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 
     @property
     def object_mask(self) -> BoolArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,7 @@ _STAGES = {
 }
 _STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
+_PROGRAM = "gaussian-trimmer"
 _DOUBTFUL = 0.2
 """Confidence below which the up vector may well be wrong."""
 
@@ -74,13 +76,21 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("pruned", f"{counts['pruned']:,}, of which {counts['floaters']:,} floated far off")
     table.add_row("recovered", f"{counts['recovered']:,}")
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
+    table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{direction} ({up['source']})")
     table.add_row("time", f"{seconds:.1f} s")
     console.print(table)
-    if report["refused"]:
-        console.print(f"Not trimmed: {report['refused']}; the coarse selection was written unchanged.")
-    elif up["confidence"] < _DOUBTFUL:
+    if not report["refused"] and up["confidence"] < _DOUBTFUL:
         console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+
+
+def warn_of(report: Mapping[str, Any]) -> None:
+    """Say on standard error, also to those who asked for quiet, why nothing was trimmed and what may be wrong."""
+    for sentence in report["warnings"]:
+        print(f"{_PROGRAM}: {printable(sentence)}", file=sys.stderr)
+    if report["refused"]:
+        reason = printable(report["refused"])
+        print(f"{_PROGRAM}: Not trimmed: {reason}; the selection was written unchanged.", file=sys.stderr)
 
 
 def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:

@@ -87,8 +87,8 @@ class Select:
     quiet: bool = False
     """Print nothing but errors."""
 
-    def run(self) -> None:
-        """Select and save the selection, then trim it if asked to.
+    def run(self) -> int:
+        """Select and save the selection, then trim it if asked to; returns the exit code, that of `Trim.run`.
 
         Raises:
             InputError: something that the user gave cannot be used, or the selection is empty.
@@ -98,13 +98,14 @@ class Select:
         if self.list_views is not None:
             self._write_views(self.list_views, console)
         elif self.trim is not None:
-            Trim(
+            return Trim(
                 self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
                 overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
             ).run(load=lambda: self._select(console))  # fmt: skip
         else:
             self._select(console)
             console.print(f"Now: {self._next_command()}")
+        return 0
 
     def _select(self, console: Console) -> Loaded:
         """Make the selection and save it; returns it, and what it was made from."""

@@ -17,7 +17,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
+from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
@@ -42,6 +42,8 @@ _COMPILING_AGAIN = (
     "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
     "set NUMBA_CACHE_DIR to one that is."
 )
+NOTHING_TRIMMED = 3
+"""Exit code where the inputs could be read, but the selection was written as it came."""
 _SegmenterOptions = all_options()
 Loaded = tuple[Gaussians, BoolArray, CameraSet | None]
 """A scene, the rough selection (N,) and the cameras."""
@@ -88,8 +90,8 @@ class Trim:
         default_factory=_SegmenterOptions
     )
 
-    def run(self, load: Callable[[], Loaded] | None = None) -> None:
-        """Trim and write the results.
+    def run(self, load: Callable[[], Loaded] | None = None) -> int:
+        """Trim and write the results; returns the exit code, 3 where nothing was trimmed.
 
         Args:
             load: gives scene, selection and cameras instead of the files; called when the output folder can be used.
@@ -106,6 +108,8 @@ class Trim:
                 summary = self._write(folder, loaded, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
         console.print(f"object{self._suffix()}, before_after.png and the rest are in {self._folder()}.")
+        warn_of(summary)
+        return NOTHING_TRIMMED if summary["refused"] else 0
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console

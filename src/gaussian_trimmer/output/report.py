@@ -15,6 +15,7 @@ from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -109,7 +110,9 @@ def describe(
             {"accepted": not view.rejected, "reason": view.rejected, **_camera_entry(view.view.camera)}
             for view in result.views
         ],
+        "checked": checked_sides(result).as_json(),
         "refused": result.refused,
+        "warnings": list(result.warnings),
         "counts": count(result, selection),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
     }
