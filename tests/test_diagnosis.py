@@ -103,7 +103,13 @@ def ball(tmp_path_factory):
     np.save(folder / "scattered.npy", SCATTERED)
     formats.write(far_away(SCENE, (431_200, 5_412_345, 120)), folder / "map.ply")
     frames = [
-        {"file": f"{i}.png", "width": 64, "height": 64, "K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()}
+        {
+            "file": f"{i}.png",
+            "width": 64,
+            "height": 64,
+            "K": c.K.tolist(),
+            "world_to_camera": c.world_to_camera.tolist(),
+        }
         for i, c in enumerate(cameras_towards((0, -9, 2)).cameras)
     ]
     (folder / "elsewhere.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))

@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,7 @@ from gaussian_trimmer.config import (
 )
 from gaussian_trimmer.decomposition.contact import split_at_support_plane
 from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
+from gaussian_trimmer.decomposition.ghosts import clean_background
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
@@ -36,7 +37,7 @@ from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.planning.virtual_cameras import plan_cameras
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_around
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -56,6 +57,10 @@ _OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
 _MAX_WIDTH = 4.0
 """Largest standard deviation of a Gaussian of the object, in object radii."""
+_HEIGHTS = (12.0, 45.0)
+"""Pitches in degrees of the small views that look for what stands in the object's place."""
+_AROUND, _SMALL = 5, 256
+"""Their number at each pitch, and their size in pixels."""
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
@@ -115,7 +120,7 @@ def trim(
     if wrong:
         _LOG.info("not trimmed: %s", wrong)
         return TrimResult(
-            scene, *_assemble(scene, selection, scope.rows, None), scope.up, scope.bounds, (), 0, wrong, clock.seconds,
+            scene, *_assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), scope.up, scope.bounds, (), 0, wrong, clock.seconds,
             renderer.name, segmenter.name, how, selection, config, given_renderer, tuple(known),
         )  # fmt: skip
     with clock("render"):
@@ -128,18 +133,22 @@ def trim(
     with clock("segment"):
         trimmed = check_masks(unsegmented, segmenter.segment(unsegmented), config.acceptance)
     refused, parts = rejection(trimmed, config.acceptance), None
+    accepted = [view for view in trimmed if not view.rejected]
     if not refused:
-        accepted = [view for view in trimmed if not view.rejected]
         parts = _decompose(scope, probability, accepted, renderer, config, clock)
         refused = excessive_loss(scope.coarse, parts.keep, visible, config.acceptance)
+    dropped = np.zeros(0, np.int64)
+    if parts is not None and not refused and config.background == "clean":
+        with clock("clean"):
+            parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
-        rows = _assemble(scene, selection, scope.rows, None if refused else parts)
+        rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
     floaters = int(selection.sum() - scope.coarse.sum())
     _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
         segmenter.name, how, selection, config, given_renderer, tuple(known),
-        (doubt,) if doubt else (),
+        dropped, (doubt,) if doubt else (),
     )  # fmt: skip
 
 
@@ -294,6 +303,16 @@ def _with_splits_at_support_plane(
     )
 
 
+def _clean(
+    scope: _Scope, parts: _Decomposition, visible: FloatArray, renderer: Renderer, config: TrimConfig
+) -> tuple[_Decomposition, IntArray]:
+    """The decomposition with what the background must not have, and the rows of the scene that nobody gets."""
+    plane = _support_plane(scope, parts.keep, visible, config)
+    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
+    return replace(parts, keep=parts.keep | cleaning.to_object), scope.rows[cleaning.dropped]
+
+
 def _joined(first: Gaussians, second: Gaussians | None) -> Gaussians:
     return first if second is None else concatenate([first, second])
 
@@ -330,11 +349,11 @@ def _split(
 
 
 def _assemble(
-    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: _Decomposition | None
+    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: _Decomposition | None, dropped: IntArray
 ) -> tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]:
     """Object, outer parts, and source row and label of every output row.
 
-    Without a decomposition the object is the selection as it was.
+    Without a decomposition the object is the selection as it was. The dropped rows of the scene are in no part.
     """
     final = selection.copy() if parts is None else np.zeros(len(scene), np.bool_)
     nothing = scene.select(np.zeros(0, np.int64))
@@ -344,6 +363,7 @@ def _assemble(
         split, inner, outer = rows[parts.split], parts.inner or nothing, parts.outer or nothing
     whole = final.copy()
     whole[split] = False
+    final[dropped] = True
     inside, outside = np.flatnonzero(whole), np.flatnonzero(~final)
     source = np.concatenate([inside, split, outside, split[: len(outer)]])
     label = np.concatenate([

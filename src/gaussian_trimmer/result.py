@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
@@ -49,7 +49,7 @@ class TrimResult:
     outside_parts: Gaussians
     """Outer parts of split Gaussians."""
     source_index: IntArray
-    """Scene row of each row of the object, then of each row of the background."""
+    """Scene row of each row of the object, then of each row of the background; -1 where none is."""
     label: NDArray[np.uint8]
     """What happened to each of these rows, a `RowLabel`."""
     up: UpVector
@@ -77,6 +77,8 @@ class TrimResult:
     """The renderer itself, which draws the pictures that are saved."""
     cameras: tuple[Camera, ...] = ()
     """The training cameras, if known."""
+    dropped: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 

@@ -24,6 +24,7 @@ _STAGES = {
     "weigh": "weighing the evidence",
     "prune": "pruning",
     "split": "splitting at the boundary",
+    "clean": "cleaning the background",
     "assemble": "putting the parts together",
     "write": "writing files and pictures",
 }
@@ -75,6 +76,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("kept", f"{counts['kept']:,} whole, {counts['split']:,} split at the boundary")
     table.add_row("pruned", f"{counts['pruned']:,}, of which {counts['floaters']:,} floated far off")
     table.add_row("recovered", f"{counts['recovered']:,}")
+    if counts["dropped"]:
+        table.add_row("cleaned", f"{counts['dropped']:,} left out of the background that the object had hidden")
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
     table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{direction} ({up['source']})")

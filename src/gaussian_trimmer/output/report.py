@@ -62,6 +62,7 @@ def write_results(
             source_index=result.source_index.astype(np.int32),
             label=result.label,
             n_object=np.int64(len(result.object)),
+            dropped=result.dropped.astype(np.int32),
             label_names=np.array(LABEL_NAMES),
         )
     (folder / "views").mkdir()
@@ -133,6 +134,7 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
         "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
         "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,
+        "dropped": len(result.dropped),
         "object": len(result.object),
         "background": len(result.source_index) - len(result.object),
     }

@@ -65,7 +65,9 @@ def doubts_about_up(scene: Gaussians, selection: BoolArray, up: UpVector) -> str
     tilt = np.degrees(np.arccos(np.clip(up.direction @ ground.direction, -1, 1)))
     if tilt <= _MAX_TILT_DEGREES:
         return ""
-    given, found = (" ".join(f"{value + 0.0:.2f}" for value in np.round(v, 2)) for v in (up.direction, ground.direction))
+    given, found = (
+        " ".join(f"{value + 0.0:.2f}" for value in np.round(v, 2)) for v in (up.direction, ground.direction)
+    )
     return (
         f"The up vector {given} ({up.source}) is {tilt:.0f} degrees away from that of the plane which the object "
         f"stands on; if the views are tilted, give --up {found}."
