@@ -102,15 +102,10 @@ def ball(tmp_path_factory):
     save_ball(folder)
     np.save(folder / "scattered.npy", SCATTERED)
     formats.write(far_away(SCENE, (431_200, 5_412_345, 120)), folder / "map.ply")
+    elsewhere, size = cameras_towards((0, -9, 2)).cameras, {"width": 64, "height": 64}
     frames = [
-        {
-            "file": f"{i}.png",
-            "width": 64,
-            "height": 64,
-            "K": c.K.tolist(),
-            "world_to_camera": c.world_to_camera.tolist(),
-        }
-        for i, c in enumerate(cameras_towards((0, -9, 2)).cameras)
+        {"file": f"{i}.png", **size, "K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()}
+        for i, c in enumerate(elsewhere)
     ]
     (folder / "elsewhere.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
     return folder

@@ -50,6 +50,9 @@ class TrimConfig:
     background: Literal["clean", "exact"] = "clean"
     """`clean`: what shows only once the object is gone, as a dark cloud in its place, is left out of the background;
     `exact`: every Gaussian that is not the object's is in the background."""
+    fill: bool = False
+    """Close the hole that the object leaves in what it stands on with Gaussians that continue the surface around it,
+    where that surface is flat."""
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:

@@ -27,6 +27,7 @@ from gaussian_trimmer.config import (
 )
 from gaussian_trimmer.decomposition.contact import split_at_support_plane
 from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
+from gaussian_trimmer.decomposition.filling import fill_hole, without_what_shows
 from gaussian_trimmer.decomposition.ghosts import clean_background
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
@@ -61,6 +62,9 @@ _HEIGHTS = (12.0, 45.0)
 """Pitches in degrees of the small views that look for what stands in the object's place."""
 _AROUND, _SMALL = 5, 256
 """Their number at each pitch, and their size in pixels."""
+_VISIBLE = 0.5
+"""Blend weight in pixels of the default views from which on a Gaussian of a surface counts as seen."""
+_NOT_FILLED = "No flat surface with a hole was found below the object, so nothing was filled."
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
@@ -120,8 +124,9 @@ def trim(
     if wrong:
         _LOG.info("not trimmed: %s", wrong)
         return TrimResult(
-            scene, *_assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), scope.up, scope.bounds, (), 0, wrong, clock.seconds,
-            renderer.name, segmenter.name, how, selection, config, given_renderer, tuple(known),
+            scene, *_assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), scope.up, scope.bounds, (),
+            0, wrong, clock.seconds, renderer.name, segmenter.name, how, selection, config, given_renderer,
+            tuple(known),
         )  # fmt: skip
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
@@ -143,12 +148,18 @@ def trim(
             parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
+    filled, doubts = None, [doubt] if doubt else []
+    if parts is not None and not refused and config.fill:
+        with clock("fill"):
+            filled = _fill(scope, parts, dropped, visible, renderer, config)
+            rows = (*rows[:2], *_with_filled(rows[2], rows[3], len(filled)))
+        doubts += [] if len(filled) else [_NOT_FILLED]
     floaters = int(selection.sum() - scope.coarse.sum())
     _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
         segmenter.name, how, selection, config, given_renderer, tuple(known),
-        dropped, (doubt,) if doubt else (),
+        dropped, filled, tuple(doubts),
     )  # fmt: skip
 
 
@@ -311,6 +322,27 @@ def _clean(
     cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
     cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
     return replace(parts, keep=parts.keep | cleaning.to_object), scope.rows[cleaning.dropped]
+
+
+def _fill(
+    scope: _Scope, parts: _Decomposition, dropped: IntArray, visible: FloatArray, renderer: Renderer,
+    config: TrimConfig,
+) -> Gaussians:  # fmt: skip
+    """New Gaussians that close the hole which the object leaves in the plane that it stands on; perhaps none."""
+    plane = _support_plane(scope, parts.keep, visible, config)
+    if plane is None:
+        return scope.local.select(np.zeros(0, np.int64))
+    left = ~np.isin(scope.rows, dropped)
+    surface = plane.on_surface & ~parts.keep & left & (visible > _VISIBLE)
+    filled = fill_hole(scope.local, parts.keep, surface, scope.bounds, plane, renderer)
+    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    return without_what_shows(filled, scope.local.select(left), parts.keep[left], cameras, renderer)
+
+
+def _with_filled(source: IntArray, label: NDArray[np.uint8], count: int) -> tuple[IntArray, NDArray[np.uint8]]:
+    """Source rows and labels of all output rows, those of filled Gaussians at the end."""
+    new = np.full(count, RowLabel.FILLED, np.uint8)
+    return np.concatenate([source, np.full(count, -1, np.int64)]), np.concatenate([label, new])
 
 
 def _joined(first: Gaussians, second: Gaussians | None) -> Gaussians:

@@ -36,6 +36,8 @@ class RowLabel(IntEnum):
     """It is the part of a split Gaussian that lies in the object."""
     SPLIT_OUTSIDE = 4
     """It is the part of a split Gaussian that lies in the background."""
+    FILLED = 5
+    """It is new, and continues the surface that the object stood on; its scene row is -1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,8 @@ class TrimResult:
     """The training cameras, if known."""
     dropped: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
+    filled: Gaussians | None = None
+    """New Gaussians of the background, which close the hole that the object left in a surface."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 
@@ -89,13 +93,18 @@ class TrimResult:
 
     @cached_property
     def background(self) -> Gaussians:
-        """The scene without the object: all other Gaussians, then the outer parts of split ones."""
-        return concatenate([self.scene.select(self.background_rows), self.outside_parts])
+        """The scene without the object: all other Gaussians, the outer parts of split ones, and what was filled in."""
+        return concatenate([self.scene.select(self.background_rows), self.appended])
+
+    @property
+    def appended(self) -> Gaussians:
+        """What the background has beside whole Gaussians of the scene: outer parts, then filled ones."""
+        return self.outside_parts if self.filled is None else concatenate([self.outside_parts, self.filled])
 
     @property
     def background_rows(self) -> IntArray:
         """Scene rows of the Gaussians that are whole in the background."""
-        return self.source_index[len(self.object) : len(self.source_index) - len(self.outside_parts)]
+        return self.source_index[len(self.object) : len(self.source_index) - len(self.appended)]
 
     def count(self, label: RowLabel | int) -> int:
         """Number of rows of object and background with a label."""

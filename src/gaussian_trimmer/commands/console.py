@@ -25,6 +25,7 @@ _STAGES = {
     "prune": "pruning",
     "split": "splitting at the boundary",
     "clean": "cleaning the background",
+    "fill": "filling the hole",
     "assemble": "putting the parts together",
     "write": "writing files and pictures",
 }
@@ -78,6 +79,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("recovered", f"{counts['recovered']:,}")
     if counts["dropped"]:
         table.add_row("cleaned", f"{counts['dropped']:,} left out of the background that the object had hidden")
+    if counts["filled"]:
+        table.add_row("filled", f"{counts['filled']:,} new Gaussians where the object stood")
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
     table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{direction} ({up['source']})")

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlane
@@ -101,7 +101,9 @@ def clean_background(
         both = _weights(gaussians, keep | ghosts | crumbs, cameras, silhouettes, renderer).sum(axis=1)
         # What lies in the ground would show below the object, where no view looks.
         joins = crumbs | (ghosts & where.above & (both <= _HARMLESS * shown))
-    return Cleaning(joins, _droppable(gaussians, ghosts & ~joins, seen.sum(axis=1), cameras, renderer))
+    return Cleaning(
+        joins, _droppable(gaussians, ghosts & ~joins, seen.sum(axis=1) / np.maximum(shown, 1e-9), cameras, renderer)
+    )
 
 
 class _Place:
@@ -195,7 +197,7 @@ def _weights(
 def _droppable(
     gaussians: Gaussians, ghosts: BoolArray, visible: FloatArray, cameras: Sequence[Camera], renderer: Renderer
 ) -> BoolArray:
-    """The ghosts without which the whole scene still looks as it did, those that show least in it first, (N,)."""
+    """The ghosts without which the whole scene still looks as it did, those by how little of each it shows, (N,)."""
     rows = np.flatnonzero(ghosts)
     rows = rows[np.argsort(visible[rows], kind="stable")]
     before = [np.clip(renderer.render(gaussians, camera).rgb, 0, 1) for camera in cameras] if len(rows) else []

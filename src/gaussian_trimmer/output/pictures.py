@@ -138,7 +138,7 @@ def _context(result: TrimResult) -> Gaussians:
     rows = result.background_rows
     offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
     near = rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius]
-    return concatenate([result.scene.select(near), result.outside_parts])
+    return concatenate([result.scene.select(near), result.appended])
 
 
 def _as_picture(rgb: FloatArray) -> Picture:

@@ -53,9 +53,7 @@ def write_results(
     """
     formats.write(result.object, folder / f"object{suffix}")
     if len(result.source_index) > len(result.object):
-        formats.write_selected(
-            result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
-        )
+        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
         np.savez(
             file,
@@ -135,6 +133,7 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
         "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,
         "dropped": len(result.dropped),
+        "filled": int(np.count_nonzero(labels == RowLabel.FILLED)),
         "object": len(result.object),
         "background": len(result.source_index) - len(result.object),
     }

@@ -29,7 +29,7 @@ _SCATTERED = 0.3
 """Agreement of neighbours below which a selection is no object. Of selections of objects, thin and broken ones among
 them, the least is 0.58; rows in another order, also where both orders follow the space, reach 0.2."""
 _COARSE_STEP = 0.5
-"""Distance between neighbouring single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
+"""Step between single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
 _MAX_TILT_DEGREES = 30.0
 _MIN_GROUND = 0.2
 """Confidence in a ground plane from which on it can disagree with an up vector."""
@@ -102,9 +102,9 @@ def _scatter(scene: Gaussians, selection: BoolArray) -> str:
     if agreement >= _SCATTERED:
         return ""
     return (
-        f"the {selection.sum():,} selected Gaussians are scattered over the scene (neighbours agree by {agreement:.2f}, "
-        "where 1 is a solid object and 0 is chance), as when a selection was made for the same Gaussians in another "
-        "order of rows; give the very file that it was made for"
+        f"the {selection.sum():,} selected Gaussians are scattered over the scene (neighbours agree by "
+        f"{agreement:.2f}, where 1 is a solid object and 0 is chance), as when a selection was made for the same "
+        "Gaussians in another order of rows; give the very file that it was made for"
     )
 
 

@@ -81,7 +81,7 @@ def plan_cameras(
 
 
 def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[float], size: int) -> list[Camera]:
-    """Small views of an object from the full circle, at several heights, each turned by half a step from the one before.
+    """Small views of an object from the full circle at several heights, each turned by half a step from the last.
 
     Args:
         bounds: the object's bounds, which the views frame.
