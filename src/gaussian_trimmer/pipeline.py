@@ -321,7 +321,8 @@ def _clean(
     plane = _support_plane(scope, parts.keep, visible, config)
     cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
     cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
-    return replace(parts, keep=parts.keep | cleaning.to_object), scope.rows[cleaning.dropped]
+    joins = cleaning.to_object if config.evidence.recover else cleaning.to_object & scope.coarse
+    return replace(parts, keep=parts.keep | joins), scope.rows[cleaning.dropped]
 
 
 def _fill(

@@ -42,10 +42,12 @@ _MARGIN = 6
 _OVERLAP, _FLAT = 0.75, 0.1
 """Standard deviations of new Gaussians along and across the surface, in cells."""
 _OPACITY = 0.95
-_SHOWN = 0.02
+_SHOWN = 0.3
 """Largest blend weight of a new Gaussian below the object, relative to that without the object."""
 _MIN_SURFACE = 20
 _RIM_NEIGHBOURS = 8
+_DEPTH = 0.25
+"""Quantile of these neighbours' heights at which new Gaussians lie: above the surface they would hide the foot."""
 _DIRECTIONS = 8
 _ALIKE = 0.05
 """Difference of the colours at a line's ends at which it counts 1/e as much as one of equal ends."""
@@ -96,7 +98,7 @@ def fill_hole(
     _, rim = nearest(places, (low + (cells + 0.5) * cell).astype(np.float32), min(_RIM_NEIGHBOURS, len(around)))
     n, axes = len(cells), np.array([_OVERLAP, _OVERLAP, _FLAT]) * cell * bounds.radius
     return Gaussians(
-        in_the_world(cells, local[around[rim], 2].mean(axis=1)).astype(np.float32),
+        in_the_world(cells, np.quantile(local[around[rim], 2], _DEPTH, axis=1)).astype(np.float32),
         np.tile(np.log(axes), (n, 1)).astype(np.float32),
         np.tile(quaternions_of(bounds.axes.T[None]), (n, 1)),
         np.full(n, logit(np.array([_OPACITY]))[0], np.float32),
@@ -181,7 +183,7 @@ def _rim(
     found, distance = np.zeros((len(cells), 3)), np.full(len(cells), np.inf)
     for i in range(1, max(known.shape)):
         at = np.round(cells + i * step).astype(int)
-        inside = ((at >= 0) & (at < known.shape)).all(axis=1)
+        inside: BoolArray = np.asarray(((at >= 0) & (at < known.shape)).all(axis=1), np.bool_)
         at = np.where(inside[:, None], at, 0)
         hit = np.flatnonzero(inside & known[at[:, 0], at[:, 1]] & np.isinf(distance))
         found[hit], distance[hit] = colours[at[hit, 0], at[hit, 1]], i
