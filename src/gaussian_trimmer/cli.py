@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     class Command(Protocol):
         """What the dataclass of a command has beside its options."""
 
-        def run(self) -> None:
-            """Do the work."""
+        def run(self) -> int | None:
+            """Do the work; an exit code other than zero is returned."""
             ...
 
 
@@ -47,15 +47,17 @@ COMMANDS = {
 """A command of two words goes before the command of its first word."""
 
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
-"""Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it."""
+"""Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it. `Command.run` may
+return others."""
 _MESSAGE_LENGTH = 1000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code.
 
-    What the user can mend is one sentence on standard error and code 2. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129,
-    without a word, and what was begun is removed. Other exceptions are defects and keep their traceback.
+    What the user can mend is one sentence on standard error and code 2. Where nothing was trimmed, the selection was
+    written as it came, and the code is 3. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129, without a word, and what was
+    begun is removed. Other exceptions are defects and keep their traceback.
     """
     try:
         from gaussian_trimmer.stop_signals import stop_signals_raised
@@ -108,7 +110,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
     elif name == "--version":
         print(f"{PROGRAM} {__version__}")
     elif name in COMMANDS:
-        _parse(name, arguments[used:]).run()
+        return _parse(name, arguments[used:]).run() or 0
     else:
         raise InputError(f"Unknown command '{name}'; available: {', '.join(COMMANDS)}.")
     return 0

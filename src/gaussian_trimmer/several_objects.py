@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -48,8 +48,8 @@ class TrimmedObject:
     """The rough selection, (N,)."""
     bounds: Bounds
     """Bounds of the rough object."""
-    view: TrimmedView
-    """A view of it, an accepted one if there is one."""
+    view: TrimmedView | None
+    """A view of it, an accepted one if there is one; None if the selection was refused before any was planned."""
     refused: str
     """Why it was left as it was; empty if it was trimmed."""
     given_up: int
@@ -132,7 +132,7 @@ def trim_objects(
     Args:
         scene: all N Gaussians.
         objects: the rough selections by the objects' ids, each as `trim` takes it. They may overlap.
-        config: settings of all stages.
+        config: settings of all stages; the common background keeps every Gaussian, whatever `background` says.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
         cameras: the cameras that the scene was trained with, if known.
@@ -143,6 +143,10 @@ def trim_objects(
     """
     if not objects:
         raise InputError("There is no object to trim; give at least one id with its selection.")
+    config = config or TrimConfig()
+    if config.fill:
+        raise InputError("The holes of several objects cannot be filled; trim them one by one, or leave --fill out.")
+    config = replace(config, background="exact")
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     masks = {int(number): mask_of_selection(selection, len(scene)) for number, selection in objects.items()}
@@ -194,8 +198,8 @@ def _claim(number: int, result: TrimResult) -> _Claim:
     n = len(result.object)
     views = [view for view in result.views if not view.rejected] or list(result.views)
     trimmed = TrimmedObject(
-        number, result.object, result.source_index[:n], result.label[:n], result.selection, result.bounds, views[0],
-        result.refused, 0, result.report,
+        number, result.object, result.source_index[:n], result.label[:n], result.selection, result.bounds,
+        views[0] if views else None, result.refused, 0, result.report,
     )  # fmt: skip
     return _Claim(
         trimmed, result.outside_parts, result.source_index[len(result.source_index) - len(result.outside_parts) :]

@@ -51,6 +51,8 @@ def read_remaining(folder: Path, original: Gaussians) -> Remaining:
     file = open_selection(labels, len(original))
     trimmed.rows_of_objects(file, len(original))  # checks that it belongs to the scene
     rows = np.asarray(file.arrays[trimmed.SOURCE][int(file.arrays[trimmed.OBJECTS].reshape(-1)[0]) :], np.int64)
+    if (rows < 0).any():
+        raise InputError(f"The background in '{folder}' holds Gaussians that fill a hole; trim again without --fill.")
     scene = formats.read(found[0])
     if len(scene) != len(rows):
         raise InputError(

@@ -83,8 +83,8 @@ class Select(TrimSettings):
         """This command, with its marks in the order of the arguments that it was made from."""
         return replace(self, mark_options=self.mark_options.in_order_of(arguments))
 
-    def run(self) -> None:
-        """Select and save the selection, then trim it if asked to.
+    def run(self) -> int:
+        """Select and save the selection, then trim it if asked to; returns the exit code, that of `Trim.run`.
 
         Raises:
             InputError: something that the user gave cannot be used, or the selection is empty.
@@ -96,10 +96,11 @@ class Select(TrimSettings):
         elif self.trim is not None:
             settings = {known.name: getattr(self, known.name) for known in fields(TrimSettings)}
             settings["overwrite"] = self.overwrite or (self.trim / MANIFEST).is_file()
-            Trim(self.scene, self.output, output=self.trim, **settings).run(load=lambda: self._select(console))
+            return Trim(self.scene, self.output, output=self.trim, **settings).run(load=lambda: self._select(console))
         else:
             self._select(console)
             console.print(f"Now: {self._next_command()}")
+        return 0
 
     def _select(self, console: Console) -> Loaded:
         """Make the selection and save it; returns it, and what it was made from."""

@@ -17,7 +17,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
+from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.remaining import read_remaining
 from gaussian_trimmer.commands.trim_objects import trim_labels
@@ -54,6 +54,8 @@ _COMPILING_AGAIN = (
 )
 _PHOTOS = 8
 """Photographs that are looked at, unless more views or another number are asked for."""
+NOTHING_TRIMMED = 3
+"""Exit code where the inputs could be read, but the selection was written as it came."""
 _SegmenterOptions = all_options()
 MARKS = "selection.json"
 """Name of the file of marks among the results."""
@@ -141,8 +143,8 @@ class Trim(TrimSettings):
         """This command, with its marks in the order of the arguments that it was made from."""
         return replace(self, mark_options=self.mark_options.in_order_of(arguments))
 
-    def run(self, load: Callable[[], Loaded] | None = None) -> None:
-        """Trim and write the results.
+    def run(self, load: Callable[[], Loaded] | None = None) -> int:
+        """Trim and write the results; returns the exit code, 3 where nothing was trimmed.
 
         Args:
             load: gives scene, selection and cameras instead of the files; called when the output folder can be used.
@@ -154,7 +156,7 @@ class Trim(TrimSettings):
         self._check_settings()
         if self.labels is not None:
             trim_labels(self, console)
-            return
+            return 0
         with self._results() as folder:
             loaded = load() if load else None
             start = time.perf_counter()
@@ -162,6 +164,8 @@ class Trim(TrimSettings):
                 summary = self._write(folder, loaded, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
         console.print(f"object{self.suffix()}, before_after.png and the rest are in {self.folder()}.")
+        warn_of(summary)
+        return NOTHING_TRIMMED if summary["refused"] else 0
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console

@@ -15,6 +15,7 @@ from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, IntArray
+from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -55,15 +56,14 @@ def write_results(
     """
     formats.write(result.object, folder / f"object{suffix}")
     if background and len(result.source_index) > len(result.object):
-        formats.write_selected(
-            result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
-        )
+        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
         np.savez(
             file,
-            source_index=(result.source_index if rows is None else rows[result.source_index]).astype(np.int32),
+            source_index=_in_original(result.source_index, rows).astype(np.int32),
             label=result.label,
             n_object=np.int64(len(result.object)),
+            dropped=_in_original(result.dropped, rows).astype(np.int32),
             label_names=np.array(LABEL_NAMES),
             n_scene=np.int64(len(result.scene) if n_scene is None else n_scene),
         )
@@ -113,7 +113,9 @@ def describe(
             {"accepted": not view.rejected, "reason": view.rejected, **_camera_entry(view.view.camera)}
             for view in result.views
         ],
+        "checked": checked_sides(result).as_json(),
         "refused": result.refused,
+        "warnings": list(result.warnings),
         "counts": count(result, selection),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
     }
@@ -134,9 +136,16 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
         "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
         "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,
+        "dropped": len(result.dropped),
+        "filled": int(np.count_nonzero(labels == RowLabel.FILLED)),
         "object": len(result.object),
         "background": len(result.source_index) - len(result.object),
     }
+
+
+def _in_original(found: IntArray, rows: IntArray | None) -> IntArray:
+    """Rows of the original scene for rows of the result's scene; -1, of what is new, stays."""
+    return found if rows is None else np.where(found < 0, found, rows[found])
 
 
 def _camera_entry(camera: Camera) -> dict[str, Any]:
