@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.selection_files.nearest_rows import match_children, match_nearest
 from gaussian_trimmer.selection_files.splat_rows import Columns, SplatRows, gaussian_columns
 
 _POSITION = ("x", "y", "z")
@@ -84,6 +83,9 @@ def _match_roughly(rows: SplatRows, gaussians: Gaussians, found: IntArray) -> li
     lost = np.flatnonzero(found == _UNMATCHED)
     if not len(lost):
         return notes
+    # Late, since it compiles, and most files match exactly.
+    from gaussian_trimmer.selection_files.nearest_rows import match_children, match_nearest
+
     free = np.setdiff1d(np.arange(len(gaussians)), found)
     found[lost] = match_nearest(rows, lost, gaussians, free)
     near = int(np.count_nonzero(found[lost] != _UNMATCHED))
