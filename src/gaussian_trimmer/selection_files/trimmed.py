@@ -68,7 +68,9 @@ def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
     if not sound:
         raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
     size = int(file.arrays[SCENE_SIZE].reshape(-1)[0]) if file.arrays.get(SCENE_SIZE, np.zeros(0)).size == 1 else n
-    if size != n or (len(source) and not 0 <= int(source.min()) <= int(source.max()) < n):
+    # New Gaussians, which fill a hole of the background, have -1.
+    least = min(source[: count.reshape(-1)[0]].min(initial=0), source.min(initial=0) + 1)
+    if size != n or least < 0 or source.max(initial=-1) >= n:
         raise InputError(
             f"'{file.path.name}' was made for another scene: it names rows up to {int(source.max(initial=0))} of "
             f"{max(size, int(source.max(initial=0)) + 1)}, and this one has {n} Gaussians; give the scene that was "
