@@ -21,7 +21,7 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.config import PlanConfig
 from gaussian_trimmer.errors import InputError
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "05_batch_on_slurm.sh"
+EXAMPLE = Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh"
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,5 @@
 #!/bin/bash
-# Trim everything that a manifest lists on many machines: sbatch examples/05_batch_on_slurm.sh manifest.csv /shared/out
+# Trim everything that a manifest lists on many machines: sbatch examples/06_batch_on_slurm.sh manifest.csv /scratch/out
 #SBATCH --job-name=trim
 #SBATCH --array=1-16
 #SBATCH --cpus-per-task=8
