@@ -67,7 +67,8 @@ def read(path: Path) -> Gaussians:
     rest = [values for degree in coefficients[1:] for values in degree]
     if len(rest) not in (0, 3, 8, 15):
         raise _damaged(path, "degrees of its spherical harmonics are left out")
-    sh_rest = np.stack(rest, axis=2) * _SH_SIGNS[: len(rest)] if rest else np.zeros((n, 3, 0), np.float32)
+    with np.errstate(invalid="ignore"):  # what is not finite is refused below
+        sh_rest = np.stack(rest, axis=2) * _SH_SIGNS[: len(rest)] if rest else np.zeros((n, 3, 0), np.float32)
     quaternions = np.roll(turned, 1, axis=1)
     quaternions[:, 1:] *= _AXIS_SIGNS
     gaussians = Gaussians(
