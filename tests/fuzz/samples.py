@@ -392,6 +392,9 @@ def _list_readers() -> dict[str, Reader]:
     marks = marks_as_json(Marks(listed, (0.0, 0.0, 1.0), ((1.0, 2.0, 3.0),), N, Path("cameras.json")), Path())
     rows = "scene,selection,name,up,options\na.ply,b.npy,mug,0 0 1,--views 5\na.ply,c.npy,cup,,\n"
     lines = [{"scene": "a.ply", "labels": "l.npy", "objects": [1, 2]}, {"scene": "b.ply", "selection": "s.npy"}]
+    with tempfile.TemporaryDirectory() as folder:  # What reads options is loaded here, and not in a case.
+        (Path(folder) / "a.csv").write_text(rows, encoding="utf-8")
+        read_manifest(Path(folder) / "a.csv")
     return {
         "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
         "manifest.csv": Reader([{"a.csv": rows.encode()}], read_manifest),
