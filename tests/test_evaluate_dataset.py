@@ -107,7 +107,7 @@ def test_an_object_that_is_not_the_scenes_cannot_be_trimmed(folder, capsys):
 
     scene = formats.read(folder / "method" / "lego" / "scene.ply")
     (folder / "method" / "lego" / "selection.npy").unlink()
-    strange = scene.select(slice(0, 50)).replace(opacity_logits=scene.opacity_logits[:50] + 2)
+    strange = scene.select(slice(0, 50)).replace(means=scene.means[50:100] * 3, sh_dc=scene.sh_dc[:50] + 5)
     formats.write(strange, folder / "method" / "lego" / "object.ply")
     assert run("evaluate", "spin-nerf", "spin", "--predictions", "method", *SMALL) == 2
     assert "cannot start" in capsys.readouterr().err

@@ -44,7 +44,7 @@ def test_splits_do_not_hide_what_was_selected(ball, tmp_path):
     scene, _, rough = ball
     with toy.one_thread():
         boundary = BoundaryConfig(min_share=0.1, min_area=1e-5)  # low enough for splits
-        config = toy.small_config(boundary=boundary, split=SplitConfig("plane"))
+        config = toy.small_config(boundary=boundary, split=SplitConfig("plane"), background="exact")
         result = trim(scene, rough, config=config, segmenter=toy.TightMasks())
     folder = result.save(tmp_path / "t")
     assert result.count(toy.RowLabel.SPLIT_INSIDE)
@@ -88,7 +88,7 @@ def test_an_object_of_another_tool_is_found_in_the_scene(ball, tmp_path):
 
 def test_an_object_that_is_not_in_the_scene_has_no_background(ball, tmp_path):
     scene, truth, _ = ball
-    other = scene.select(truth).replace(opacity_logits=scene.opacity_logits[truth] + 1)
+    other = scene.select(truth).replace(means=scene.means[::-1][truth] * 3, sh_dc=scene.sh_dc[truth] + 5)
     formats.write(other, tmp_path / "object.ply")
     found = read_result(tmp_path / "object.ply", scene)
     assert found.cut.background is None and found.selection is None

@@ -121,8 +121,8 @@ def trim(
         scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
         wrong = find_wrong_input(scene, selection, scope.bounds, known)
         doubt = doubts_about_up(scene, selection, scope.up)
-    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
     if wrong:
+        how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
         _LOG.info("not trimmed: %s", wrong)
         return TrimResult(
             scene, *_assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), scope.up, scope.bounds, (),
@@ -160,6 +160,7 @@ def trim(
             rows = (*rows[:2], *_with_filled(rows[2], rows[3], len(filled)))
         doubts += [] if len(filled) else [_NOT_FILLED]
     floaters = int(selection.sum() - scope.coarse.sum())
+    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name  # of these views
     _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,

@@ -519,7 +519,7 @@ def _read_masks(path: Path) -> Any:
     camera = Camera(np.eye(4), intrinsics(0.8, _WIDTH, _HEIGHT), _WIDTH, _HEIGHT, path.with_suffix(".JPG").name)
     try:
         ids = ids_of(camera, path.parent)
-        assert ids.shape == (_HEIGHT, _WIDTH) and ids.dtype == np.uint8
+        assert ids.shape == (_HEIGHT, _WIDTH) and ids.dtype.kind in "iu"
     except InputError as error:
         check_message(error)
     mask = mask_of(camera, path.parent)

@@ -45,7 +45,10 @@ def find_scene(path: Path) -> Path:
     Raises:
         InputError: the folder holds no splat file, or several that could be meant.
     """
-    if not path.is_dir():
+    try:
+        if not path.is_dir():
+            return path
+    except OSError:  # A name that no system allows is that of no folder.
         return path
     from gaussian_trimmer.formats.training_folders import latest_splats
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,20 +12,15 @@ import numpy as np
 
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
-from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, IntArray
-from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.output.pictures import Picture, captioned, draw_cells, write_picture
+from gaussian_trimmer.output.pictures import Picture, captioned, close_up, draw_cells, write_picture
 from gaussian_trimmer.output.report import LABEL_NAMES
 from gaussian_trimmer.several_objects import ObjectsResult
-from gaussian_trimmer.views import TrimmedView, bounding_box
 
 _CELL = 240
 _OBJECTS_A_ROW = 2
 _MAX_DRAWN = 60
 _CONTEXT = 1.8
-_MARGIN = 1.2
-"""Half the side of a close-up, relative to half the object's larger side."""
 
 
 def objects_files(suffix: str) -> tuple[str, ...]:
@@ -103,7 +97,7 @@ def draw_objects(result: ObjectsResult) -> Picture:
     blocks = []
     for part in [part for part in result.objects if part.view is not None][:_MAX_DRAWN]:
         assert part.view is not None
-        camera = _close_up(part.view, part.bounds, _CELL)
+        camera = close_up(part.view, part.bounds, _CELL)
         scene = result.scene
         around = result.background_rows[
             np.linalg.norm(scene.means[result.background_rows] - part.bounds.centre.astype(np.float32), axis=1)
@@ -118,24 +112,3 @@ def draw_objects(result: ObjectsResult) -> Picture:
         blocks.append(np.full_like(blocks[0], 32))
     lines = [np.hstack(blocks[i : i + _OBJECTS_A_ROW]) for i in range(0, len(blocks), _OBJECTS_A_ROW)]
     return np.vstack(lines)
-
-
-def _close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
-    """The view's camera, its image cut to a square about the object and enlarged to `size` pixels.
-
-    The object is where its mask is, or its bounds if the mask was rejected; the middle of the image is taken where the
-    camera stands inside the bounds.
-    """
-    camera = view.view.camera
-    corners, _ = camera.project(bounds.corners())
-    if view.mask.any() and not view.rejected:
-        box = bounding_box(view.mask)
-        low, high = np.array(box[:2]), np.array(box[2:])
-    elif np.isfinite(corners).all():
-        low, high = corners.min(axis=0), corners.max(axis=0)
-    else:
-        low, high = np.zeros(2), np.array([camera.width, camera.height])
-    half = _MARGIN * max(float((high - low).max()) / 2, 1.0)
-    corner, scale = (low + high) / 2 - half, size / (2 * half)
-    crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
-    return replace(camera, K=crop @ camera.K, width=size, height=size)

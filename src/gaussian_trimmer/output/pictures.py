@@ -6,6 +6,7 @@ Pictures are 8-bit BGR arrays (H, W, 3), as OpenCV writes them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -17,15 +18,18 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.views import HALF, TrimmedView
+from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
+_MARGIN = 1.2
+"""Half the side of a close-up, relative to half the larger side of the object."""
 BACKDROP = np.full(3, 0.5, np.float32)
 """Neutral grey behind all pictures: neither dark nor light edges of a cut-out vanish in it."""
 _COARSE: Colour = (40, 150, 255)
@@ -101,6 +105,27 @@ def _headings(yaws: Sequence[int], verdicts: Sequence[str], width: int) -> Pictu
         for yaw, verdict in zip(yaws, verdicts, strict=True)
     ]
     return np.hstack([_strip([word], right - left) for word, left, right in zip(words, edges, edges[1:], strict=False)])
+
+
+def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
+    """The view's camera, its image cut to a square about the object and enlarged to `size` pixels.
+
+    The object is where its mask is, or its bounds if the mask was rejected; the middle of the image is taken where the
+    camera stands inside the bounds.
+    """
+    camera = view.view.camera
+    corners, _ = camera.project(bounds.corners())
+    if view.mask.any() and not view.rejected:
+        box = bounding_box(view.mask)
+        low, high = np.array(box[:2]), np.array(box[2:])
+    elif np.isfinite(corners).all():
+        low, high = corners.min(axis=0), corners.max(axis=0)
+    else:
+        low, high = np.zeros(2), np.array([camera.width, camera.height])
+    half = _MARGIN * max(float((high - low).max()) / 2, 1.0)
+    corner, scale = (low + high) / 2 - half, size / (2 * half)
+    crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
+    return replace(camera, K=crop @ camera.K, width=size, height=size)
 
 
 def captioned(caption: str, picture: Picture) -> Picture:
