@@ -1,10 +1,15 @@
 """How good is a selection by one box or one click, as it is selected and after the trim?
 
-    python benchmarks/clicks.py ROOT [--ways box click] [--objects NAME ...] [--without-cameras] [--output FILE]
+    python benchmarks/clicks.py ROOT [--ways box click] [--marks 3] [--objects NAME ...] [--without-cameras]
+        [--sam-model DIR] [--output FILE]
 
 ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`), or is one. The user is simulated: in the
 training view whose mask of the object is largest, the box is the mask's bounds and two pixels more, within the
 picture, and the click is the pixel farthest from the mask's edge. No other ground truth reaches the program.
+
+With --marks, more clicks follow: each in the training view in which the selection is worst, on the pixel of its largest
+wrong region that is farthest from the region's edge; it adds or removes, whichever is right there. Then IoU is given
+against the number of marks, beside that of the selection `exact`, trimmed too.
 """
 
 from __future__ import annotations
@@ -12,8 +17,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -24,15 +30,19 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
-from gaussian_trimmer.views import Box, bounding_box
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
+from gaussian_trimmer.selecting.marks import Box, Click, Mark
+from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.views import bounding_box
 
 Way = Literal["box", "click"]
 
+_GOOD_ENOUGH = 0.95
+"""Share of the IoU of `exact` from which on no more marks are set."""
 _MARGIN = 2
 """Pixels between the mask's bounds and the box."""
 _RENDERER = get_renderer("numba")
@@ -46,10 +56,14 @@ class Arguments:
     """Folder with benchmark scenes, or one scene."""
     ways: tuple[Way, ...] = ("box", "click")
     """How objects are selected."""
+    marks: int = 1
+    """Number of marks at most."""
     objects: tuple[str, ...] = ()
     """Only these objects."""
     without_cameras: bool = False
     """Give neither the selection nor the trim cameras or an up vector."""
+    sam_model: Path | None = None
+    """Let a model of the SAM family in this folder understand the marks."""
     output: Path | None = None
     """Write all rows to this JSON file."""
 
@@ -70,6 +84,10 @@ class Row:
     """Mean foreground IoU of the selection over the test views, percent."""
     trimmed_iou: float
     """The same after the trim."""
+    marks: int = 1
+    """Number of marks that it was made by."""
+    exact_iou: float = 0.0
+    """That of the selection `exact` after the trim, where several marks are asked for."""
 
 
 def main() -> None:
@@ -79,19 +97,34 @@ def main() -> None:
     for folder in _folders(arguments.root):
         for row in _measure(open_scene(folder), arguments):
             rows.append(row)
+            share = f"  ({row.trimmed_iou / row.exact_iou:.3f} of exact's {row.exact_iou:.1f})" if row.exact_iou else ""
             print(
-                f"{row.scene + '/' + row.object:28s} {row.way:5s} {row.view}  "
-                f"{row.raw_iou:5.1f} -> {row.trimmed_iou:5.1f}  {row.selected:7,} selected  {row.understood}",
+                f"{row.scene + '/' + row.object:28s} {row.way:5s} {row.marks} {row.view}  {row.raw_iou:5.1f} -> "
+                f"{row.trimmed_iou:5.1f}  {row.selected:7,} selected  {row.understood}{share}",
                 flush=True,
             )
     for scene in sorted({row.scene for row in rows}):
         for way in arguments.ways:
-            chosen = [row for row in rows if (row.scene, row.way) == (scene, way)]
-            raw, trimmed = (np.mean([getattr(row, key) for row in chosen]) for key in ("raw_iou", "trimmed_iou"))
-            worst = min(chosen, key=lambda row: row.trimmed_iou)
-            print(f"{scene:12s} {way:5s} {raw:5.1f} -> {trimmed:5.1f}, worst {worst.object} {worst.trimmed_iou:.1f}")
+            _summarise([row for row in rows if (row.scene, row.way) == (scene, way)], scene, way, arguments.marks)
     if arguments.output:
         arguments.output.write_text(json.dumps([asdict(row) for row in rows], indent=1))
+
+
+def _summarise(rows: Sequence[Row], scene: str, way: str, marks: int) -> None:
+    """Print means and the worst object after each number of marks; who was good enough stays as it was."""
+    objects = sorted({row.object for row in rows})
+    for number in range(1, marks + 1):
+        latest = [[row for row in rows if row.object == name and row.marks <= number][-1] for name in objects]
+        raw, trimmed = (np.mean([getattr(row, key) for row in latest]) for key in ("raw_iou", "trimmed_iou"))
+        worst = min(latest, key=lambda row: row.trimmed_iou)
+        share = ""
+        if marks > 1:
+            good = sum(row.trimmed_iou >= _GOOD_ENOUGH * row.exact_iou for row in latest)
+            share = f", {good} of {len(latest)} at {100 * _GOOD_ENOUGH:.0f} % of exact"
+        print(
+            f"{scene:12s} {way:5s} {number} marks {raw:5.1f} -> {trimmed:5.1f}, "
+            f"worst {worst.object} {worst.trimmed_iou:.1f}{share}"
+        )
 
 
 def _folders(root: Path) -> list[Path]:
@@ -109,29 +142,63 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
             continue
         views = [view for view in scene.test_views(name) if not view.far]
         camera, mask = _best_view(scene, name)
+        exact = 0.0
+        if arguments.marks > 1:
+            rough = scene.coarse(name, "exact")
+            exact = _iou(trim(scene.gaussians, rough, config=config, cameras=cameras).object, views)
         for way in arguments.ways:
-            try:
-                pick = _select(scene.gaussians, camera, mask, way, up, cameras)
-            except InputError as refused:
-                yield Row(scene.name, name, way, camera.name, str(refused), 0, 0.0, 0.0)
-                continue
-            result = trim(scene.gaussians, pick.selection, config=config, cameras=cameras)
-            yield Row(
-                scene.name, name, way, camera.name, " and ".join(pick.ways), int(np.count_nonzero(pick.selection)),
-                _iou(scene.gaussians.select(pick.selection), views), _iou(result.object, views),
-            )  # fmt: skip
+            first: Mark = Box(*box_around(mask), camera) if way == "box" else Click(*middle_of(mask), camera)
+            marks: list[Any] = [first]
+            model = _sam(arguments.sam_model) if arguments.sam_model else None
+            while True:
+                number, view = len(marks), marks[-1].view.name
+                try:
+                    made = select(scene.gaussians, marks, cameras=cameras, up=up, renderer=_RENDERER, model=model)
+                except InputError as refused:
+                    yield Row(scene.name, name, way, view, str(refused), 0, 0.0, 0.0, number, exact)
+                    break
+                result = trim(scene.gaussians, made.mask, config=config, cameras=cameras)
+                row = Row(
+                    scene.name, name, way, view, made.ways[-1], int(np.count_nonzero(made.mask)),
+                    _iou(scene.gaussians.select(made.mask), views), _iou(result.object, views), number, exact,
+                )  # fmt: skip
+                yield row
+                good = exact > 0 and row.trimmed_iou >= _GOOD_ENOUGH * exact
+                if number >= arguments.marks or good or not (mark := _next_click(scene, name, made.mask)):
+                    break
+                marks.append(mark)
 
 
-def _select(
-    gaussians: Gaussians, camera: Camera, mask: BoolArray, way: Way, up: Float64Array, cameras: CameraSet | None
-) -> Pick:
-    seen_from = cameras.cameras if cameras else ()
-    if way == "box":
-        return select_by_box(gaussians, camera, box_around(mask), up, _RENDERER, seen_from)
-    return select_by_clicks(gaussians, camera, [middle_of(mask)], up, _RENDERER, seen_from)
+@cache
+def _sam(folder: Path) -> SamSegmenter:
+    """The model, loaded once."""
+    return SamSegmenter(SamConfig(str(folder)))
 
 
-def box_around(mask: BoolArray) -> Box:
+def _next_click(scene: BenchmarkScene, name: str, selection: BoolArray) -> Click | None:
+    """A click in the middle of the largest wrong region of the training view that is worst, or None if all is right."""
+    worst, found = 1.0, None
+    values = selection.astype(np.float32)[:, None]
+    for camera in scene.training_cameras:
+        truth = scene.coverage(name, camera.name) > 0.5
+        shown = _RENDERER.blend_values(scene.gaussians, camera, values)[..., 0] > 0.5
+        union = np.count_nonzero(truth | shown)
+        iou = np.count_nonzero(truth & shown) / union if union else 1.0
+        if iou < worst:
+            worst, found = iou, (camera, truth, shown)
+    if found is None:
+        return None
+    camera, truth, shown = found
+    regions = []
+    for wrong in (truth & ~shown, shown & ~truth):
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(wrong.astype(np.uint8), connectivity=4)
+        regions += [(stats[i, cv2.CC_STAT_AREA], labels == i) for i in range(1, len(stats))]
+    _, region = max(regions, key=lambda entry: entry[0])
+    x, y = middle_of(region)
+    return Click(x, y, camera, "add" if truth[y, x] else "remove")
+
+
+def box_around(mask: BoolArray) -> tuple[int, int, int, int]:
     """The bounds of a mask (H, W) and a margin, within the picture."""
     x0, y0, x1, y1 = bounding_box(mask)
     return (

@@ -15,8 +15,8 @@ from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.clicks import _Target, _views_around, select_by_box, select_by_clicks
-from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.selecting.clicks import Target, _views_around, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
 from gaussian_trimmer.views import bounding_box
 
@@ -128,7 +128,7 @@ def test_no_view_of_a_click_repeats_another(position):
         camera_at((0, 0.5, 9)), world_to_camera=look_at(np.array([0.0, 0, 9]), toy.CENTRE, np.array([0.0, 1, 0]))
     )  # fmt: skip
     offset = camera.centre - toy.CENTRE
-    views = _views_around(camera, _Target(toy.CENTRE, float(np.linalg.norm(offset)), np.zeros(0, np.float32)), toy.UP)
+    views = _views_around(camera, Target(toy.CENTRE, float(np.linalg.norm(offset)), np.zeros(0, np.float32)), toy.UP)
     assert len(views) == 8
     directions = np.array([view.centre for view in views]) - toy.CENTRE
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -225,7 +225,9 @@ def test_overview_shows_a_capture_of_one_thing_whole():
     rng = np.random.default_rng(0)
     body, neck = rng.uniform(-1, 1, (900, 3)) * [0.8, 0.4, 0.4], rng.uniform(0, 1, (100, 3)) * [0.2, 0.2, 1.3]
     thing = toy.gaussians(np.concatenate([body, neck + np.array([0.6, 0, 0.4])]), (0.03,) * 3, toy.RED)
-    for camera in plan_overview(thing, toy.UP, 5).cameras:
+    overview = plan_overview(thing, toy.UP, OverviewConfig(ring=5))
+    assert overview.whole == range(5)
+    for camera in (view.camera for view in overview.views):
         pixels, _ = camera.project(thing.means.astype(np.float64))
         assert ((pixels > 0) & (pixels < camera.width)).all(axis=1).mean() > 0.98
 
@@ -234,14 +236,30 @@ def test_overview_looks_at_the_detail_and_leaves_the_walls_out():
     scene, truth = toy.ball_on_floor(n_ball=3000)
     wall = toy.gaussians(np.random.default_rng(0).normal(size=(500, 3)) * [0.1, 8, 8] + [-12, 0, 0], 1.0, toy.WHITE)
     both = concatenate([scene, wall])
-    overview = plan_overview(both, toy.UP, 5)
-    assert len(overview.cameras) == 5
-    for camera in overview.cameras:
+    overview = plan_overview(both, toy.UP, OverviewConfig(ring=5))
+    assert len(overview.views) == 10
+    for camera in (view.camera for view in overview.views[:5]):
         x, y = pixel_of(camera, toy.CENTRE)
         assert 0.2 * camera.width < x < 0.8 * camera.width
         assert 0.2 * camera.height < y < 0.8 * camera.height
-    assert set(np.flatnonzero(truth)) <= set(overview.rows)
-    assert overview.rows.max() < len(scene)
+    rows = drawn_rows(both.means, overview.views[0])
+    assert set(np.flatnonzero(truth)) <= set(rows)
+    assert rows.max() < len(scene)
+    assert overview.whole == range(5, 10)
+    for view in overview.views[5:]:
+        pixels, _ = view.camera.project(both.means.astype(np.float64))
+        assert ((pixels > 0) & (pixels < view.camera.width)).all(axis=1).mean() > 0.95
+        assert len(drawn_rows(both.means, view)) == len(both)
+
+
+def test_overview_stands_where_it_is_told_to():
+    scene, _ = toy.ball_on_floor()
+    plain, near = (plan_overview(scene, toy.UP, OverviewConfig(distance=d)).views[3].camera for d in (1, 0.5))
+    assert np.isclose(2 * np.linalg.norm(near.centre - toy.CENTRE), np.linalg.norm(plain.centre - toy.CENTRE), rtol=0.3)
+    level = plan_overview(scene, toy.UP, OverviewConfig(pitch=0, target=(2.0, 0.0, 1.0)))
+    for camera in (view.camera for view in level.views):
+        assert np.allclose(pixel_of(camera, (2.0, 0.0, 1.0)), 320, atol=1)
+        assert np.isclose(camera.centre[2], 1.0)
 
 
 @pytest.mark.parametrize(

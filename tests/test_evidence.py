@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
-from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians, find_halo, find_outsiders
+from gaussian_trimmer.decomposition.evidence import (
+    EvidenceConfig,
+    classify_gaussians,
+    find_halo,
+    find_large_halo,
+    find_outsiders,
+)
 from gaussian_trimmer.pipeline import PlanConfig, RowLabel, SplitConfig, trim
 
 COARSE, OTHER = True, False
@@ -82,6 +88,22 @@ def test_what_shows_outside_when_alone(alone, inside, outside, free, shown):
 def test_what_the_scene_shows_openly_outside(isolated, inside, outside, probability, width, found):
     arrays = [np.array([value], np.float32) for value in (isolated, inside, outside, probability, width)]
     assert find_outsiders(*arrays).tolist() == [found]
+
+
+@pytest.mark.parametrize(
+    ("alone", "inside", "width", "found"),
+    [
+        ((7, 3, 0), 2, 0.3, True),
+        ((2, 3, 5), 2, 0.3, True),  # what something nearer hides counts too
+        ((7, 3, 0), 2, 0.2, False),  # small ones are judged by `find_halo`
+        ((5, 5, 0), 2, 0.3, False),
+        ((7, 3, 0), 8, 0.3, False),  # shown inside more than alone outside: seen through a hole
+        ((0, 0, 0), 0, 0.3, False),
+    ],
+)
+def test_large_gaussians_mostly_outside_are_halo(alone, inside, width, found):
+    alone, inside, width = (np.array([x], np.float32) for x in (alone, inside, width))
+    assert find_large_halo(alone, inside, width).tolist() == [found]
 
 
 def some_evidence(n=2000):

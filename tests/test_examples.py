@@ -64,6 +64,19 @@ def test_bring_your_own_renderer(printed):
     assert numbers(own)[1] < numbers(builtin)[1] < 1
 
 
+@pytest.mark.parametrize("printed", ["05_measure_a_trim.py"], indirect=True)
+def test_measure_a_trim(printed):
+    iou = {line.partition(":")[0]: numbers(line.partition(":")[2])[0] for line in printed}
+    assert iou["alone, trim"] > iou["alone, selection"] + 5
+    assert iou["in-scene, trim"] > iou["in-scene, selection"] + 1
+    assert iou["in-scene, trim"] > iou["alone, trim"] + 3  # the fern
+
+
+def test_examples_are_five_and_short():
+    lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
+    assert len(lengths) >= 5 and all(length < 40 for length in lengths.values()), lengths
+
+
 def test_every_example_is_tested_and_in_the_readme():
     names = sorted(path.name for path in EXAMPLES.glob("*.py"))
     tests, readme = Path(__file__).read_text(), (EXAMPLES.parent / "README.md").read_text()

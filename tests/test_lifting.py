@@ -190,8 +190,8 @@ def test_impossible_masks() -> None:
         lift_by_assignment(scene(), cameras(), [mask.astype(np.uint8) for mask in left_masks()], REFERENCE)
     with pytest.raises(InputError, match="nothing but background"):
         lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.uint8)] * 3, REFERENCE)
-    with pytest.raises(InputError, match="8-bit object numbers"):
-        lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.int32)] * 3, REFERENCE)
+    with pytest.raises(InputError, match="object numbers from 0"):
+        lift_objects_by_assignment(scene(), cameras(), [np.full((40, 48), -1, np.int32)] * 3, REFERENCE)
     with pytest.raises(InputError, match="between -1 and 1"):
         lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma=float("nan"))
     with pytest.raises(InputError, match="threshold is 70"):
@@ -226,3 +226,11 @@ def test_benchmark_assignment(where: str) -> None:
     assigned = lift_objects_by_assignment(bench.gaussians, views, labels, get_renderer("numba"))
     for number, name in enumerate(bench.objects, 1):
         assert overlap(assigned == number, bench.coarse(name, "exact")) >= 0.99
+
+
+def test_large_object_numbers_are_lifted_as_small_ones() -> None:
+    small = [np.where(mask, np.uint8(1), np.uint8(2)) for mask in left_masks()]
+    large = [np.where(image == 1, 70_000, 5_000_000).astype(np.int32) for image in small]
+    expected = lift_objects_by_assignment(scene(), cameras(), small, REFERENCE)
+    found = lift_objects_by_assignment(scene(), cameras(), large, REFERENCE)
+    assert np.array_equal(found, np.array([0, 70_000, 5_000_000])[expected])

@@ -57,11 +57,19 @@ def test_pictures_without_a_mask_are_passed_over(tmp_path):
 def test_object_numbers_are_read_as_they_are(tmp_path):
     save(tmp_path / "a.png", value=7)
     assert set(np.unique(ids_of(camera("a.jpg"), tmp_path))) == {0, 7}
-    assert cv2.imwrite(str(tmp_path / "colours.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-    assert cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((HEIGHT, WIDTH), np.uint16))
-    for name in ("colours.png", "deep.png"):
-        with pytest.raises(InputError, match=r"one grey channel of 8"):
-            ids_of(camera(name), tmp_path)
+    deep = np.full((HEIGHT, WIDTH), 40_000, np.uint16)
+    colours = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    colours[2:, :] = 3, 2, 1  # blue, green, red
+    assert cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    assert cv2.imwrite(str(tmp_path / "colours.png"), colours)
+    assert cv2.imwrite(str(tmp_path / "clear.png"), np.dstack([colours, np.full((HEIGHT, WIDTH), 9, np.uint8)]))
+    assert cv2.imwrite(str(tmp_path / "grey.png"), np.full((HEIGHT, WIDTH, 3), 7, np.uint8))
+    assert cv2.imwrite(str(tmp_path / "both.png"), np.dstack([deep] * 3))
+    expected = {"deep": {40_000}, "colours": {0, 1 + 2 * 256 + 3 * 65536}, "grey": {7}}
+    for name, ids in {**expected, "clear": expected["colours"]}.items():
+        assert set(np.unique(ids_of(camera(f"{name}.png"), tmp_path)).tolist()) == ids
+    with pytest.raises(InputError, match="grey values of 8 or 16 bits"):
+        ids_of(camera("both.png"), tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n"])

@@ -1,7 +1,5 @@
 """Pictures of views, and of the object before and after."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -9,9 +7,9 @@ import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.output.pictures import close_up, draw_before_after, draw_view, write_picture
+from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.pipeline import TrimmedView, trim
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering, get_renderer
 from gaussian_trimmer.views import View
 
@@ -19,7 +17,6 @@ SIZE = 96
 CAMERA = Camera(
     look_at(np.array([0.0, 0, -4]), np.zeros(3), np.array([0.0, -1, 0])), intrinsics(1.0, SIZE, SIZE), SIZE, SIZE
 )
-BOUNDS = Bounds(np.zeros(3), np.eye(3), np.full(3, 0.5))
 
 
 def square(low, high):
@@ -58,47 +55,39 @@ def test_long_reasons_are_made_to_fit():
     assert not ink[:, -3:].any()
 
 
-def test_close_up_centres_the_mask():
-    camera = close_up(view(square(20, 40), square(20, 40)), BOUNDS, 200)
-    # The middle of the mask, pixel (30, 30), becomes the middle of the picture.
-    middle = CAMERA.ray_directions(np.array([[30.0, 30.0]]))
-    pixels, _ = camera.project(camera.centre + middle)
-    np.testing.assert_allclose(pixels, [[100, 100]], atol=1e-9)
-    assert (camera.width, camera.height) == (200, 200)
-    assert camera.K[0, 0] / CAMERA.K[0, 0] == pytest.approx(camera.K[1, 1] / CAMERA.K[1, 1])
+CELL, STEP = 320, 324
 
 
-@pytest.mark.parametrize("mask", [square(0, 0), square(10, 12)])
-def test_close_up_of_a_rejected_mask_shows_the_bounds(mask):
-    camera = close_up(view(mask, mask, "rejected"), BOUNDS, 200)
-    pixels, _ = camera.project(BOUNDS.corners())
-    assert pixels.min() > 0
-    assert pixels.max() < 200
-    np.testing.assert_allclose((pixels.min(axis=0) + pixels.max(axis=0)) / 2, 100)
+def frames(picture):
+    """Which of the six columns of the first row of pictures are framed in red."""
+    line = picture[54].astype(int)  # the second line of the first picture, below two lines of words
+    return [bool(line[STEP * i + 100, 2] - line[STEP * i + 100, 0] > 100) for i in range(6)]
 
 
-def test_close_up_from_inside_the_bounds_keeps_the_image_whole():
-    inside = Bounds(CAMERA.centre, np.eye(3), np.ones(3))
-    camera = close_up(view(square(0, 0), square(0, 0)), inside, 2 * SIZE)
-    corners, _ = camera.project(camera.centre + CAMERA.ray_directions(np.array([[0.0, 0], [SIZE, SIZE]])))
-    assert corners.min() > 0
-    assert corners.max() < 2 * SIZE
-
-
-def test_before_after_has_a_column_for_every_view_up_to_five():
+def test_before_after_shows_the_object_from_all_around():
     scene, truth = toy.ball_on_floor()
     selection, renderer = toy.dilated(scene, truth), get_renderer("numba")
-    config = toy.small_config()
-    widths = []
-    for n in (2, 7):
-        result = trim(scene, selection, config=replace(config, plan=replace(config.plan, views=n)), renderer=renderer)
-        picture = draw_before_after(result, selection, renderer)
-        widths.append(picture.shape[1])
-        cell = 320
-        red = (picture[..., 2].astype(int) - picture[..., 0]) > 60
-        before, after, without = np.split(red[:, :cell], 3)
+    picture = draw_before_after(trim(scene, selection, config=toy.small_config()), selection, renderer)
+    assert picture.shape[1] == 6 * CELL + 5 * 4
+    red = (picture[..., 2].astype(int) - picture[..., 0]) > 60
+    for i in range(6):
+        before, after, without = np.split(red[26:-26, STEP * i : STEP * i + CELL], 3)
         assert min(before.sum(), after.sum()) > 10_000 > 10 * without.sum()
-    assert widths == [2 * 320 + 4, 5 * 320 + 4 * 4]
+    assert frames(picture) == [False] * 6
+
+
+def test_before_after_frames_the_directions_that_were_not_judged():
+    scene, truth = toy.ball_on_floor()
+    config = toy.small_config(plan=PlanConfig(size=160, yaw_range_degrees=(20, 100)))
+    result = trim(scene, truth, config=config)
+    assert frames(draw_before_after(result, truth, get_renderer("numba"))) == [False] + [True] * 5
+
+
+def test_before_after_of_inputs_that_were_found_wrong_marks_every_side():
+    scene, truth = toy.ball_on_floor()
+    scattered = np.random.default_rng(0).permutation(truth)
+    result = trim(scene, scattered, config=toy.small_config())
+    assert frames(draw_before_after(result, scattered, get_renderer("numba"))) == [True] * 6
 
 
 def test_written_picture_is_read_back_and_failure_is_one_sentence(tmp_path):

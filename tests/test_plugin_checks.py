@@ -36,6 +36,25 @@ def expected():
     return trimmed(Silhouettes(lambda masks: masks))
 
 
+class Together(Silhouettes):
+    """A segmenter that asks for the Gaussians as well."""
+
+    def segment(self, views):
+        pytest.fail("segment_together is there")
+
+    def segment_together(self, views, gaussians, renderer):
+        assert len(gaussians) > 0
+        assert renderer.name == "numba"
+        return Silhouettes.segment(self, views)
+
+
+def test_segmenters_may_ask_for_the_gaussians_and_are_checked_all_the_same(expected):
+    result = trimmed(Together(lambda masks: masks))
+    np.testing.assert_array_equal(result.source_index, expected.source_index)
+    with pytest.raises(InputError, match="segmenter 'homemade' gave 1 masks for 2 views"):
+        trimmed(Together(lambda masks: masks[:1]))
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -123,7 +123,7 @@ def test_grabcut_accepts_colours_out_of_range():
 def test_options_of_segmenters_come_from_their_own_dataclasses(monkeypatch):
     options = all_options()()
     assert options.grabcut == GrabCutConfig()
-    assert set(vars(options)) == {"silhouette", "grabcut", "sam2", "mask_files"}
+    assert set(vars(options)) == {"silhouette", "grabcut", "sam", "sam2", "mask_files"}
     row = ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig")
     monkeypatch.setitem(segmenters.SEGMENTERS, "another-one", row)
     assert all_options()().another_one == GrabCutConfig()

@@ -1,5 +1,6 @@
 """Tests of `gaussian-trimmer select` on the command line."""
 
+import json
 import shlex
 import shutil
 
@@ -45,8 +46,84 @@ def test_box_then_trim(ball, tmp_path):
     assert run(*command) == 0
     assert toy.jaccard(np.load(tmp_path / "a.npy"), truth) > 0.9
     assert (tmp_path / "out" / "object.ply").is_file()
-    assert run(*command, "--output", tmp_path / "b.npy") == 2
-    assert not (tmp_path / "b.npy").exists()
+    assert (tmp_path / "out" / "selection.json").is_file()
+
+
+def test_a_second_try_replaces_its_own_files_and_no_others(ball, tmp_path, capsys):
+    folder, _, truth = ball
+    middle = middle_of(folder)
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--view", "0", "--quiet"]
+    files = ["--output", tmp_path / "a.npy", "--trim", tmp_path / "out", *SMALL, "--views", 3]
+    assert run(*command, "--click", *middle, *files) == 0
+    first = (tmp_path / "a.json").read_bytes()
+    assert run(*command, "--click", *middle, "--intersect-sphere", 0, 0, 1.6, 0.7, *files) == 0
+    assert np.load(tmp_path / "a.npy").sum() < 0.6 * truth.sum()
+    assert (tmp_path / "a.before.json").read_bytes() == first
+    assert (
+        run("select", folder / "scene.ply", "--marks", tmp_path / "a.before.json", "--output", tmp_path / "a.npy") == 0
+    )
+    assert toy.jaccard(np.load(tmp_path / "a.npy"), truth) > 0.9
+    np.save(tmp_path / "a.npy", np.arange(3))  # somebody else's now
+    assert run(*command, "--click", *middle, "--output", tmp_path / "a.npy") == 2
+    assert "a.npy' exists" in capsys.readouterr().err
+    assert len(np.load(tmp_path / "a.npy")) == 3
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "notes.txt").write_text("mine")
+    assert run(*command, "--click", *middle, "--output", tmp_path / "b.npy", "--trim", tmp_path / "foreign") == 2
+    assert "is not empty" in capsys.readouterr().err
+
+
+def test_marks_belong_to_the_view_before_them(ball, tmp_path, capsys):
+    folder, scene, truth = ball
+    middle, behind = middle_of(folder), middle_of(folder, "2.png")
+    command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--output", tmp_path / "a.npy"]
+    marks = ["--view", "0", "--click", *middle, "--plane", 0, 0, -1, -0.1, "--view=2", "--remove-click", *behind]
+    assert run(*command, *marks) == 0
+    selection = np.load(tmp_path / "a.npy")
+    below = scene.means[:, 2] < 0.1
+    assert (selection >= (below & ~truth)).all()
+    assert np.mean(selection[truth & ~below]) < 0.1
+    document = json.loads((tmp_path / "a.json").read_text())
+    assert [mark["mark"] for mark in document["marks"]] == ["click", "plane", "click"]
+    assert [document["views"][mark["view"]]["name"] for mark in document["marks"] if "view" in mark] == [
+        "0.png",
+        "2.png",
+    ]
+    assert run(*command, "--click", *middle, "--view", "0", "--view", "2") == 2
+    assert "before the first of several views" in capsys.readouterr().err
+
+
+def test_files_volumes_and_rims(ball, tmp_path, capsys):
+    folder, scene, truth = ball
+    np.save(tmp_path / "ids.npy", np.where(truth, 3, 5) + 4 * (scene.means[:, 2] > 1))
+    command = ["select", folder / "scene.ply", "--up", 0, 0, 1, "--quiet", "--output", tmp_path / "a.npy"]
+    height = scene.means[:, 2]
+    options = ["--add", f"{tmp_path / 'ids.npy'}#3,7", "--intersect-plane", 0, 0, 2, 1.0]
+    assert run(*command, *options) == 0
+    assert np.array_equal(np.load(tmp_path / "a.npy"), truth & (height > 0.5))
+    assert run(*command, *options, "--subtract", f"{tmp_path / 'ids.npy'}#7") == 0
+    kept = truth & (height > 0.5) & (height <= 1)
+    assert np.array_equal(np.load(tmp_path / "a.npy"), kept)
+    assert run(*command, *options, "--subtract", f"{tmp_path / 'ids.npy'}#7", "--grow", 2) == 0
+    grown = np.load(tmp_path / "a.npy")
+    assert (grown >= kept).all() and kept.sum() < grown.sum() < truth.sum()
+    assert run(*command, "--box3d", -9, -9, -9, 9, 9, 0.2, "--shrink", 1) == 0
+    assert run(*command, "--add", tmp_path / "ids.npy") == 2
+    assert "several objects" in capsys.readouterr().err
+    assert run(*command, "--shrink", 1) == 2
+    assert "nothing is selected before it" in capsys.readouterr().err
+
+
+def test_trim_takes_marks_on_top_of_a_file(ball, tmp_path):
+    folder, scene, truth = ball
+    np.save(tmp_path / "rough.npy", toy.dilated(scene, truth))
+    out = tmp_path / "out"
+    assert run("trim", folder / "scene.ply", tmp_path / "rough.npy", "--cameras", folder / "cameras.json", *SMALL,
+               "--intersect-sphere", 0, 0, 1, 1.2, "--output", out, "--quiet") == 0  # fmt: skip
+    kept = toy.dilated(scene, truth) & (np.linalg.norm(scene.means - toy.CENTRE, axis=1) <= 1.2)
+    assert json.loads((out / "report.json").read_text())["counts"]["selected"] == kept.sum()
+    assert run("select", folder / "scene.ply", "--marks", out / "selection.json", "--output", tmp_path / "a.npy") == 0
+    assert np.array_equal(np.load(tmp_path / "a.npy"), kept)
 
 
 def test_commands_to_copy_quote_paths_with_spaces(ball, tmp_path, capsys):
@@ -79,7 +156,7 @@ def test_select_then_trim_reads_the_scene_once(ball, tmp_path, monkeypatch):
 def test_a_selection_of_everything_is_not_trimmed(ball, tmp_path, monkeypatch, capsys):
     folder, scene, _ = ball
     everything = np.ones(len(scene), np.bool_)
-    monkeypatch.setattr("gaussian_trimmer.commands.select.lift_by_vote", lambda *_: everything)
+    monkeypatch.setattr("gaussian_trimmer.selecting.select.lift_by_vote", lambda *_: everything)
     command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
     command += ["--method", "vote", "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
     assert run(*command) == 2
@@ -94,7 +171,13 @@ def test_click_in_a_planned_view(ball, tmp_path, capsys):
     assert run(*command, "--list-views", tmp_path / "views") == 0
     pictures = sorted((tmp_path / "views").glob("*.png"))
     assert [path.name for path in pictures] == [f"{i:03d}.png" for i in range(8)]
-    assert run(*command, "--list-views", tmp_path / "views") == 2
+    printed = capsys.readouterr().out
+    assert "up: 0.000 0.000 1.000 (given, confidence 1.00)" in printed
+    page = (tmp_path / "views" / "index.html").read_text()
+    assert f"select {folder / 'scene.ply'} --up 0 0 1" in page
+    plain = pictures[2].read_bytes()
+    assert run(*command, "--list-views", tmp_path / "views", "--grid", "--quiet") == 0
+    assert pictures[2].read_bytes() != plain
     assert run(*command, "--list-views", tmp_path / "views", "--overwrite", "--quiet") == 0
     red = cv2.imread(str(pictures[2]))[..., 2] > 2.0 * cv2.imread(str(pictures[2]))[..., 1] + 40
     y, x = (int(np.median(axis)) for axis in np.nonzero(red))
@@ -130,15 +213,19 @@ def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
     assert set(np.unique(labels)) == {0, 3, 7}
     assert np.mean(truth[labels == 3]) > 0.9
     assert not truth[labels == 7].any() or np.mean(truth[labels == 7]) < 0.1
-    assert "--selection.object-id ID" in capsys.readouterr().out
+    assert f"--labels {output}" in capsys.readouterr().out
     assert run(*command, "--object-ids", "--output", tmp_path / "b.npy", "--trim", tmp_path / "out") == 2
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "one way"),
-        (["--click", 1, 2, "--box", 0, 0, 5, 5], "one way"),
+        ([], "Say what to select"),
+        (["--grow", 2, "--list-views", "views"], "leave out what selects"),
+        (["--sphere", 0, 0, 0, -1], "radius is -1; it must be above zero"),
+        (["--box3d", 0, 0, 0, 1, 1, -1], "below its partner"),
+        (["--plane", 0, 0, 0, 1], "not all zero"),
+        (["--marks", "nowhere.json"], "no file 'nowhere.json'"),
         (["--masks", "masks"], "--cameras PATH"),
         (["--click", 5, 5], "--view-index INT"),
         (["--click", 5, 5, "--view-index", 99], "no view 99"),

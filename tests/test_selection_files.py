@@ -261,3 +261,54 @@ def test_benchmark_selection():
         else:
             found = load_selection(packed, scene.gaussians, SelectionOptions(property="exact"))
         assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["3\n5\n", "\ufeffindex\n3\n5\n", "3.0, 5.00", "3;5;3", '"row"\r\n3\r\n5\r\n', "# picked\n3 5 # two"],
+)
+def test_lists_as_people_write_them(tmp_path, text):
+    (tmp_path / "rows.csv").write_text(text, encoding="utf-8")
+    assert select(tmp_path / "rows.csv") == [3, 5]
+
+
+@pytest.mark.parametrize(
+    ("text", "rows"),
+    [("[3, 5, 5]", [3, 5]), ('{"indices": [5.0, 3]}', [3, 5]), (str([i == 4 for i in range(N)]).lower(), [4])],
+)
+def test_lists_in_json(tmp_path, text, rows):
+    (tmp_path / "rows.json").write_text(text)
+    assert select(tmp_path / "rows.json") == rows
+
+
+@pytest.mark.parametrize("text", ["[3, 5.5]", "[[3], [5]]", '{"a": [1], "b": [2]}', "[3, null]", "3", "[3,", "[1e999]"])
+def test_json_that_is_no_list(tmp_path, text):
+    (tmp_path / "rows.json").write_text(text)
+    with pytest.raises(InputError, match=r"rows\.json"):
+        select(tmp_path / "rows.json")
+
+
+def test_a_list_with_many_equal_numbers_is_none(tmp_path):
+    (tmp_path / "rows.txt").write_text("1 " * 20 + "2 " * 15)
+    with pytest.raises(InputError, match="some of them equal"):
+        select(tmp_path / "rows.txt")
+
+
+def test_labels_of_a_trim_select_its_object(tmp_path):
+    arrays = {"source_index": [7, 2, 2, 0, 1, 3], "label": np.zeros(6, np.uint8), "n_object": np.int64(3)}
+    np.savez(tmp_path / "labels.npz", **arrays)
+    assert select(tmp_path / "labels.npz") == [2, 7]
+    np.savez(tmp_path / "several.npz", **arrays, object_ids=[4, 9], object_rows=[1, 2], n_scene=N)
+    assert select(tmp_path / "several.npz", object_id=(4,)) == [7]
+    assert select(tmp_path / "several.npz", object_id=(4, 9)) == [2, 7]
+    with pytest.raises(InputError, match=r"ids \(Gaussians\): 4 \(1\), 9 \(2\)"):
+        select(tmp_path / "several.npz")
+    np.savez(tmp_path / "other.npz", **{**arrays, "source_index": [7, 2, 40, 0, 1, 3]})
+    with pytest.raises(InputError, match="made for another scene"):
+        select(tmp_path / "other.npz")
+    np.savez(tmp_path / "resized.npz", **arrays, n_scene=N + 1)
+    with pytest.raises(InputError, match="made for another scene"):
+        select(tmp_path / "resized.npz")
+    np.savez(tmp_path / "wrong.npz", **{**arrays, "n_object": np.int64(-3)})
+    with pytest.raises(InputError, match="is damaged"):
+        select(tmp_path / "wrong.npz")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import toy
 from selection_builders import identity_columns, make_scene, save_ply, save_ply_like_sa3d_gs
 
 from gaussian_trimmer import formats
@@ -51,8 +52,9 @@ class TestSubset:
         twice = concatenate([scene, scene])
         assert select(save_ply(tmp_path / "one.ply", twice, [5]), twice) == [5]
         assert select(save_ply(tmp_path / "two.ply", twice, [5, 5]), twice) == [5, 5 + N]
-        with pytest.raises(InputError, match="1 of the 3 rows"):
-            select(save_ply(tmp_path / "three.ply", twice, [5, 5, 5]), twice)
+        notes = []
+        load_selection(save_ply(tmp_path / "three.ply", twice, [5, 5, 5]), twice, say=notes.append)
+        assert notes == ["three.ply: 1 as parts of split Gaussians"]
 
     def test_rows_of_another_scene_are_counted(self, tmp_path):
         scene = make_scene(N)
@@ -65,12 +67,44 @@ class TestSubset:
         with pytest.raises(InputError, match="holds 12 Gaussians and the scene 12, so it is no part"):
             select(save_ply(tmp_path / "all.ply", scene), scene)
 
-    def test_one_changed_bit_is_no_match(self, tmp_path):
+    def test_one_changed_bit_is_no_exact_match_and_said(self, tmp_path):
         scene = make_scene(N)
         part = scene.select(np.arange(3, 6))
-        part.quaternions[1, 2] = np.nextafter(part.quaternions[1, 2], np.float32(9))
-        with pytest.raises(InputError, match="1 of the 3 rows"):
-            select(save_ply(tmp_path / "part.ply", part), scene)
+        part.sh_dc[1, 2] = np.nextafter(part.sh_dc[1, 2], np.float32(9))
+        notes = []
+        found = load_selection(save_ply(tmp_path / "part.ply", part), scene, say=notes.append)
+        assert np.flatnonzero(found).tolist() == [3, 4, 5]
+        assert notes == ["part.ply: 1 of 3 rows by the nearest Gaussian"]
+
+    @pytest.mark.parametrize("suffix", [".splat", ".spz", ".sog", ".compressed.ply", ".ksplat"])
+    def test_cut_outs_of_rounded_formats_in_any_order(self, tmp_path, suffix):
+        scene, truth = toy.ball_on_floor()
+        rows = np.random.default_rng(0).permutation(np.flatnonzero(truth))
+        formats.write(scene.select(rows), tmp_path / f"part{suffix}")
+        notes = []
+        found = load_selection(tmp_path / f"part{suffix}", scene, say=notes.append)
+        assert np.count_nonzero(found & ~truth) <= 2
+        assert np.count_nonzero(found & truth) >= 0.98 * truth.sum()
+        assert "by the nearest Gaussian" in notes[0]
+
+    def test_what_does_not_match_is_counted(self, tmp_path):
+        scene, truth = toy.ball_on_floor()
+        part = concatenate([scene.select(truth), toy.gaussians([[50, 50, 50], [60, 50, 50]], 0.1, toy.BLUE)])
+        notes = []
+        found = load_selection(save_ply(tmp_path / "part.ply", part), scene, say=notes.append)
+        assert np.array_equal(found, truth)
+        assert notes == ["part.ply: 2 match nothing"]
+
+    def test_children_of_split_gaussians_lead_to_their_parents(self, tmp_path):
+        scene, truth = toy.ball_on_floor()
+        part = scene.select(truth)
+        part.means[:9] += np.float32([0.05, 0, 0])
+        part.log_scales[:9, 0] -= np.float32(0.6)
+        part.opacity_logits[:9] -= np.float32(0.5)
+        notes = []
+        found = load_selection(save_ply(tmp_path / "object.ply", part), scene, say=notes.append)
+        assert np.count_nonzero(found ^ truth) <= 2
+        assert "9 as parts of split Gaussians" in notes[0]
 
     def test_large_scene_against_its_own_rows(self, tmp_path):
         n = 150_000
@@ -105,8 +139,10 @@ class TestMovedSubset:
         scene = make_scene(N)
         for array in (scene.sh_dc, scene.sh_rest, scene.opacity_logits, scene.quaternions):
             array[4] = array[8]
+        part = self.moved(scene, [8, 2], 1)
+        part.means[0] += 9  # too far off from either
         with pytest.raises(InputError, match=r"1 moved rows .* several scene rows"):
-            select(save_ply(tmp_path / "gd.ply", self.moved(scene, [8, 2], 1)), scene)
+            select(save_ply(tmp_path / "gd.ply", part), scene)
 
 
 class TestProperty:

@@ -145,13 +145,14 @@ def object_rows(result):
 
 
 def check_parts(result, selection):
-    """Every row of the scene is in the object, in the background, or split into both; labels tell which and why."""
+    """Every row of the scene is in the object, in the background, split into both, or dropped; labels tell why."""
     n_object, source, label = len(result.object), result.source_index, result.label
     assert len(source) == len(label) == n_object + len(result.background)
     mine, rest, why_mine, why_rest = source[:n_object], source[n_object:], label[:n_object], label[n_object:]
     whole = np.concatenate([mine[why_mine != RowLabel.SPLIT_INSIDE], rest[why_rest != RowLabel.SPLIT_OUTSIDE]])
     split = mine[why_mine == RowLabel.SPLIT_INSIDE]
-    np.testing.assert_array_equal(np.sort(np.concatenate([whole, split])), np.arange(len(result.scene)))
+    every = np.concatenate([whole, split, result.dropped])
+    np.testing.assert_array_equal(np.sort(every), np.arange(len(result.scene)))
     np.testing.assert_array_equal(rest[why_rest == RowLabel.SPLIT_OUTSIDE], split[: len(result.outside_parts)])
     assert set(why_mine) <= {RowLabel.KEPT, RowLabel.RECOVERED, RowLabel.SPLIT_INSIDE}
     assert set(why_rest) <= {RowLabel.KEPT, RowLabel.PRUNED, RowLabel.SPLIT_OUTSIDE}

@@ -17,29 +17,37 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
+    from gaussian_trimmer.selecting import marks
+    from gaussian_trimmer.selecting.marks_file import read_marks
+    from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selection_files import load_selection as read_selection
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "read", "read_cameras", "read_selection",
-    "trim", "write",
+    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "marks", "read", "read_cameras",
+    "read_marks", "read_selection", "select", "trim", "write",
 ]  # fmt: skip
 
-# Name -> module and the name there.
+# Name -> module and the name there; without one the module itself.
 _LATE = {
     "Gaussians": ("gaussian_trimmer.gaussians", "Gaussians"),
     "InputError": ("gaussian_trimmer.errors", "InputError"),
     "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
     "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
+    "batch": ("gaussian_trimmer.batch", ""),
+    "marks": ("gaussian_trimmer.selecting.marks", ""),
     "read": ("gaussian_trimmer.formats", "read"),
     "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),
+    "read_marks": ("gaussian_trimmer.selecting.marks_file", "read_marks"),
     "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
+    "select": ("gaussian_trimmer.selecting.select", "select"),
     "trim": ("gaussian_trimmer.pipeline", "trim"),
     "write": ("gaussian_trimmer.formats", "write"),
 }
@@ -49,7 +57,8 @@ def __getattr__(name: str) -> Any:
     if name not in _LATE:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     module, attribute = _LATE[name]
-    value = globals()[name] = getattr(import_module(module), attribute)
+    loaded = import_module(module)
+    value = globals()[name] = getattr(loaded, attribute) if attribute else loaded
     return value
 
 

@@ -101,6 +101,12 @@ class CameraSet:
         return self.cameras
 
 
+def training_cameras(cameras: CameraSet | None) -> list[Camera]:
+    """Those that took training images, in their order; none if no cameras are known."""
+    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
+    return [camera for camera, train in listed if train]
+
+
 def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:
     """An up vector (3,) of length one.
 

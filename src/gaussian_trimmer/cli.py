@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     class Command(Protocol):
         """What the dataclass of a command has beside its options."""
 
-        def run(self) -> None:
-            """Do the work."""
+        def run(self) -> int | None:
+            """Do the work; an exit code other than zero is returned."""
             ...
 
 
@@ -28,22 +28,36 @@ PROGRAM = "gaussian-trimmer"
 # Name -> module, dataclass of the options, and a line of help.
 COMMANDS = {
     "trim": ("gaussian_trimmer.commands.trim", "Trim", "sharpen a rough selection of one object"),
+    "batch": ("gaussian_trimmer.commands.batch", "Batch", "trim many objects of many scenes, from a table"),
     "demo": ("gaussian_trimmer.commands.demo", "Demo", "trim an object of the sample scene"),
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
-}
+    "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
+    "evaluate benchmark": (
+        "gaussian_trimmer.commands.evaluate_benchmark", "Benchmark", "trim and measure scenes with ground truth",
+    ),
+    "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "measure a method on NVOS, and trimmed"),
+    "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
+    "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
+    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure what stages bring"),
+    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by views"),
+    "evaluate sheets": ("gaussian_trimmer.commands.evaluate_studies", "Sheets", "draw trims of captures"),
+}  # fmt: skip
+"""A command of two words goes before the command of its first word."""
 
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
-"""Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it."""
+"""Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it. `Command.run` may
+return others."""
 _MESSAGE_LENGTH = 1000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code.
 
-    What the user can mend is one sentence on standard error and code 2. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129,
-    without a word, and what was begun is removed. Other exceptions are defects and keep their traceback.
+    What the user can mend is one sentence on standard error and code 2. Where nothing was trimmed, the selection was
+    written as it came, and the code is 3. Ctrl-C is code 130, SIGTERM 143 and SIGHUP 129, without a word, and what was
+    begun is removed. Other exceptions are defects and keep their traceback.
     """
     try:
         from gaussian_trimmer.stop_signals import stop_signals_raised
@@ -88,13 +102,15 @@ def _explain(error: BaseException) -> int:
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
-    name = arguments[0] if arguments else "--help"
+    name, used = arguments[0] if arguments else "--help", 1
+    if (two_words := " ".join(arguments[:2])) in COMMANDS:
+        name, used = two_words, 2
     if name in ("-h", "--help"):
         print(_overview())
     elif name == "--version":
         print(f"{PROGRAM} {__version__}")
     elif name in COMMANDS:
-        _parse(name, arguments[1:]).run()
+        return _parse(name, arguments[used:]).run() or 0
     else:
         raise InputError(f"Unknown command '{name}'; available: {', '.join(COMMANDS)}.")
     return 0
@@ -112,16 +128,22 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config
-        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER
+        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(command, config=paper_config(), segmenter=PAPER_SEGMENTER)
+        default = replace(
+            command, config=paper_config(), segmenter=PAPER_SEGMENTER,
+            segmenter_options=paper_options(command.segmenter_options),
+        )  # fmt: skip
         command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
+    if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
+        command = command.in_order_of(arguments)
     return cast("Command", command)
 
 
 def _overview() -> str:
-    lines = [f"  {name:<9}{text}" for name, (_, _, text) in COMMANDS.items()]
+    width = max(map(len, COMMANDS)) + 2
+    lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     return "\n".join([
         f"usage: {PROGRAM} COMMAND ...", "", "Sharp object boundaries for 3D Gaussian Splatting segmentations.", "",
         *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version names the version.",

@@ -47,6 +47,12 @@ class TrimConfig:
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     boundary: BoundaryConfig = field(default_factory=BoundaryConfig)
     split: SplitConfig = field(default_factory=SplitConfig)
+    background: Literal["clean", "exact"] = "clean"
+    """`clean`: what shows only once the object is gone, as a dark cloud in its place, is left out of the background;
+    `exact`: every Gaussian that is not the object's is in the background."""
+    fill: bool = False
+    """Close the hole that the object leaves in what it stands on with Gaussians that continue the surface around it,
+    where that surface is flat."""
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
@@ -64,6 +70,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
         boundary=replace(config.boundary, min_share=0.05, min_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
+        background="exact",
     )
 
 

@@ -6,13 +6,13 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.arguments import check_scene, mask_of_selection, settings
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import (
     CONTEXT_RADIUS,
     AcceptanceConfig,
@@ -26,16 +26,19 @@ from gaussian_trimmer.config import (
     paper_config,
 )
 from gaussian_trimmer.decomposition.contact import split_at_support_plane
-from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_outsiders
+from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_large_halo, find_outsiders
+from gaussian_trimmer.decomposition.filling import fill_hole, without_what_shows
+from gaussian_trimmer.decomposition.ghosts import clean_background
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
+from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.planning.virtual_cameras import plan_cameras
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_around
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -55,6 +58,13 @@ _OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
 _MAX_WIDTH = 4.0
 """Largest standard deviation of a Gaussian of the object, in object radii."""
+_HEIGHTS = (12.0, 45.0)
+"""Pitches in degrees of the small views that look for what stands in the object's place."""
+_AROUND, _SMALL = 5, 256
+"""Their number at each pitch, and their size in pixels."""
+_VISIBLE = 0.5
+"""Blend weight in pixels of the default views from which on a Gaussian of a surface counts as seen."""
+_NOT_FILLED = "No flat surface with a hole was found below the object, so nothing was filled."
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
@@ -89,7 +99,8 @@ def trim(
         view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
             given masks.
         up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
-        progress: called with the name of each stage when it begins.
+        progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
+            one they are at, as in "segment 2 of 5".
 
     Raises:
         InputError: the selection does not fit the scene, is empty or can be understood in two ways; a setting is out
@@ -105,8 +116,19 @@ def trim(
     given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
     clock = _Clock(_logged(progress))
+    known = training_cameras(cameras)
     with clock("plan"):
         scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
+        wrong = find_wrong_input(scene, selection, scope.bounds, known)
+        doubt = doubts_about_up(scene, selection, scope.up)
+    if wrong:
+        how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
+        _LOG.info("not trimmed: %s", wrong)
+        return TrimResult(
+            scene, *_assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), scope.up, scope.bounds, (),
+            0, wrong, clock.seconds, renderer.name, segmenter.name, how, selection, config, given_renderer,
+            tuple(known),
+        )  # fmt: skip
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
         visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
@@ -114,21 +136,36 @@ def trim(
         probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
     with clock("render"):
         unsegmented = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
+    if hasattr(given_segmenter, "report_to"):
+        given_segmenter.report_to(lambda part: progress(f"segment {part}"))
     with clock("segment"):
-        trimmed = check_masks(unsegmented, segmenter.segment(unsegmented), config.acceptance)
+        trimmed = check_masks(
+            unsegmented, segmenter.segment_with(unsegmented, scope.local, renderer), config.acceptance
+        )
     refused, parts = rejection(trimmed, config.acceptance), None
+    accepted = [view for view in trimmed if not view.rejected]
     if not refused:
-        accepted = [view for view in trimmed if not view.rejected]
         parts = _decompose(scope, probability, accepted, renderer, config, clock)
         refused = excessive_loss(scope.coarse, parts.keep, visible, config.acceptance)
+    dropped = np.zeros(0, np.int64)
+    if parts is not None and not refused and config.background == "clean":
+        with clock("clean"):
+            parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
-        rows = _assemble(scene, selection, scope.rows, None if refused else parts)
+        rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
+    filled, doubts = None, [doubt] if doubt else []
+    if parts is not None and not refused and config.fill:
+        with clock("fill"):
+            filled = _fill(scope, parts, dropped, visible, renderer, config)
+            rows = (*rows[:2], *_with_filled(rows[2], rows[3], len(filled)))
+        doubts += [] if len(filled) else [_NOT_FILLED]
     floaters = int(selection.sum() - scope.coarse.sum())
-    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
+    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name  # of these views
     _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
-        segmenter.name, how, selection, config, given_renderer,
+        segmenter.name, how, selection, config, given_renderer, tuple(known),
+        dropped, filled, tuple(doubts),
     )  # fmt: skip
 
 
@@ -177,14 +214,13 @@ def _plan(
 ) -> _Scope:  # fmt: skip
     """Up vector, cameras, and the object with the Gaussians around it."""
     up = find_up(scene, cameras, config.up, selection)
-    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    training_cameras = [camera for camera, train in listed if train]
-    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, training_cameras)
+    known = training_cameras(cameras)
+    planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, known)
     rows, coarse = _surroundings(scene, selection, bounds, config.context_radius)
     local = scene.select(rows)
     if views:
         planned = list(views)
-    elif not cameras_that_see(training_cameras, bounds):
+    elif not cameras_that_see(known, bounds):
         plan = limit_yaw_to_observed(local, coarse, up.direction, config.plan, renderer)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
@@ -237,12 +273,11 @@ def _decompose(
         if config.evidence.second_evidence and len(rows):
             plane = _support_plane(scope, keep, inside + outside, config)
             free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
-            alone, widths = (
-                np.sum(weights, axis=0),
-                np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius)),
-            )
+            alone = np.sum(weights, axis=0)
+            widths = np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius))
             seen = alone, inside[rows], outside[rows]
             wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
+            wrong |= find_large_halo(alone, inside[rows], widths)
             keep[rows[wrong]] = False
     if not keep.any():
         return _Decomposition(keep, np.zeros(0, np.int64), None, None)
@@ -284,6 +319,38 @@ def _with_splits_at_support_plane(
     )
 
 
+def _clean(
+    scope: _Scope, parts: _Decomposition, visible: FloatArray, renderer: Renderer, config: TrimConfig
+) -> tuple[_Decomposition, IntArray]:
+    """The decomposition with what the background must not have, and the rows of the scene that nobody gets."""
+    plane = _support_plane(scope, parts.keep, visible, config)
+    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
+    joins = cleaning.to_object if config.evidence.recover else cleaning.to_object & scope.coarse
+    return replace(parts, keep=parts.keep | joins), scope.rows[cleaning.dropped]
+
+
+def _fill(
+    scope: _Scope, parts: _Decomposition, dropped: IntArray, visible: FloatArray, renderer: Renderer,
+    config: TrimConfig,
+) -> Gaussians:  # fmt: skip
+    """New Gaussians that close the hole which the object leaves in the plane that it stands on; perhaps none."""
+    plane = _support_plane(scope, parts.keep, visible, config)
+    if plane is None:
+        return scope.local.select(np.zeros(0, np.int64))
+    left = ~np.isin(scope.rows, dropped)
+    surface = plane.on_surface & ~parts.keep & left & (visible > _VISIBLE)
+    filled = fill_hole(scope.local, parts.keep, surface, scope.bounds, plane, renderer)
+    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    return without_what_shows(filled, scope.local.select(left), parts.keep[left], cameras, renderer)
+
+
+def _with_filled(source: IntArray, label: NDArray[np.uint8], count: int) -> tuple[IntArray, NDArray[np.uint8]]:
+    """Source rows and labels of all output rows, those of filled Gaussians at the end."""
+    new = np.full(count, RowLabel.FILLED, np.uint8)
+    return np.concatenate([source, np.full(count, -1, np.int64)]), np.concatenate([label, new])
+
+
 def _joined(first: Gaussians, second: Gaussians | None) -> Gaussians:
     return first if second is None else concatenate([first, second])
 
@@ -320,11 +387,11 @@ def _split(
 
 
 def _assemble(
-    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: _Decomposition | None
+    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: _Decomposition | None, dropped: IntArray
 ) -> tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]:
     """Object, outer parts, and source row and label of every output row.
 
-    Without a decomposition the object is the selection as it was.
+    Without a decomposition the object is the selection as it was. The dropped rows of the scene are in no part.
     """
     final = selection.copy() if parts is None else np.zeros(len(scene), np.bool_)
     nothing = scene.select(np.zeros(0, np.int64))
@@ -334,6 +401,7 @@ def _assemble(
         split, inner, outer = rows[parts.split], parts.inner or nothing, parts.outer or nothing
     whole = final.copy()
     whole[split] = False
+    final[dropped] = True
     inside, outside = np.flatnonzero(whole), np.flatnonzero(~final)
     source = np.concatenate([inside, split, outside, split[: len(outer)]])
     label = np.concatenate([

@@ -106,6 +106,17 @@ class CheckedSegmenter:
         """
         return _checked_masks(self.name, views, self._segmenter.segment(views))
 
+    def segment_with(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
+        """The same by the segmenter's `segment_together`, if it has this method.
+
+        Raises:
+            InputError: as above.
+        """
+        together = getattr(self._segmenter, "segment_together", None)
+        if not callable(together):
+            return self.segment(views)
+        return _checked_masks(self.name, views, together(views, gaussians, renderer))
+
 
 def _checked_masks(name: str, views: Sequence[View], masks: Any) -> list[BoolArray]:
     try:

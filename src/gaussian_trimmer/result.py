@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
@@ -35,6 +36,8 @@ class RowLabel(IntEnum):
     """It is the part of a split Gaussian that lies in the object."""
     SPLIT_OUTSIDE = 4
     """It is the part of a split Gaussian that lies in the background."""
+    FILLED = 5
+    """It is new, and continues the surface that the object stood on; its scene row is -1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +51,14 @@ class TrimResult:
     outside_parts: Gaussians
     """Outer parts of split Gaussians."""
     source_index: IntArray
-    """Scene row of each row of the object, then of each row of the background."""
+    """Scene row of each row of the object, then of each row of the background; -1 where none is."""
     label: NDArray[np.uint8]
     """What happened to each of these rows, a `RowLabel`."""
     up: UpVector
     bounds: Bounds
     """Bounds of the coarse object, which the views frame."""
     views: tuple[TrimmedView, ...]
+    """The views that the trimmer looked from; none if the inputs were found wrong before."""
     floaters: int
     """Number of selected Gaussians that lie too far from the object to belong to it."""
     refused: str
@@ -73,6 +77,14 @@ class TrimResult:
     """The settings that it was trimmed with."""
     used_renderer: Renderer
     """The renderer itself, which draws the pictures that are saved."""
+    cameras: tuple[Camera, ...] = ()
+    """The training cameras, if known."""
+    dropped: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
+    filled: Gaussians | None = None
+    """New Gaussians of the background, which close the hole that the object left in a surface."""
+    warnings: tuple[str, ...] = ()
+    """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 
     @property
     def object_mask(self) -> BoolArray:
@@ -81,13 +93,18 @@ class TrimResult:
 
     @cached_property
     def background(self) -> Gaussians:
-        """The scene without the object: all other Gaussians, then the outer parts of split ones."""
-        return concatenate([self.scene.select(self.background_rows), self.outside_parts])
+        """The scene without the object: all other Gaussians, the outer parts of split ones, and what was filled in."""
+        return concatenate([self.scene.select(self.background_rows), self.appended])
+
+    @property
+    def appended(self) -> Gaussians:
+        """What the background has beside whole Gaussians of the scene: outer parts, then filled ones."""
+        return self.outside_parts if self.filled is None else concatenate([self.outside_parts, self.filled])
 
     @property
     def background_rows(self) -> IntArray:
         """Scene rows of the Gaussians that are whole in the background."""
-        return self.source_index[len(self.object) : len(self.source_index) - len(self.outside_parts)]
+        return self.source_index[len(self.object) : len(self.source_index) - len(self.appended)]
 
     def count(self, label: RowLabel | int) -> int:
         """Number of rows of object and background with a label."""

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.commands.inspection import describe_file
@@ -26,6 +27,8 @@ from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.formats import ply, spz
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
+from gaussian_trimmer.selecting.marks import Box, Click, FromFile, Grow, Marks, Plane, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks_file import marks_as_json, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 
 from .torch_archives import named, storage, tensor, torch_file
@@ -68,7 +71,7 @@ SCENE = gaussians()
 
 def readers() -> dict[str, Reader]:
     """Every reader by name."""
-    return {**_splat_readers(), **_selection_readers(), **_camera_readers(), "masks": _mask_reader()}
+    return {**_splat_readers(), **_selection_readers(), **_camera_readers(), "masks": _mask_reader(), **_list_readers()}
 
 
 # Splats ---------------------------------------------------------------------------------------------------------------
@@ -92,6 +95,7 @@ def _splat_readers() -> dict[str, Reader]:
         ".splat": [written(".splat", SCENE), written(".splat", gaussians(3))],
         ".spz": [written(".spz", SCENE), written(".spz", gaussians(9, 3)), *_other_spz()],
         ".sog": [written(".sog", SCENE), written(".sog", gaussians(200, 0)), _sog_version_1()],
+        ".glb": [written(".glb", SCENE), written(".glb", gaussians(9, 3))],
         ".ksplat": [written(".ksplat", SCENE), _ksplat(1, 1), _ksplat(2, 2), _ksplat(1, 0)],
     }
     return {
@@ -376,6 +380,28 @@ def _classifiers() -> list[bytes]:
     ]
 
 
+# Marks and manifests --------------------------------------------------------------------------------------------------
+
+
+def _list_readers() -> dict[str, Reader]:
+    view = Viewpoint(Camera(np.array(_pose(0)), np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]), 64, 48, "0.png"))
+    listed = (
+        Click(3, 4, view), Box(1, 2, 30, 40, view, "remove"), Sphere((0.0, 1.0, 2.0), 0.5), Grow(2.0),
+        Plane((0.0, 0.0, 1.0), 0.1, "up", "intersect"), FromFile(Path("a.npy")),
+    )  # fmt: skip
+    marks = marks_as_json(Marks(listed, (0.0, 0.0, 1.0), ((1.0, 2.0, 3.0),), N, Path("cameras.json")), Path())
+    rows = "scene,selection,name,up,options\na.ply,b.npy,mug,0 0 1,--views 5\na.ply,c.npy,cup,,\n"
+    lines = [{"scene": "a.ply", "labels": "l.npy", "objects": [1, 2]}, {"scene": "b.ply", "selection": "s.npy"}]
+    with tempfile.TemporaryDirectory() as folder:  # What reads options is loaded here, and not in a case.
+        (Path(folder) / "a.csv").write_text(rows, encoding="utf-8")
+        read_manifest(Path(folder) / "a.csv")
+    return {
+        "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
+        "manifest.csv": Reader([{"a.csv": rows.encode()}], read_manifest),
+        "manifest.jsonl": Reader([{"a.jsonl": "\n".join(map(json.dumps, lines)).encode()}], read_manifest),
+    }
+
+
 # Cameras and masks ----------------------------------------------------------------------------------------------------
 
 
@@ -493,7 +519,7 @@ def _read_masks(path: Path) -> Any:
     camera = Camera(np.eye(4), intrinsics(0.8, _WIDTH, _HEIGHT), _WIDTH, _HEIGHT, path.with_suffix(".JPG").name)
     try:
         ids = ids_of(camera, path.parent)
-        assert ids.shape == (_HEIGHT, _WIDTH) and ids.dtype == np.uint8
+        assert ids.shape == (_HEIGHT, _WIDTH) and ids.dtype.kind in "iu"
     except InputError as error:
         check_message(error)
     mask = mask_of(camera, path.parent)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from gaussian_trimmer.errors import InputError, printable
+from gaussian_trimmer.planning.up_vector import UpVector
 
 _STAGES = {
     "read": "reading the files",
@@ -23,11 +25,14 @@ _STAGES = {
     "weigh": "weighing the evidence",
     "prune": "pruning",
     "split": "splitting at the boundary",
+    "clean": "cleaning the background",
+    "fill": "filling the hole",
     "assemble": "putting the parts together",
     "write": "writing files and pictures",
 }
 _STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
+_PROGRAM = "gaussian-trimmer"
 _DOUBTFUL = 0.2
 """Confidence below which the up vector may well be wrong."""
 
@@ -60,7 +65,12 @@ def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
     )
     with bar:
         task = bar.add_task("", total=_STEPS)
-        yield lambda stage: bar.update(task, description=_STAGES.get(stage, stage), advance=1)
+
+        def show(stage: str) -> None:
+            name, _, part = stage.partition(" ")  # a part of a stage that takes long is no step of its own
+            bar.update(task, description=f"{_STAGES.get(name, name)} {part}".rstrip(), advance=0 if part else 1)
+
+        yield show
 
 
 def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -> None:
@@ -73,14 +83,34 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("kept", f"{counts['kept']:,} whole, {counts['split']:,} split at the boundary")
     table.add_row("pruned", f"{counts['pruned']:,}, of which {counts['floaters']:,} floated far off")
     table.add_row("recovered", f"{counts['recovered']:,}")
+    if counts["dropped"]:
+        table.add_row("cleaned", f"{counts['dropped']:,} left out of the background that the object had hidden")
+    if counts["filled"]:
+        table.add_row("filled", f"{counts['filled']:,} new Gaussians where the object stood")
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
+    table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{direction} ({up['source']})")
     table.add_row("time", f"{seconds:.1f} s")
     console.print(table)
-    if report["refused"]:
-        console.print(f"Not trimmed: {report['refused']}; the coarse selection was written unchanged.")
-    elif up["confidence"] < _DOUBTFUL:
+    if not report["refused"] and up["confidence"] < _DOUBTFUL:
         console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+
+
+def print_up(console: Console, up: UpVector) -> None:
+    """The up vector, where it comes from, and a warning where it is little more than a guess."""
+    direction = " ".join(f"{value:.3f}" for value in up.direction)
+    console.print(f"up: {direction} ({up.source}, confidence {up.confidence:.2f})")
+    if up.confidence < _DOUBTFUL:
+        console.print("That is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+
+
+def warn_of(report: Mapping[str, Any]) -> None:
+    """Say on standard error, also to those who asked for quiet, why nothing was trimmed and what may be wrong."""
+    for sentence in report["warnings"]:
+        print(f"{_PROGRAM}: {printable(sentence)}", file=sys.stderr)
+    if report["refused"]:
+        reason = printable(report["refused"])
+        print(f"{_PROGRAM}: Not trimmed: {reason}; the selection was written unchanged.", file=sys.stderr)
 
 
 def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:

@@ -20,7 +20,7 @@ class Convert:
     """
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
-    """File to read: .ply, .compressed.ply, .splat, .spz, .sog or .ksplat."""
+    """File to read: .ply, .compressed.ply, .splat, .spz, .sog, .ksplat or .glb."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """File to write."""
     sort: bool = False

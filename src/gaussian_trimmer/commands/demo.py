@@ -27,14 +27,14 @@ class Demo:
     quiet: bool = False
     """Print nothing but errors."""
 
-    def run(self) -> None:
-        """Trim and write the results; errors as those of `Trim.run`."""
+    def run(self) -> int:
+        """Trim and write the results; exit code and errors are those of `Trim.run`."""
         console = open_console(quiet=self.quiet)
         console.print(
             "The sample: a toy lighthouse on a table, roughly selected, with parts of the table around its foot."
         )
         folder = self.output or _FOLDER
-        Trim(
+        code = Trim(
             sample.SCENE,
             sample.SELECTION,
             cameras=sample.CAMERAS,
@@ -52,3 +52,4 @@ class Demo:
         console.print("The same by hand:")
         command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS]
         console.print(f"  {shlex.join(map(str, command))}")
+        return code

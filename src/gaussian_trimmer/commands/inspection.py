@@ -28,6 +28,7 @@ _FAINT, _SOLID = 0.05, 0.95
 _LISTED = 24
 _COLMAP_FILES = ("cameras.bin", "cameras.txt", "images.bin", "images.txt")
 _USES = {
+    "trimmed": f"labels of a trim: selects its object, or one of several with {flag('object_id')}",
     "mask": "selects from a scene of {n} Gaussians",
     "labels": f"selects from a scene of {{n}} Gaussians, with {flag('object_id')}",
     "indices": "selects the listed rows",

@@ -1,10 +1,14 @@
-"""`gaussian-trimmer select`: a rough selection from a click, a box, or masks of posed pictures."""
+"""`gaussian-trimmer select`: a rough selection by clicks, boxes, volumes, files, or masks of posed pictures."""
 
 from __future__ import annotations
 
+import json
+import os
 import shlex
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,66 +16,60 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_file, atomic_folder
+from gaussian_trimmer.atomic.manifest import MANIFEST
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.commands.console import open_console, refuse_existing
-from gaussian_trimmer.commands.trim import Loaded, Trim
+from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
+from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.trim import Loaded, Trim, TrimSettings
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.output.pictures import write_picture
-from gaussian_trimmer.pipeline import TrimConfig
+from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, Renderer, get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of, mask_of
-from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
-from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote, lift_objects_by_assignment
-from gaussian_trimmer.selecting.overview import plan_overview
-from gaussian_trimmer.settings import Range, Share, Vector, check_settings
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
+from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
+from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
+from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
+from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, read_marks
+from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
+from gaussian_trimmer.selecting.select import Selection, select, settle_marks
+from gaussian_trimmer.settings import Range, Share, check_settings
 
-_WAYS = {
-    "piece": "an object that stands on a surface",
-    "part": "the part that fills the box, on all of its sides",
-    "colour": "what has its colour in that view, on all of its sides",
-}
+_LISTING = "select --list-views"
 
 
 @dataclass(frozen=True)
-class Select:
-    """Make a rough selection of an object: by clicks or a box in one view, or by masks of the training pictures.
+class Select(TrimSettings):
+    """Make a rough selection: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
 
     The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
     pictures in which to find pixels. A mask belongs to the picture with the same name: IMG_7.png or IMG_7.JPG.png to
-    IMG_7.JPG; pictures without a mask are skipped.
+    IMG_7.JPG; pictures without a mask are skipped. The marks are saved beside the selection, as a .json file from which
+    --marks makes it again and goes on.
     """
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """Splat file of the scene."""
-    click: Annotated[UseAppendAction[tuple[tuple[int, int], ...]], arg(metavar="X Y")] = ()
-    """A pixel on the object, counted from the left and the top. May be repeated, also to select several objects."""
-    box: Annotated[tuple[int, int, int, int] | None, arg(metavar="X0 Y0 X1 Y1")] = None
-    """Left, top, right and bottom of a box around the object."""
-    view: Annotated[str | None, arg(metavar="NAME")] = None
-    """The view in which clicks and box are given: the name of a picture of --cameras, with or without its ending."""
-    view_index: Annotated[int | None, arg(metavar="INT")] = None
-    """The same view by its number, from 0."""
+    """Splat file of the scene, or the folder of a training."""
+    mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
+    marks: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Begin with the marks that an earlier run saved."""
     list_views: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Write pictures of all views to this folder and stop."""
+    """Write pictures of all views, and a page to click in, to this folder and stop."""
+    grid: bool = False
+    """Draw a grid of pixel numbers over these pictures."""
+    overview: Annotated[OverviewConfig, arg(name="")] = field(default_factory=OverviewConfig)
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks; the object is bright."""
-    cameras: Annotated[Path | None, arg(metavar="PATH")] = None
-    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They are required with --masks."""
-    trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
-    up: Annotated[Vector | None, arg(metavar="X Y Z")] = None
-    """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
+    """Folder of masks; the object is bright. Needs --cameras."""
     output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
-    """File for the selection: .npy with booleans, or with object numbers if --object-ids is given."""
+    """File for the selection: .npy with booleans, or with object numbers if --object-ids is given. The marks go beside
+    it; earlier ones of this program are replaced, and their marks kept as FILE.before.json."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also trim the selection, and write the results to this folder."""
+    """Also trim the selection, with all settings of trim, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
     """How masks select Gaussians: by the pixels that a Gaussian contributes to, or by votes for its centre."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0
@@ -80,15 +78,13 @@ class Select:
     """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
-    """What renders the views."""
-    overwrite: bool = False
-    """Replace the output if it exists, and earlier results of --trim or --list-views; other files stay."""
-    quiet: bool = False
-    """Print nothing but errors."""
 
-    def run(self) -> None:
-        """Select and save the selection, then trim it if asked to.
+    def in_order_of(self, arguments: Sequence[str]) -> Select:
+        """This command, with its marks in the order of the arguments that it was made from."""
+        return replace(self, mark_options=self.mark_options.in_order_of(arguments))
+
+    def run(self) -> int:
+        """Select and save the selection, then trim it if asked to; returns the exit code, that of `Trim.run`.
 
         Raises:
             InputError: something that the user gave cannot be used, or the selection is empty.
@@ -98,129 +94,179 @@ class Select:
         if self.list_views is not None:
             self._write_views(self.list_views, console)
         elif self.trim is not None:
-            Trim(
-                self.scene, self.output, cameras=self.cameras, trust_paths=self.trust_paths, output=self.trim,
-                overwrite=self.overwrite, renderer=self.renderer, quiet=self.quiet, config=TrimConfig(up=self.up),
-            ).run(load=lambda: self._select(console))  # fmt: skip
+            settings = {known.name: getattr(self, known.name) for known in fields(TrimSettings)}
+            settings["overwrite"] = self.overwrite or (self.trim / MANIFEST).is_file()
+            return Trim(self.scene, self.output, output=self.trim, **settings).run(load=lambda: self._select(console))
         else:
             self._select(console)
             console.print(f"Now: {self._next_command()}")
+        return 0
 
     def _select(self, console: Console) -> Loaded:
         """Make the selection and save it; returns it, and what it was made from."""
-        scene, cameras = self._read()
-        selection, how = self._lift(scene, cameras) if self.masks else self._pick(scene, cameras)
-        if not selection.any():
-            raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
-        _save(selection, self.output)
-        console.print(f"{self.output}: {np.count_nonzero(selection):,} of {len(scene):,} Gaussians, {how}")
-        return scene, selection, cameras
+        scene, cameras = self._read(console)
+        if self.object_ids:
+            labels, how = self._label(scene, cameras)
+            if not labels.any():
+                raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
+            _save(labels, self.output)
+            console.print(f"{self.output}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
+            return Loaded(scene, labels != 0, cameras)
+        up = find_up(scene, cameras, self.config.up)
+        print_up(console, up)
+        marks, model = self._settled(scene, cameras, up), self.make_segmenter() if self.segmenter == "sam" else None
+        assert model is None or isinstance(model, SamSegmenter)
+        made = select(scene, marks, cameras=cameras, renderer=self.renderer, model=model)
+        save_selection(made, self.output)
+        console.print(
+            f"{self.output}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {', '.join(made.ways)}"
+        )
+        return Loaded(scene, made.mask, cameras, made.marks)
 
-    def _read(self) -> tuple[Gaussians, CameraSet | None]:
+    def _settled(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
+        """All marks, those of an earlier run first."""
+        views = None if cameras is not None else self._views(scene, cameras, up)
+        marks: list[Mark] = self.mark_options.marks()
+        if self.masks is not None:
+            marks.insert(0, FromMasks(self.masks, self.method, self.gamma, self.threshold))
+        settled = settle_marks(scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.cameras)
+        if self.marks is None:
+            return settled
+        earlier = read_marks(self.marks)
+        places = earlier.photographed_from or settled.photographed_from
+        return replace(
+            earlier, marks=earlier.marks + settled.marks, photographed_from=places,
+            cameras=self.cameras or earlier.cameras,
+        )  # fmt: skip
+
+    def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
         cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
-        return formats.read(self.scene), cameras
+        found = formats.find_scene(self.scene)
+        if found != self.scene:
+            console.print(f"{self.scene}: reading {found}")
+        return formats.read(found), cameras
 
     def _check(self) -> None:
         """Refuse what is not possible or cannot go together before anything is read."""
         check_settings(self)
-        ways = [bool(self.click), self.box is not None, self.masks is not None, self.list_views is not None]
-        if sum(ways) != 1:
-            raise InputError("Say in one way what to select: --click X Y, --box X0 Y0 X1 Y1, or --masks DIR.")
+        marks = self.mark_options.marks()
+        if self.list_views is not None and (marks or self.masks or self.marks):
+            raise InputError("--list-views writes the views and stops; leave out what selects.")
+        if self.list_views is None and not marks and self.masks is None and self.marks is None:
+            raise InputError(
+                "Say what to select: --click X Y, --box X0 Y0 X1 Y1, a volume, --add FILE, --masks DIR or --marks FILE."
+            )
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
-        if self.object_ids and (self.masks is None or self.method == "vote"):
-            raise InputError("Object numbers are lifted from --masks only by 'assignment'; leave --method out.")
+        if self.object_ids and (self.masks is None or self.method == "vote" or marks or self.marks):
+            raise InputError("Object numbers are lifted from --masks alone and only by 'assignment'.")
         if self.object_ids and self.trim is not None:
-            raise InputError("Only one object can be trimmed at a time; leave --trim out and choose an object id then.")
+            raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
         if self.output.suffix != ".npy":
             raise InputError(f"The selection '{self.output}' is saved as .npy; give a name with that ending.")
         if self.list_views is None:
-            inputs = [path for path in (self.scene, self.cameras) if path is not None]
-            refuse_existing(self.output, inputs=inputs, overwrite=self.overwrite)
+            given = (self.scene, self.cameras, *self.mark_options.files)
+            inputs = [path for path in given if path is not None]
+            overwrite = self.overwrite or (not self.object_ids and is_own_selection(self.output))
+            refuse_existing(self.output, inputs=inputs, overwrite=overwrite)
+            if not self.object_ids:
+                marks_path = self.output.with_suffix(".json")
+                refuse_existing(marks_path, inputs=inputs, overwrite=self.overwrite or is_marks_file(marks_path))
 
-    def _lift(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
-        """Selection or object numbers (N,) by the masks, and how they came about."""
+    def _label(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
+        """Object numbers (N,) by the masks, and how they came about."""
         assert self.masks is not None and cameras is not None
         posed = cameras_with_masks(cameras.pinhole_cameras(), self.masks)
-        how = f"{len(posed)} masks"
-        if self.object_ids:
-            labels = [ids_of(camera, self.masks) for camera in posed]
-            return lift_objects_by_assignment(scene, posed, labels, get_renderer(self.renderer), self.gamma), how
-        masks = [mask_of(camera, self.masks) for camera in posed]
-        if self.method == "vote":
-            return lift_by_vote(scene, posed, masks, self.threshold), how
-        return lift_by_assignment(scene, posed, masks, get_renderer(self.renderer), self.gamma), how
+        labels = [ids_of(camera, self.masks) for camera in posed]
+        found = lift_objects_by_assignment(scene, posed, labels, get_renderer(self.renderer), self.gamma)
+        return found, f"{len(posed)} masks"
 
-    def _pick(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[BoolArray, str]:
-        """Selection (N,) by clicks or box, and how they were understood."""
-        renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
-        views, rows = _views(scene, cameras, up)
-        camera, drawn = self._view(views), scene.select(rows)
-        pick = self._understand(drawn, camera, up, renderer, _training_cameras(cameras))
-        selection = np.zeros(len(scene), np.bool_)
-        selection[rows[pick.selection]] = True
-        return selection, ", ".join(_WAYS[way] for way in pick.ways)
-
-    def _understand(
-        self, drawn: Gaussians, camera: Camera, up: UpVector, renderer: Renderer, seen_from: Sequence[Camera]
-    ) -> Pick:
-        if self.box is not None:
-            return select_by_box(drawn, camera, self.box, up.direction, renderer, seen_from)
-        return select_by_clicks(drawn, camera, self.click, up.direction, renderer, seen_from)
-
-    def _view(self, views: list[Camera]) -> Camera:
-        """The view that clicks and box refer to."""
-        if self.view is not None:
-            named = [camera for camera in views if self.view in (camera.name, Path(camera.name).stem)]
-            if len(named) != 1:
-                known = f"{views[0].name} ... {views[-1].name}"
-                raise InputError(f"{len(named)} views are named '{self.view}'; the views are {known}.")
-            return named[0]
-        if self.view_index is None:
-            raise InputError("Name the view of the pixels: --view NAME or --view-index INT (see --list-views DIR).")
-        if not 0 <= self.view_index < len(views):
-            raise InputError(f"There is no view {self.view_index}; the {len(views)} views are numbered from 0.")
-        return views[self.view_index]
+    def _views(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> list[Viewpoint]:
+        if cameras is not None:
+            return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
+        return plan_overview(scene, up.direction, self.overview).views
 
     def _write_views(self, folder: Path, console: Console) -> None:
-        names = ["[0-9][0-9][0-9].png"]
-        with atomic_folder(folder, "select --list-views", names=names, overwrite=self.overwrite) as part:
-            scene, cameras = self._read()
-            renderer, up = get_renderer(self.renderer), find_up(scene, cameras, self.up)
-            views, rows = _views(scene, cameras, up)
-            drawn = scene.select(rows)
-            for number, camera in enumerate(views):
-                bgr = np.clip(renderer.render(drawn, camera).rgb[..., ::-1], 0, 1)
-                write_picture((255 * bgr).astype(np.uint8), part / f"{number:03d}.png")
+        overwrite = self.overwrite or (folder / MANIFEST).is_file()
+        with atomic_folder(folder, _LISTING, names=VIEW_FILES, overwrite=overwrite) as part:
+            scene, cameras = self._read(console)
+            up = find_up(scene, cameras, self.config.up)
+            whole: Sequence[int] = ()
+            if cameras is None:
+                overview = plan_overview(scene, up.direction, self.overview)
+                views, whole = overview.views, overview.whole
+            else:
+                views = self._views(scene, cameras, up)
+            renderer = get_renderer(self.renderer)
+            drawn = [(view.camera, drawn_rows(scene.means, view)) for view in views]
+            write_view_listing(scene, drawn, whole, self._command_of_views(), part, renderer, grid=self.grid)
+        print_up(console, up)
         console.print(f"{folder}: {len(views)} views, each named by its number for --view-index")
+        if len(whole) < len(views) and whole:
+            console.print(
+                f"The whole capture is in views {whole[0]} to {whole[-1]}, the part with most detail in the others."
+            )
+        console.print(f"To click: open {folder / 'index.html'} in a browser.")
 
-    def _next_command(self) -> str:
-        parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
+    def _command_of_views(self) -> list[str]:
+        """The command that selects in the views, without marks."""
+        parts = ["gaussian-trimmer", "select", str(self.scene), *self._common_options()]
+        for option in fields(OverviewConfig):
+            value = getattr(self.overview, option.name)
+            if value != option.default:
+                values = value if isinstance(value, tuple) else (value,)
+                parts += [f"--{option.name}", *(f"{number:.9g}" for number in values)]
+        return parts
+
+    def _common_options(self) -> list[str]:
+        parts = []
         if self.cameras:
             parts += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
-        if self.up:
-            parts += ["--up", *(f"{value:g}" for value in self.up)]
+        if self.config.up:
+            parts += ["--up", *(f"{value:g}" for value in self.config.up)]
+        return parts
+
+    def _next_command(self) -> str:
         if self.object_ids:
-            parts += ["--selection.object-id", "ID"]
-        return shlex.join(parts)
+            parts = ["gaussian-trimmer", "trim", str(self.scene), "--labels", str(self.output)]
+        else:
+            parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
+        return shlex.join([*parts, *self._common_options()])
 
 
-def _training_cameras(cameras: CameraSet | None) -> list[Camera]:
-    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    return [camera for camera, train in listed if train]
+def save_selection(selection: Selection, path: Path) -> None:
+    """Write a selection and, beside it, its marks; what was there before stays as `.before.json`.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    marks_path = path.with_suffix(".json")
+    if is_marks_file(marks_path):
+        with atomic_file(path.with_suffix(".before.json")) as part:
+            part.write_bytes(marks_path.read_bytes())
+    checksum = _save(selection.mask, path)
+    contents = marks_as_json(selection.marks, marks_path.parent)
+    contents["selection"] = {"file": path.name, "crc32": checksum, "selected": int(np.count_nonzero(selection.mask))}
+    with atomic_file(marks_path) as part:
+        part.write_text(json.dumps(contents, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _save(selection: NDArray[Any], path: Path) -> None:
-    """Write an .npy file; `np.save` does not notice everywhere that a disk is full, but memory has room."""
+def is_own_selection(path: Path) -> bool:
+    """Whether a selection is as this program wrote it, by the checksum in the marks beside it."""
+    marks_path = path.with_suffix(".json")
+    if not (os.path.lexists(path) and path.is_file() and is_marks_file(marks_path)):
+        return False
+    with suppress(OSError, ValueError, RecursionError):
+        noted = json.loads(marks_path.read_bytes()).get("selection")
+        return isinstance(noted, dict) and noted.get("crc32") == zlib.crc32(path.read_bytes())
+    return False
+
+
+def _save(selection: NDArray[Any], path: Path) -> int:
+    """Write an .npy file and return its checksum; `np.save` does not notice everywhere that a disk is full, but memory
+    has room."""
     buffer = BytesIO()
     np.save(buffer, selection, allow_pickle=False)
     with atomic_file(path) as part:
         part.write_bytes(buffer.getbuffer())
-
-
-def _views(scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> tuple[list[Camera], IntArray]:
-    """Views to click in, and the rows of the Gaussians that are drawn in them."""
-    if cameras is not None:
-        return list(cameras.pinhole_cameras()), np.arange(len(scene))
-    overview = plan_overview(scene, up.direction)
-    return overview.cameras, overview.rows
+    return zlib.crc32(buffer.getbuffer())

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -17,14 +17,20 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages
+from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
+from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.remaining import read_remaining
+from gaussian_trimmer.commands.trim_objects import trim_labels
 from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.planning.photo_views import photo_views
+from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.segmentation.segmenters import (
     DEFAULT_SEGMENTER,
@@ -34,6 +40,10 @@ from gaussian_trimmer.segmentation.segmenters import (
     field_name,
     get_segmenter,
 )
+from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
+from gaussian_trimmer.selecting.marks import FromFile, Marks
+from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.select import select, settle_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.settings import check_settings
 
@@ -42,34 +52,42 @@ _COMPILING_AGAIN = (
     "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
     "set NUMBA_CACHE_DIR to one that is."
 )
+_PHOTOS = 8
+"""Photographs that are looked at, unless more views or another number are asked for."""
+NOTHING_TRIMMED = 3
+"""Exit code where the inputs could be read, but the selection was written as it came."""
 _SegmenterOptions = all_options()
-Loaded = tuple[Gaussians, BoolArray, CameraSet | None]
-"""A scene, the rough selection (N,) and the cameras."""
+MARKS = "selection.json"
+"""Name of the file of marks among the results."""
 
 
-@dataclass(frozen=True)
-class Trim:
-    """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
+class Loaded(NamedTuple):
+    """What is read before a trim."""
 
-    Without SELECTION, the file is taken to hold the object alone.
-    """
+    scene: Gaussians
+    selection: BoolArray
+    """The rough selection, (N,)."""
+    cameras: CameraSet | None
+    marks: Marks | None = None
+    """The marks that the selection was made by, if it was."""
 
-    scene: Positional[Path]
-    """Splat file of the scene, or of the object alone."""
-    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
-    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, or a file
-    that a segmentation method saved."""
+
+@dataclass(frozen=True, kw_only=True)
+class TrimSettings:
+    """What `trim`, and `select --trim`, can be told beside what is selected."""
+
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
     angles from which the object was observed."""
+    photos: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of the training pictures: the object is segmented in those that show it best, in place of virtual views.
+    Needs --cameras."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
-    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
-    """Folder for the results."""
     overwrite: bool = False
     """Replace earlier results in the output folder; files that the program did not write stay."""
     format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
-    """File format of object and background: ply, compressed.ply, splat, spz, sog or ksplat."""
+    """File format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
     preset: Literal["default", "paper"] = "default"
     """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
     views: Annotated[int | None, arg(metavar="INT")] = None
@@ -82,14 +100,51 @@ class Trim:
     quiet: bool = False
     """Print nothing but errors."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
     segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
         default_factory=_SegmenterOptions
     )
 
-    def run(self, load: Callable[[], Loaded] | None = None) -> None:
-        """Trim and write the results.
+    def _used_options(self) -> Any:
+        """The options of the segmenter that is used, or None if it has none."""
+        return getattr(self.segmenter_options, field_name(self.segmenter), None)
+
+    def make_segmenter(self) -> Segmenter:
+        """The segmenter with its options."""
+        options = self._used_options()
+        return get_segmenter(self.segmenter, options) if options else get_segmenter(self.segmenter)
+
+
+@dataclass(frozen=True)
+class Trim(TrimSettings):
+    """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
+
+    Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone.
+    """
+
+    scene: Positional[Path]
+    """Splat file of the scene, or of the object alone; or the folder of a training."""
+    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
+    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, or a file
+    that a segmentation method saved."""
+    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
+    """Folder for the results."""
+    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
+    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
+    labels: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Trim several objects at once, in place of SELECTION: one id a Gaussian, what a method with several objects saved,
+    or a folder of masks whose pixels are ids. There is a file object_ID for each, and one background without all."""
+    objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
+    """Which objects of --labels; without it, all with ids above zero."""
+    remaining: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Go on with what the earlier results in this folder left of SCENE; rows still count in SCENE."""
+    mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
+
+    def in_order_of(self, arguments: Sequence[str]) -> Trim:
+        """This command, with its marks in the order of the arguments that it was made from."""
+        return replace(self, mark_options=self.mark_options.in_order_of(arguments))
+
+    def run(self, load: Callable[[], Loaded] | None = None) -> int:
+        """Trim and write the results; returns the exit code, 3 where nothing was trimmed.
 
         Args:
             load: gives scene, selection and cameras instead of the files; called when the output folder can be used.
@@ -99,13 +154,18 @@ class Trim:
         """
         console = open_console(quiet=self.quiet)
         self._check_settings()
+        if self.labels is not None:
+            trim_labels(self, console)
+            return 0
         with self._results() as folder:
             loaded = load() if load else None
             start = time.perf_counter()
             with progress_over_stages(console) as stage:
                 summary = self._write(folder, loaded, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
-        console.print(f"object{self._suffix()}, before_after.png and the rest are in {self._folder()}.")
+        console.print(f"object{self.suffix()}, before_after.png and the rest are in {self.folder()}.")
+        warn_of(summary)
+        return NOTHING_TRIMMED if summary["refused"] else 0
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
@@ -113,12 +173,17 @@ class Trim:
         """Trim and write the results to a folder; returns the report."""
         start = time.perf_counter()
         stage("read")
-        scene, selection, cameras = loaded or self._read()
+        scene, selection, cameras, marks = loaded or self._read(console)
         self._refuse_whole_scene(selection)
+        remaining = read_remaining(self.remaining, scene) if self.remaining else None
+        if remaining is not None:
+            scene, selection = remaining.scene, remaining.of_original(selection, "the selection")
         seconds = {"read": time.perf_counter() - start}
-        config, renderer, segmenter = self._config(), get_renderer(self.renderer), self._segmenter()
+        config, renderer, segmenter = self.settings(), get_renderer(self.renderer), self.make_segmenter()
         views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
         self._refuse_unused_views(views)
+        if self.photos is not None:
+            views, segmenter = self._photo_views(scene, selection, cameras, segmenter)
         if renderer.name == "numba" and not _kernels_are_compiled():
             console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
         result = trim(
@@ -126,48 +191,71 @@ class Trim:
             view_cameras=views, progress=stage,
         )  # fmt: skip
         stage("write")
-        return write_trim(result, folder, self._suffix(), self._inputs(), seconds)
+        if marks is not None:
+            write_marks(marks, folder / MARKS)
+        rows = (remaining.rows, remaining.n_scene) if remaining else (None, None)
+        return write_trim(result, folder, self.suffix(), self._inputs(), seconds, *rows)
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
         return atomic_folder(
-            self._folder(),
+            self.folder(),
             RESULTS,
-            names=result_files(self._suffix()),
+            names=(*result_files(self.suffix()), MARKS),
             inputs=self._input_paths(),
             overwrite=self.overwrite,
         )
 
     def _check_settings(self) -> None:
         """Refuse settings that are not possible before anything is read, also those that this run would not use."""
-        check_config(self._config())
+        check_config(self.settings())
         check_settings(self.selection_options, "selection")
         check_settings(self.segmenter_options)
+        check_settings(self.mark_options)
+        self.mark_options.marks()
 
-    def _suffix(self) -> str:
+    def suffix(self) -> str:
+        """Ending of the splat files that are written."""
         if self.format is None:
-            return formats.format_suffix(self.scene)
+            return formats.format_suffix(formats.find_scene(self.scene))
         return suffix_of(self.format)
 
-    def _folder(self) -> Path:
+    def folder(self) -> Path:
+        """The folder for the results."""
         if self.output is not None:
             return self.output
-        names = [self.scene.name.split(".")[0]] + ([self.selection.name.split(".")[0]] if self.selection else [])
-        return Path("trimmed") / "-".join(names)
+        given = self.selection or self.labels
+        names = [self.scene.name.split(".")[0], *([given.name.split(".")[0]] if given else [])]
+        return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
 
     def _input_paths(self) -> list[Path]:
         """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
         cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
         options = [vars(options) for options in (self.selection_options, self._used_options()) if options]
         given = [self.scene, self.selection, cameras, *(value for values in options for value in values.values())]
-        return [path for path in given if isinstance(path, Path)]
+        return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
 
-    def _read(self) -> Loaded:
-        scene = formats.read(self.scene)
+    def read_scene(self, console: Console) -> Gaussians:
+        """The Gaussians of the scene; of a training's folder, those of its latest iteration, which is said."""
+        found = formats.find_scene(self.scene)
+        if found != self.scene:
+            console.print(f"{self.scene}: reading {found}")
+        return formats.read(found)
+
+    def _read(self, console: Console) -> Loaded:
+        scene = self.read_scene(console)
         cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
+        marks = self.mark_options.marks()
+        if marks:
+            given = [] if self.selection is None else [FromFile(self.selection, self.selection_options)]
+            settled = settle_marks(
+                scene, [*given, *marks], cameras=cameras, up=self.config.up, camera_path=self.cameras
+            )
+            made = select(scene, settled, cameras=cameras, renderer=self.renderer)
+            return Loaded(scene, made.mask, cameras, made.marks)
         if self.selection is None:
-            return scene, np.ones(len(scene), np.bool_), cameras
-        return scene, load_selection(self.selection, scene, self.selection_options), cameras
+            return Loaded(scene, np.ones(len(scene), np.bool_), cameras)
+        return Loaded(scene, load_selection(self.selection, scene, self.selection_options, console.print), cameras)
 
     def _refuse_whole_scene(self, selection: BoolArray) -> None:
         if self.selection is not None and selection.all():
@@ -175,6 +263,22 @@ class Trim:
                 f"'{self.selection}' selects all {len(selection)} Gaussians of '{self.scene}'; give the whole scene, "
                 "or leave the selection out if the file holds the object alone."
             )
+
+    def _photo_views(
+        self, scene: Gaussians, selection: BoolArray, cameras: CameraSet | None, segmenter: Segmenter
+    ) -> tuple[list[Camera], Segmenter]:
+        """Crops of the training pictures that show the object best, and the segmenter that is shown these pictures."""
+        if self.photos is None or cameras is None or hasattr(segmenter, "own_cameras"):
+            raise InputError("--photos needs the cameras that took the pictures, --cameras, and a segmenter for them.")
+        listed = zip(cameras.pinhole_cameras(), cameras.train, strict=True)
+        known = cameras_with_photos([camera for camera, train in listed if train], self.photos)
+        up = find_up(scene, cameras, self.settings().up, selection)
+        bounds = robust_bounds(scene.select(selection), up_frame(up.direction))
+        plan = self.settings().plan
+        views = photo_views(known, bounds, self.views or max(plan.views, _PHOTOS), plan.size, plan.fill)
+        if not views:
+            raise InputError(f"None of the {len(known)} cameras with pictures in '{self.photos}' sees the object.")
+        return views, PhotoSegmenter(segmenter, self.photos, known)
 
     def _refuse_unused_views(self, given: list[Camera] | None) -> None:
         """A number of virtual views means nothing where the views are those of the user's masks."""
@@ -185,18 +289,11 @@ class Trim:
                 "virtual views cannot be had; leave --views and --plan.views out, or remove masks from their folder."
             )
 
-    def _config(self) -> TrimConfig:
+    def settings(self) -> TrimConfig:
+        """The settings of all stages."""
         if self.views is None:
             return self.config
         return replace(self.config, plan=replace(self.config.plan, views=self.views))
-
-    def _used_options(self) -> Any:
-        """The options of the segmenter that is used, or None if it has none."""
-        return getattr(self.segmenter_options, field_name(self.segmenter), None)
-
-    def _segmenter(self) -> Segmenter:
-        options = self._used_options()
-        return get_segmenter(self.segmenter, options) if options else get_segmenter(self.segmenter)
 
     def _inputs(self) -> dict[str, Any]:
         """Files and choices, for the report."""
@@ -206,6 +303,8 @@ class Trim:
             "selection": str(self.selection) if self.selection else None,
             "selection_options": _as_json(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
+            "photos": str(self.photos) if self.photos else None,
+            "remaining": str(self.remaining) if self.remaining else None,
             "preset": self.preset,
             "segmenter_options": _as_json(used) if used else {},
         }

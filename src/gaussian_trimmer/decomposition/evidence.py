@@ -22,6 +22,8 @@ _VISIBLE_WEIGHT = 3.0
 """Weight of the share inside the masks of a Gaussian of which the scene hides nothing, relative to its label."""
 _LARGE = 0.25
 """Largest standard deviation, in object radii, from which on that weight grows; at twice this it is doubled."""
+_MOSTLY_OUTSIDE = 0.6
+"""Share of its blend weight outside the masks from which on a Gaussian as large as that is none of the object."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,23 @@ def find_halo(
     total = uncovered + isolated[:, 1]
     limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
     return np.asarray((total > _SEEN) & (uncovered > limit * total) & (uncovered > inside))
+
+
+def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray) -> BoolArray:
+    """Which large Gaussians show mostly outside the masks when the object is rendered in isolation, (N,).
+
+    Large Gaussians leak over every edge, and what hides their leak in the scene is gone when the object is shown alone.
+    `find_halo` excuses what the scene shows outside the masks and what something nearer hides; one whose
+    standard deviation is a quarter of the object's radius, and of which most is outside, spoils every picture of it.
+
+    Args:
+        isolated: as in `find_halo`, (N, 3).
+        inside: blend weight inside the masks in the views of the whole scene, (N,).
+        widths: largest standard deviation of each Gaussian, in object radii, (N,).
+    """
+    outside = isolated[:, 0] + isolated[:, 2]
+    mostly = (outside > _SEEN) & (outside > _MOSTLY_OUTSIDE * (outside + isolated[:, 1]))
+    return np.asarray((widths > _LARGE) & mostly & (outside > inside))
 
 
 def find_outsiders(

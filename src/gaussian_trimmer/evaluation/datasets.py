@@ -31,35 +31,16 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+
+__all__ = ["BenchmarkScene", "TestView", "find_scenes", "open_scene"]
 
 _LARGEST_HEADER = 4096
 """Bytes that the header of a packed selection may take."""
 _AGREEMENT = 1.5 / 255
 """Masks that differ by less, of coverage in [0, 1], show the same: one step of their 8-bit files, and rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class TestView:
-    """One held-out view of one object."""
-
-    __test__ = False  # No test class, whatever its name begins with.
-
-    camera: Camera
-    image: FloatArray
-    """Ground-truth picture in [0, 1], (H, W, 3)."""
-    coverage: FloatArray
-    """Coverage of the object in [0, 1], (H, W): of the whole object where it has an `alone` mask, else of what is
-    visible of it."""
-    valid: BoolArray
-    """Pixels at which the coverage is known, (H, W): all with an `alone` mask; else False where another object's mask
-    covers the pixel, since it may hide the object there."""
-    picture_valid: BoolArray
-    """Pixels at which the picture shows the object as if nothing were before it, (H, W): those where `alone` and
-    visible mask agree; without an `alone` mask the same as `valid`."""
-    far: bool
-    """Whether the camera is far from all training cameras."""
 
 
 @dataclass(frozen=True, eq=False)

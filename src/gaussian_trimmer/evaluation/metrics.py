@@ -1,8 +1,9 @@
 """Metrics of a trimmed object: its silhouette against a ground-truth mask, its picture against a photograph.
 
 Silhouettes are accumulated opacities or masks in [0, 1] of shape (H, W), boolean ones included; where a metric needs
-a hard mask, a pixel belongs to it above 0.5. `valid` (H, W) marks the pixels that count: those covered by other
-objects are left out by setting it to False there. Without `valid` all pixels count. Images hold values in [0, 1].
+a hard mask, a pixel belongs to it above 0.5, or, for `alpha` alone, above the `threshold` given. `valid` (H, W) marks
+the pixels that count: those covered by other objects are left out by setting it to False there. Without `valid` all
+pixels count. Images hold values in [0, 1].
 """
 
 from __future__ import annotations
@@ -25,29 +26,34 @@ BOUNDARY_DILATION = 0.02
 """Width of the boundary band as a share of the image diagonal, as published with Boundary IoU."""
 
 
-def foreground_iou(alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None) -> float:
+def foreground_iou(
+    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None, threshold: float = THRESHOLD
+) -> float:
     """Intersection over union of the thresholded silhouettes; 1 if both are empty.
 
     >>> foreground_iou(np.array([[0.9, 0.6, 0.5]]), np.array([[1.0, 0.0, 0.0]]))
     0.5
     """
-    predicted, truth, counted = _masks(alpha, gt, valid)
+    predicted, truth, counted = _masks(alpha, gt, valid, threshold)
     return _iou(predicted & counted, truth & counted)
 
 
-def pixel_accuracy(alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None) -> float:
+def pixel_accuracy(
+    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None, threshold: float = THRESHOLD
+) -> float:
     """Share of pixels, of object and surroundings alike, on the right side; 1 if no pixel counts.
 
     >>> pixel_accuracy(np.array([[0.9, 0.6, 0.5, 0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))
     0.75
     """
-    predicted, truth, counted = _masks(alpha, gt, valid)
+    predicted, truth, counted = _masks(alpha, gt, valid, threshold)
     return _ratio(np.sum((predicted == truth) & counted), np.sum(counted))
 
 
 def boundary_iou(
-    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None, dilation: float = BOUNDARY_DILATION
-) -> float:
+    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None, dilation: float = BOUNDARY_DILATION,
+    threshold: float = THRESHOLD,
+) -> float:  # fmt: skip
     """Intersection over union of the parts of both masks that lie near their own contours; 1 if both are empty.
 
     The band reaches `dilation` times the image diagonal, rounded, and at least one pixel, into the mask. The image's
@@ -55,7 +61,7 @@ def boundary_iou(
 
     Eq. 2 of "Boundary IoU: Improving Object-Centric Image Segmentation Evaluation" (Cheng et al., CVPR 2021).
     """
-    predicted, truth, counted = _masks(alpha, gt, valid)
+    predicted, truth, counted = _masks(alpha, gt, valid, threshold)
     width = max(1, round(dilation * float(np.hypot(*predicted.shape))))
     return _iou(_boundary_band(predicted, counted, width), _boundary_band(truth, counted, width))
 
@@ -100,10 +106,12 @@ def psnr(a: Image, b: Image) -> float:
     return float(-10.0 * np.log10(squared.mean()))
 
 
-def _masks(alpha: Silhouette, gt: Silhouette, valid: BoolArray | None) -> tuple[BoolArray, BoolArray, BoolArray]:
+def _masks(
+    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None, threshold: float
+) -> tuple[BoolArray, BoolArray, BoolArray]:
     """Both silhouettes as hard masks, and the pixels that count."""
     counted = _counted(alpha, gt, valid)
-    return np.asarray(alpha > THRESHOLD), np.asarray(gt > THRESHOLD), counted
+    return np.asarray(alpha > threshold), np.asarray(gt > THRESHOLD), counted
 
 
 def _counted(alpha: Silhouette, gt: Silhouette, valid: BoolArray | None) -> BoolArray:

@@ -19,6 +19,7 @@ FORMATS = {
     ".spz": "gaussian_trimmer.formats.spz",
     ".sog": "gaussian_trimmer.formats.sog",
     ".ksplat": "gaussian_trimmer.formats.ksplat",
+    ".glb": "gaussian_trimmer.formats.glb",
 }
 
 
@@ -38,14 +39,31 @@ def format_suffix(path: str | Path) -> str:
     raise InputError(f"'{name}' is no known splat format; known endings: {', '.join(FORMATS)}.")
 
 
+def find_scene(path: Path) -> Path:
+    """The splat file that a path means: itself, or in the folder of a training that of the latest iteration.
+
+    Raises:
+        InputError: the folder holds no splat file, or several that could be meant.
+    """
+    try:
+        if not path.is_dir():
+            return path
+    except OSError:  # A name that no system allows is that of no folder.
+        return path
+    from gaussian_trimmer.formats.training_folders import latest_splats
+
+    return latest_splats(path)
+
+
 def read(path: str | Path) -> Gaussians:
-    """The Gaussians of a splat file, rows in the file's own order.
+    """The Gaussians of a splat file, rows in the file's own order; of a training's folder, see `find_scene`.
 
     Raises:
         InputError: the file is missing, of no known format, damaged, or changes while it is read, or it holds no
             Gaussians, or values that are not finite or extreme.
     """
-    path, suffix = Path(path), format_suffix(path)
+    path = find_scene(Path(path))
+    suffix = format_suffix(path)
     if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
     with reading(path):

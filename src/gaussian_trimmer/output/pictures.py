@@ -19,6 +19,8 @@ from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
@@ -26,6 +28,8 @@ from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
+_MARGIN = 1.2
+"""Half the side of a close-up, relative to half the larger side of the object."""
 BACKDROP = np.full(3, 0.5, np.float32)
 """Neutral grey behind all pictures: neither dark nor light edges of a cut-out vanish in it."""
 _COARSE: Colour = (40, 150, 255)
@@ -35,10 +39,12 @@ _PAPER: Colour = (32, 32, 32)
 _TEXT: Colour = (235, 235, 235)
 _LINE_HEIGHT = 26
 _FONT_SCALE = 0.5
-_COLUMNS = 5
+_COLUMNS = 6
 _CELL = 320
 _GAP = 4
-_MARGIN = 1.2
+_PITCH = 20.0
+"""Pitch in degrees of pictures of an object that no view has judged."""
+_STEEPEST = 80.0
 
 
 def draw_view(view: TrimmedView, number: int) -> Picture:
@@ -50,21 +56,21 @@ def draw_view(view: TrimmedView, number: int) -> Picture:
     _draw_outline(picture, view.view.object_visible > HALF, _COARSE, 2)
     _draw_outline(picture, view.mask, mask_colour, 1)
     if view.rejected:
-        cv2.rectangle(picture, (0, 0), (picture.shape[1] - 1, picture.shape[0] - 1), _REJECTED, 3)
+        _frame(picture)
     legend = [(f"view {number}", _TEXT), ("coarse selection", _COARSE), ("mask", mask_colour)]
     verdict = [(f"rejected: {view.rejected}", _REJECTED)] if view.rejected else [("accepted", _TEXT)]
     return np.vstack([picture, _strip(legend, picture.shape[1]), _strip(verdict, picture.shape[1])])
 
 
 def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Renderer) -> Picture:
-    """The coarse object, the trimmed one and the scene without it, a row each, from up to five accepted views.
+    """The coarse object, the trimmed one and the scene without it, a row each, from all around.
 
-    All views are shown where none was accepted. The scene's row holds what lies around the object: walls farther out
-    would stand before the camera.
+    Directions from which nothing was judged are framed and say why. The scene's row holds what lies around the object:
+    walls farther out would stand before the camera.
     """
-    chosen = [view for view in result.views if not view.rejected] or list(result.views)
-    chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, min(_COLUMNS, len(chosen))).astype(int))]
-    cameras = [close_up(view, result.bounds, _CELL) for view in chosen]
+    sides = checked_sides(result)
+    yaws, cameras = _cameras_around(result, selection, sides)
+    verdicts = [sides.verdict(yaw) for yaw in yaws]
     coarse, around = result.scene.select(selection), _context(result)
     after = "the object, left as it was: " if result.refused else "trimmed object: "
     rows = [
@@ -72,7 +78,33 @@ def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Render
         (f"{after}{len(result.object):,} Gaussians", result.object),
         ("what was cut off" if selection.all() else "the scene without the object", around),
     ]
-    return np.vstack([_row(caption, gaussians, cameras, renderer) for caption, gaussians in rows])
+    pictures = [_row(caption, gaussians, cameras, verdicts, renderer) for caption, gaussians in rows]
+    width = pictures[0].shape[1]
+    closing = [(f"not trimmed: {result.refused}", _REJECTED)] if result.refused else [(sides.sentence(), _TEXT)]
+    return np.vstack([_headings(yaws, verdicts, width), *pictures, _strip(closing, width)])
+
+
+def _cameras_around(result: TrimResult, selection: BoolArray, sides: CheckedSides) -> tuple[list[int], list[Camera]]:
+    """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the object from there."""
+    pitch = float(np.median(sides.pitches)) if sides.pitches else _PITCH
+    config = PlanConfig(
+        views=_COLUMNS,
+        size=_CELL,
+        pitch_degrees=float(np.clip(pitch, -_STEEPEST, _STEEPEST)),
+        yaw_range_degrees=(sides.middle, sides.middle + 360),
+    )
+    cameras, _ = plan_cameras(result.scene.select(selection), result.bounds.axes[2], config)
+    return [(sides.middle + 360 * i // _COLUMNS) % 360 for i in range(_COLUMNS)], cameras
+
+
+def _headings(yaws: Sequence[int], verdicts: Sequence[str], width: int) -> Picture:
+    """A line over the columns: from where each looks, and why that side was not judged."""
+    edges = np.linspace(0, width, len(yaws) + 1).astype(int)
+    words = [
+        (f"{yaw} deg: {f'not checked, {verdict}' if verdict else 'checked'}", _REJECTED if verdict else _TEXT)
+        for yaw, verdict in zip(yaws, verdicts, strict=True)
+    ]
+    return np.hstack([_strip([word], right - left) for word, left, right in zip(words, edges, edges[1:], strict=False)])
 
 
 def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
@@ -96,6 +128,11 @@ def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
     return replace(camera, K=crop @ camera.K, width=size, height=size)
 
 
+def captioned(caption: str, picture: Picture) -> Picture:
+    """A picture with a line of text above it."""
+    return np.vstack([_strip([(caption, _TEXT)], picture.shape[1]), picture])
+
+
 def write_picture(picture: Picture, path: Path) -> None:
     """Write a picture in the format of the file's name.
 
@@ -109,15 +146,31 @@ def write_picture(picture: Picture, path: Path) -> None:
         part.write_bytes(data.tobytes())
 
 
-def _row(caption: str, gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> Picture:
+def _row(
+    caption: str, gaussians: Gaussians, cameras: Sequence[Camera], verdicts: Sequence[str], renderer: Renderer
+) -> Picture:
     gap = np.full((_CELL, _GAP, 3), _PAPER, np.uint8)
     cells: list[Picture] = []
-    for camera in cameras:
+    for camera, verdict in zip(cameras, verdicts, strict=True):
         rgb = (
             renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else np.tile(BACKDROP, (_CELL, _CELL, 1))
         )
+        picture = _as_picture(rgb)
+        if verdict:
+            _frame(picture)
+        cells += [gap, picture]
+    return captioned(caption, np.hstack(cells[1:]))
+
+
+def draw_cells(caption: str, shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -> Picture:
+    """Pictures of several sets of Gaussians from one camera, side by side under a caption."""
+    gap = np.full((camera.height, _GAP, 3), _PAPER, np.uint8)
+    empty = np.tile(BACKDROP, (camera.height, camera.width, 1))
+    cells: list[Picture] = []
+    for gaussians in shown:
+        rgb = renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else empty
         cells += [gap, _as_picture(rgb)]
-    pictures = np.hstack(cells[1:])
+    pictures = np.hstack([*cells, gap])
     return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
 
 
@@ -126,11 +179,16 @@ def _context(result: TrimResult) -> Gaussians:
     rows = result.background_rows
     offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
     near = rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius]
-    return concatenate([result.scene.select(near), result.outside_parts])
+    return concatenate([result.scene.select(near), result.appended])
 
 
 def _as_picture(rgb: FloatArray) -> Picture:
     return np.ascontiguousarray(np.clip(rgb[..., ::-1] * 255 + 0.5, 0, 255).astype(np.uint8))
+
+
+def _frame(picture: Picture) -> None:
+    """Draw the frame of what was not judged."""
+    cv2.rectangle(picture, (0, 0), (picture.shape[1] - 1, picture.shape[0] - 1), _REJECTED, 3)
 
 
 def _draw_outline(picture: Picture, mask: BoolArray, colour: Colour, thickness: int) -> None:

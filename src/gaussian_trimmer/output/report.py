@@ -14,7 +14,8 @@ from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.gaussians import BoolArray, IntArray
+from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -33,7 +34,7 @@ def result_files(suffix: str) -> tuple[str, ...]:
 
 def write_results(
     result: TrimResult, selection: BoolArray, report: Mapping[str, Any], folder: Path, renderer: Renderer,
-    suffix: str = ".ply",
+    suffix: str = ".ply", rows: IntArray | None = None, n_scene: int | None = None, *, background: bool = True,
 ) -> None:  # fmt: skip
     """Write everything into an existing folder.
 
@@ -44,6 +45,9 @@ def write_results(
         folder: where to write.
         renderer: draws the pictures.
         suffix: ending of the splat files, one of `formats.FORMATS`.
+        background: write the background too, which is nearly as large as the scene.
+        rows: row in the original scene of each Gaussian of the result's scene, where that is what an earlier trim left.
+        n_scene: number of Gaussians of that original scene.
 
     A background without a single Gaussian, as an object that was given alone can leave, is not written.
 
@@ -51,17 +55,17 @@ def write_results(
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
     formats.write(result.object, folder / f"object{suffix}")
-    if len(result.source_index) > len(result.object):
-        formats.write_selected(
-            result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
-        )
+    if background and len(result.source_index) > len(result.object):
+        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
         np.savez(
             file,
-            source_index=result.source_index.astype(np.int32),
+            source_index=_in_original(result.source_index, rows).astype(np.int32),
             label=result.label,
             n_object=np.int64(len(result.object)),
+            dropped=_in_original(result.dropped, rows).astype(np.int32),
             label_names=np.array(LABEL_NAMES),
+            n_scene=np.int64(len(result.scene) if n_scene is None else n_scene),
         )
     (folder / "views").mkdir()
     for i, view in enumerate(result.views):
@@ -109,7 +113,9 @@ def describe(
             {"accepted": not view.rejected, "reason": view.rejected, **_camera_entry(view.view.camera)}
             for view in result.views
         ],
+        "checked": checked_sides(result).as_json(),
         "refused": result.refused,
+        "warnings": list(result.warnings),
         "counts": count(result, selection),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
     }
@@ -130,9 +136,16 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
         "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
         "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,
+        "dropped": len(result.dropped),
+        "filled": int(np.count_nonzero(labels == RowLabel.FILLED)),
         "object": len(result.object),
         "background": len(result.source_index) - len(result.object),
     }
+
+
+def _in_original(found: IntArray, rows: IntArray | None) -> IntArray:
+    """Rows of the original scene for rows of the result's scene; -1, of what is new, stays."""
+    return found if rows is None else np.where(found < 0, found, rows[found])
 
 
 def _camera_entry(camera: Camera) -> dict[str, Any]:

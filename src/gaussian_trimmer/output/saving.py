@@ -9,6 +9,7 @@ from typing import Any
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import IntArray
 from gaussian_trimmer.output.report import RESULTS, describe, result_files, write_results
 from gaussian_trimmer.result import TrimResult
 
@@ -22,8 +23,9 @@ def save(result: TrimResult, folder: str | Path, *, overwrite: bool = False, for
 
 
 def write_trim(
-    result: TrimResult, folder: Path, suffix: str, inputs: Mapping[str, Any], seconds: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+    result: TrimResult, folder: Path, suffix: str, inputs: Mapping[str, Any],
+    seconds: Mapping[str, float] | None = None, rows: IntArray | None = None, n_scene: int | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Write everything into an existing folder, and return the report.
 
     Args:
@@ -32,12 +34,14 @@ def write_trim(
         suffix: ending of the splat files, one of `formats.FORMATS`.
         inputs: where the scene, the selection and so on came from, as JSON holds it.
         seconds: time taken outside the trimmer, by stage.
+        rows: row in the original scene of each Gaussian of the result's scene, where that is what an earlier trim left.
+        n_scene: number of Gaussians of that original scene.
 
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
     report = describe(result, result.selection, result.config, inputs, result.segmenter_description, seconds)
-    write_results(result, result.selection, report, folder, result.used_renderer, suffix)
+    write_results(result, result.selection, report, folder, result.used_renderer, suffix, rows, n_scene)
     return report
 
 

@@ -80,6 +80,28 @@ def plan_cameras(
     return [Camera(pose, K, config.size, config.size, near=_NEAR * bounds.radius) for pose in poses], bounds
 
 
+def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[float], size: int) -> list[Camera]:
+    """Small views of an object from the full circle at several heights, each turned by half a step from the last.
+
+    Args:
+        bounds: the object's bounds, which the views frame.
+        count: number of views at each height.
+        pitches_degrees: the heights, as angles above the horizon.
+        size: width and height of the views in pixels.
+    """
+    cameras, config = [], PlanConfig()
+    fov = np.radians(config.fov_degrees)
+    for i, pitch in enumerate(np.radians(pitches_degrees)):
+        yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
+        level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitch)
+        outward = np.column_stack([level, np.full(count, np.sin(pitch))]) @ bounds.axes
+        distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, config.fill)
+        for direction in outward:
+            pose = look_at(bounds.centre + distance * direction, bounds.centre, bounds.axes[2])
+            cameras.append(Camera(pose, intrinsics(fov, size, size), size, size, near=_NEAR * bounds.radius))
+    return cameras
+
+
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi

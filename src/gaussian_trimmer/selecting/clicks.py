@@ -50,7 +50,7 @@ class Pick:
 
 
 @dataclass(frozen=True, eq=False)
-class _Target:
+class Target:
     """The point of the scene that a pixel shows."""
 
     point: Float64Array
@@ -79,10 +79,10 @@ def select_by_clicks(
     """
     if not clicks:
         raise InputError("There is no click; give at least one pixel of the view.")
+    small = small_view(camera)
     for x, y in clicks:
         if not (0 <= x < camera.width and 0 <= y < camera.height):
             raise InputError(f"The pixel ({x}, {y}) is outside the view of {camera.width} x {camera.height} pixels.")
-    small = _small(camera)
     found = [_click(gaussians, small, *_rescaled((x, y), camera, small), up, renderer, seen_from) for x, y in clicks]
     return Pick(np.any([selection for selection, _ in found], axis=0), tuple(way for _, way in found))
 
@@ -102,7 +102,7 @@ def select_by_box(
     Raises:
         InputError: the box is empty or wholly outside the picture, or nothing is seen in it.
     """
-    small = _small(camera)
+    small = small_view(camera)
     box = _rescaled_box(_clipped(box, camera), camera, small)
     overlap, piece = 0.0, None
     for standing in _pieces_in_box(gaussians, small, box, up, renderer):
@@ -127,7 +127,7 @@ def _click(
     gaussians: Gaussians, camera: Camera, x: int, y: int, up: Float64Array, renderer: Renderer,
     seen_from: Sequence[Camera],
 ) -> tuple[BoolArray, Way]:  # fmt: skip
-    target = _look_at_pixel(gaussians, camera, x, y, renderer)
+    target = look_at_pixel(gaussians, camera, x, y, renderer)
     visible = _visible_around(gaussians, camera, target, up, renderer)
     pieces = _pieces_at(gaussians, camera, target, visible, up)
     if pieces:
@@ -158,7 +158,7 @@ def _pieces_in_box(
     targets = []
     for x, y in places:
         try:
-            targets.append(_look_at_pixel(gaussians, camera, x, y, renderer))
+            targets.append(look_at_pixel(gaussians, camera, x, y, renderer))
         except InputError:
             continue
     if not targets:
@@ -170,15 +170,30 @@ def _pieces_in_box(
 
 
 def _pieces_at(
-    gaussians: Gaussians, camera: Camera, target: _Target, visible: FloatArray, up: Float64Array
+    gaussians: Gaussians, camera: Camera, target: Target, visible: FloatArray, up: Float64Array
 ) -> list[BoolArray]:
     positions = (gaussians.means - target.point) @ up_frame(up).T
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
     return pieces_on_plane(positions, target.seeds, visible, scale)
 
 
-def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> _Target:
-    """The surface point at a pixel, at the weighted median depth of the Gaussians that show there."""
+def pieces_at_click(
+    gaussians: Gaussians, camera: Camera, target: Target, up: Float64Array, renderer: Renderer
+) -> list[BoolArray]:
+    """Objects that stand at a clicked point of a view, (N,) each, the likeliest first."""
+    small = small_view(camera)
+    visible = _visible_around(gaussians, small, target, up, renderer)
+    return _pieces_at(gaussians, small, target, visible, up)
+
+
+def look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, renderer: Renderer) -> Target:
+    """The surface point at a pixel, at the weighted median depth of the Gaussians that show there.
+
+    Raises:
+        InputError: the pixel is outside the view, or nothing is seen there.
+    """
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise InputError(f"The pixel ({x}, {y}) is outside the view of {camera.width} x {camera.height} pixels.")
     rows, weights = renderer.top_contributors(gaussians, camera, np.array([[x, y]]), CONTRIBUTORS)
     depth = float(surface_depths(gaussians, camera, rows, weights)[0])
     if not np.isfinite(depth):
@@ -186,11 +201,11 @@ def _look_at_pixel(gaussians: Gaussians, camera: Camera, x: int, y: int, rendere
     ray = camera.ray_directions(np.array([[x + 0.5, y + 0.5]]))[0]
     seeds = np.zeros(len(gaussians), np.float32)
     seeds[rows[rows >= 0]] = weights[rows >= 0]
-    return _Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
+    return Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
 
 
 def _visible_around(
-    gaussians: Gaussians, camera: Camera, target: _Target, up: Float64Array, renderer: Renderer
+    gaussians: Gaussians, camera: Camera, target: Target, up: Float64Array, renderer: Renderer
 ) -> FloatArray:
     """How much each Gaussian shows in the view and in others around the point, (N,)."""
     cameras = _views_around(camera, target, up)
@@ -201,7 +216,7 @@ def _visible_around(
     return visible_weight(weights, cameras)
 
 
-def _views_around(camera: Camera, target: _Target, up: Float64Array) -> list[Camera]:
+def _views_around(camera: Camera, target: Target, up: Float64Array) -> list[Camera]:
     """The view itself, and those from the other places of a circle around the point, about as high; small."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - target.point)
@@ -220,7 +235,7 @@ def _visible_box(gaussians: Gaussians, camera: Camera, selection: BoolArray, ren
     return bounding_box(shares > 0.5)
 
 
-def _small(camera: Camera) -> Camera:
+def small_view(camera: Camera) -> Camera:
     """The view at a size at which it is quick to render from all around."""
     return camera.resized(min(1.0, _MAX_SIDE / max(camera.width, camera.height)))
 

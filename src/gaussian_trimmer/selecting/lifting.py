@@ -19,6 +19,8 @@ from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import Renderer
 
 LabelArray = NDArray[np.uint8]
+Ids = NDArray[np.integer[Any]]
+_MAX_OBJECTS, _MAX_ID = 1 << 16, (1 << 31) - 1
 
 _HALF_COVERAGE = 127
 _OBJECTS_PER_PASS = 16
@@ -55,16 +57,16 @@ def lift_by_assignment(
 def lift_objects_by_assignment(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
-    labels: Sequence[LabelArray],
+    labels: Sequence[Ids],
     renderer: Renderer,
     gamma: float = 0.0,
-) -> LabelArray:
+) -> Ids:
     """Number of the object to whose pixels each Gaussian contributes most, (N,): of all objects together.
 
     Memory does not grow with the number of objects, nor time with the numbers themselves, only with how many there are.
 
     Args:
-        labels: one image of object numbers (H, W) a camera, 0 for the background.
+        labels: one image of object numbers (H, W) a camera, 0 for the background. Of 8-bit numbers 8-bit ones are made.
         gamma: slackness in [-1, 1]; above zero it favours the background.
 
     Gaussians that no view sees are background; of equal contributions the lowest number wins.
@@ -76,27 +78,33 @@ def lift_objects_by_assignment(
     _check_gamma(gamma)
     _check_sizes(cameras, labels)
     for camera, image in zip(cameras, labels, strict=True):
-        if image.dtype != np.uint8:
-            raise InputError(f"{_view(camera)} has labels of type {image.dtype}; 8-bit object numbers are needed.")
+        if image.dtype.kind not in "iu" or (image.size and not 0 <= int(image.min()) <= int(image.max()) <= _MAX_ID):
+            raise InputError(f"{_view(camera)} has labels of type {image.dtype}; object numbers from 0 are needed.")
     numbers = np.setdiff1d(np.unique(np.concatenate([np.unique(image) for image in labels])), 0)
     if not len(numbers):
         raise InputError("The label images hold nothing but background (0); number the objects from 1.")
-    return _assign_in_passes(gaussians, cameras, labels, numbers, renderer, gamma)
+    if len(numbers) > _MAX_OBJECTS:
+        raise InputError(f"The label images hold {len(numbers)} objects; at most {_MAX_OBJECTS} can be lifted.")
+    # Numbers may be anything; their places in the list of all of them are small.
+    known = np.concatenate([[0], numbers]).astype(np.int64)
+    places = [np.searchsorted(known, image).astype(np.int32) for image in labels]
+    found = known[_assign_in_passes(gaussians, cameras, places, len(numbers), renderer, gamma)]
+    return found.astype(np.uint8 if all(image.dtype == np.uint8 for image in labels) else np.int32)
 
 
 def _assign_in_passes(
-    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], numbers: LabelArray,
+    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[NDArray[np.int32]], count: int,
     renderer: Renderer, gamma: float,
-) -> LabelArray:  # fmt: skip
-    """The rule of `assign_labels` for object numbers (K,), ascending, few of them at a time: as many columns of blend
+) -> NDArray[np.int32]:  # fmt: skip
+    """The rule of `assign_labels` for object numbers 1 to `count`, few of them at a time: as many columns of blend
     weights as there are objects would not fit into memory."""
     n = len(gaussians)
     background, largest, squared_length = np.zeros(n), np.zeros(n), np.zeros(n)
-    winner = np.zeros(n, np.uint8)
+    winner = np.zeros(n, np.int32)
     step = max(1, min(_OBJECTS_PER_PASS, _WEIGHTS_PER_PASS // n - 1))
-    for start in range(0, len(numbers), step):
-        part = numbers[start : start + step]
-        renumbered = np.full(256, len(part) + 1, np.uint8)  # numbers of other passes: left out by the renderer
+    for start in range(1, count + 1, step):
+        part = np.arange(start, min(start + step, count + 1), dtype=np.int32)
+        renumbered = np.full(count + 1, len(part) + 1, np.uint8)  # numbers of other passes: left out by the renderer
         renumbered[0], renumbered[part] = 0, np.arange(1, len(part) + 1)
         images = [renumbered[image] for image in labels]
         weights = sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
@@ -107,7 +115,7 @@ def _assign_in_passes(
         winner[ahead], largest[ahead] = part[best[ahead]], objects[ahead, best[ahead]]
     length = np.sqrt(squared_length + np.square(background))
     length[length == 0] = 1.0
-    return np.where(largest / length > background / length + gamma, winner, 0).astype(np.uint8)
+    return np.where(largest / length > background / length + gamma, winner, 0).astype(np.int32)
 
 
 def lift_by_vote(

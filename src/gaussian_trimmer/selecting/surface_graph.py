@@ -122,14 +122,14 @@ class SurfaceGraph:
         cut = part[self.edges[:, 0]] != part[self.edges[:, 1]]
         return float(self.weights[cut].sum()), float(self.lengths[cut].sum())
 
-    def colour_evidence(self, part: BoolArray) -> tuple[Float64Array, float]:
-        """Clipped log-likelihood ratio of each node's colour in a part (S,) against the rest, (S,).
+    def colour_evidence(self, part: BoolArray, others: BoolArray | None = None) -> tuple[Float64Array, float]:
+        """Clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), or the rest, (S,).
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
         bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
         flat = np.ravel_multi_index(tuple(bins.T), _BINS)
-        inside, outside = self.areas * part, self.areas * ~part
+        inside, outside = self.areas * part, self.areas * (~part if others is None else others)
         models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
         ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[flat]
         hits = [

@@ -9,6 +9,7 @@ The container of a file is told by its ending, what it means by its content. Eve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
@@ -32,6 +33,7 @@ KINDS = {
     "clusters": "gaussian_trimmer.selection_files.clusters",
     "checkpoint": "gaussian_trimmer.selection_files.checkpoint",
     "flashsplat": "gaussian_trimmer.selection_files.flashsplat",
+    "trimmed": "gaussian_trimmer.selection_files.trimmed",
 }
 _LISTED = 12
 
@@ -50,8 +52,14 @@ class SelectionKind(Protocol):
         ...
 
 
-def load_selection(path: str | Path, gaussians: Gaussians, options: SelectionOptions | None = None) -> BoolArray:
+def load_selection(
+    path: str | Path, gaussians: Gaussians, options: SelectionOptions | None = None,
+    say: Callable[[str], None] = lambda note: None,
+) -> BoolArray:  # fmt: skip
     """Which Gaussians of the scene a selection file means, (N,); at least one.
+
+    Args:
+        say: called with what a user should know of how the file was understood, such as rows that matched nothing.
 
     Raises:
         InputError: an option is not possible, or the file cannot be read, does not fit the scene or the options, could
@@ -68,13 +76,17 @@ def load_selection(path: str | Path, gaussians: Gaussians, options: SelectionOpt
             f"{', '.join(map(flag, unused))}; leave that out or choose another kind with {flag('kind')}."
         )
     selection = module.select(file, gaussians, options)
+    for note in file.notes:
+        say(f"{path.name}: {note}")
     if not selection.any():
         raise InputError(f"'{path.name}', read as the kind '{kind}', selects none of the {len(gaussians)} Gaussians.")
     return selection
 
 
 def offered_kinds(file: SelectionFile, n: int, options: SelectionOptions) -> list[str]:
-    """The kinds that a file can be of, for a scene of n Gaussians."""
+    """The kinds that a file can be of, for a scene of n Gaussians; what the program wrote is that and nothing else."""
+    if _module("trimmed").offers(file, n, options):
+        return ["trimmed"]
     return [kind for kind in KINDS if _module(kind).offers(file, n, options)]
 
 

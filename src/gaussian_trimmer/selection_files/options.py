@@ -20,6 +20,7 @@ Kind = Literal[
     "clusters",
     "checkpoint",
     "flashsplat",
+    "trimmed",
 ]
 
 

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.selection_files.splat_rows import Columns, SplatRows, gaussian_columns
 
 _POSITION = ("x", "y", "z")
 _CHANGED_BY_MOVING = (*_POSITION, "scale_0", "scale_1", "scale_2")
 _ROWS_PER_CHUNK = 1 << 16
 _UNMATCHED = -1
+_MAX_LOST = 0.5
+"""Largest share of rows that may match nothing."""
 
 
 def match_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> IntArray:
@@ -38,15 +40,16 @@ def match_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> IntArray:
     return found
 
 
-def match_moved_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> IntArray:
-    """Scene row of every row of a file whose Gaussians may have been moved and rescaled, (M,), all different.
+def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tuple[IntArray, list[str]]:
+    """Scene row of the rows of a file whose Gaussians may have been changed, (M,), -1 for none, and notes on that.
 
-    Rows that equal no scene row are matched by colour, opacity and rotation.
+    Rows that equal no scene row are matched by colour, opacity and rotation, which a method that moves and rescales
+    Gaussians leaves as they are; the rest by what is nearest, and by what they may be parts of.
 
     Raises:
-        InputError: rows match no scene row even so, or several of which any could be meant.
+        InputError: half of the rows or more match no scene row even so, or several of which any could be meant.
     """
-    found = _match_exactly(rows, gaussians)
+    found, ambiguous = _match_exactly(rows, gaussians), 0
     lost = np.flatnonzero(found == _UNMATCHED)
     scene = gaussian_columns(gaussians)
     names = [name for name in scene if name in rows.attributes and name not in _CHANGED_BY_MOVING]
@@ -54,17 +57,48 @@ def match_moved_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> IntAr
     if len(lost) and len(free) and names:
         wanted = {name: rows.attributes[name][lost] for name in names}
         offered = {name: scene[name][free] for name in names}
-        _check_unambiguous(wanted, offered, names, path)
-        local = _pair(wanted, offered, names)
+        unclear = _ambiguous(wanted, offered, names)
+        local = np.where(unclear, _UNMATCHED, _pair(wanted, offered, names))
         found[lost] = np.where(local == _UNMATCHED, _UNMATCHED, free[local])
+        ambiguous = int(np.count_nonzero(unclear))
+    notes = _match_roughly(rows, gaussians, found)
     lost = np.flatnonzero(found == _UNMATCHED)
-    if len(lost):
+    if ambiguous and len(lost):
+        raise InputError(
+            f"{ambiguous} moved rows of '{path.name}' have the colour, opacity and rotation of several scene rows; "
+            "give the rows as they were before they were moved."
+        )
+    if len(lost) > _MAX_LOST * len(rows):
         raise InputError(
             f"{len(lost)} of the {len(rows)} rows of '{path.name}' match no row of the scene, neither exactly nor by "
-            f"colour, opacity and rotation (the first is row {lost[0]}); give the scene that they were cut from, and "
-            "export the cut-out as an uncompressed PLY without moving it."
+            f"colour, opacity and rotation, nor nearly (the first is row {lost[0]}); give the scene that they were cut "
+            "from, and export the cut-out without moving or scaling it."
         )
-    return found
+    return found, notes
+
+
+def _match_roughly(rows: SplatRows, gaussians: Gaussians, found: IntArray) -> list[str]:
+    """Match the rows that are not yet found by what is nearest, in place; returns notes on how many were."""
+    notes: list[str] = []
+    lost = np.flatnonzero(found == _UNMATCHED)
+    if not len(lost):
+        return notes
+    # Late, since it compiles, and most files match exactly.
+    from gaussian_trimmer.selection_files.nearest_rows import match_children, match_nearest
+
+    free = np.setdiff1d(np.arange(len(gaussians)), found)
+    found[lost] = match_nearest(rows, lost, gaussians, free)
+    near = int(np.count_nonzero(found[lost] != _UNMATCHED))
+    if near:
+        notes.append(f"{near} of {len(rows)} rows by the nearest Gaussian")
+    lost = np.flatnonzero(found == _UNMATCHED)
+    if len(lost):
+        found[lost] = match_children(rows, lost, gaussians)
+        if parts := int(np.count_nonzero(found[lost] != _UNMATCHED)):
+            notes.append(f"{parts} as parts of split Gaussians")
+    if missing := int(np.count_nonzero(found == _UNMATCHED)):
+        notes.append(f"{missing} match nothing")
+    return notes
 
 
 def match_centres(means: NDArray[Any], gaussians: Gaussians, path: Path) -> IntArray:
@@ -88,20 +122,12 @@ def _match_exactly(rows: SplatRows, gaussians: Gaussians) -> IntArray:
     return _pair(rows.attributes, scene, [name for name in scene if name in rows.attributes])
 
 
-def _check_unambiguous(wanted: Columns, offered: Columns, names: list[str], path: Path) -> None:
-    """Refuse rows for which more scene rows are equal than are asked for.
-
-    Raises:
-        InputError: there are such rows.
-    """
+def _ambiguous(wanted: Columns, offered: Columns, names: list[str]) -> BoolArray:
+    """Rows (W,) for which more scene rows are equal than are asked for."""
     wanted_hashes, offered_hashes = _hashes(wanted, names), np.sort(_hashes(offered, names))
     copies = np.searchsorted(offered_hashes, wanted_hashes, "right") - np.searchsorted(offered_hashes, wanted_hashes)
     _, inverse, asked = np.unique(wanted_hashes, return_inverse=True, return_counts=True)
-    if unclear := int((copies > asked[inverse]).sum()):
-        raise InputError(
-            f"{unclear} moved rows of '{path.name}' have the colour, opacity and rotation of several scene rows; give "
-            "the rows as they were before they were moved."
-        )
+    return np.asarray(copies > asked[inverse])
 
 
 def _pair(rows: Columns, scene: Columns, names: list[str]) -> IntArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,8 +29,11 @@ from gaussian_trimmer.selection_files.splat_rows import (
 )
 
 TEXT_SUFFIXES = (".txt", ".csv")
-SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, *torch_files.SUFFIXES)
-_MAX_TEXT_BYTES = 1 << 27
+SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, ".json", *torch_files.SUFFIXES)
+_MAX_TEXT_BYTES, _MAX_JSON_BYTES, _MAX_JSON_LISTS = 1 << 27, 1 << 25, 1 << 10
+_LARGEST_WHOLE = 2**53
+_HEADER = re.compile(rb"[\"']?[A-Za-z_][^\r\n]*(?:[\r\n]+|$)")
+_SEPARATORS = bytes.maketrans(b",;", b"  ")
 _TEXT_BYTES_AT_ONCE = 1 << 20
 _FREE_ARCHIVE_BYTES = 1 << 26
 _ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
@@ -45,6 +49,10 @@ class SelectionFile:
     """Arrays by name; the only array of a file without names has the name ''."""
     rows: SplatRows | None = None
     checkpoint: Checkpoint | None = None
+    is_list: bool = False
+    """Whether the numbers are a list that somebody wrote, in which some may stand twice."""
+    notes: list[str] = field(default_factory=list)
+    """What a user should know of how the file was understood."""
 
     @property
     def has_features(self) -> bool:
@@ -90,7 +98,7 @@ class SelectionFile:
 
 
 def open_selection(path: Path, n: int | None = None) -> SelectionFile:
-    """Read a .npy, .npz, .txt, .csv, .pt, .pth or splat file.
+    """Read a .npy, .npz, .txt, .csv, .json, .pt, .pth or splat file.
 
     Arguments:
         n: number of Gaussians of the scene, where there is one. It bounds what a compressed file may unpack to.
@@ -111,7 +119,9 @@ def _open(path: Path, n: int | None) -> SelectionFile:
     if suffix == ".npz":
         return SelectionFile(path, read_npz(path, _archive_limit(n)))
     if suffix in TEXT_SUFFIXES:
-        return SelectionFile(path, {"": _read_numbers(path)})
+        return SelectionFile(path, {"": _read_numbers(path)}, is_list=True)
+    if suffix == ".json":
+        return SelectionFile(path, {"": _read_json(path)}, is_list=True)
     if suffix in torch_files.SUFFIXES:
         return _read_torch(path)
     if path.name.lower().endswith(tuple(FORMATS)):
@@ -128,20 +138,68 @@ def _archive_limit(n: int | None) -> int:
 
 
 def _read_numbers(path: Path) -> NDArray[Any]:
-    """The whole numbers in a text, between white space and commas, without what stands behind a '#' in its line."""
-    text = re.sub(rb"#[^\r\n]*", b"", file_bytes(path, _MAX_TEXT_BYTES).removeprefix(b"\xef\xbb\xbf"))
-    text = text.replace(b",", b" ")
+    """The whole numbers in a text, between white space, commas and semicolons.
+
+    What stands behind a '#' in its line is left out, and so is a first line of words, the header of a table.
+    """
+    text = re.sub(rb"#[^\r\n]*", b"", file_bytes(path, _MAX_TEXT_BYTES).removeprefix(b"\xef\xbb\xbf")).lstrip()
+    if header := _HEADER.match(text):
+        text = text[header.end() :]
+    text = text.translate(_SEPARATORS)
     parts = [np.zeros(0, np.int64)]
     start = 0
     try:
         while start < len(text):  # a piece at a time, since a word takes twenty times its bytes
             gap = re.compile(rb"\s|$").search(text, start + _TEXT_BYTES_AT_ONCE)
             end = gap.start() if gap else len(text)
-            parts.append(np.array([int(word) for word in text[start:end].split()], np.int64))
+            parts.append(np.array([_whole(word) for word in text[start:end].split()], np.int64))
             start = end
     except (ValueError, OverflowError) as error:
         raise InputError(f"'{path}' is no list of whole numbers: {shown(str(error))}.") from error
     return np.concatenate(parts)
+
+
+def _whole(word: bytes) -> int:
+    """The whole number that a word says, also as 9.0 or 9e3.
+
+    Raises:
+        ValueError: it says none.
+    """
+    try:
+        return int(word)
+    except ValueError:
+        value = float(word)
+        if not abs(value) < _LARGEST_WHOLE or value != int(value):
+            raise
+        return int(value)
+
+
+def _read_json(path: Path) -> NDArray[Any]:
+    """The whole numbers or booleans of a JSON list, or of the only list in a JSON object.
+
+    Raises:
+        InputError: the file holds something else.
+    """
+    data = file_bytes(path, _MAX_JSON_BYTES).removeprefix(b"\xef\xbb\xbf")
+    if data.count(b"[") + data.count(b"{") > _MAX_JSON_LISTS:
+        raise InputError(f"'{path}' is no list of whole numbers: it has lists in lists.")
+    try:
+        value = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"'{path}' is no JSON that can be read: {shown(str(error))}.") from error
+    if isinstance(value, dict):
+        lists = [entry for entry in value.values() if isinstance(entry, list)]
+        value = lists[0] if len(lists) == 1 else None
+    if isinstance(value, list):
+        if value and all(isinstance(entry, bool) for entry in value):
+            return np.array(value, np.bool_)
+        try:
+            numbers = [_whole(str(entry).encode()) for entry in value if isinstance(entry, int | float)]
+            if len(numbers) == len(value):
+                return np.array(numbers, np.int64)
+        except (ValueError, OverflowError):
+            pass
+    raise InputError(f"'{path}' is no list of whole numbers or booleans; give row numbers as [0, 5, 7].")
 
 
 def _read_torch(path: Path) -> SelectionFile:

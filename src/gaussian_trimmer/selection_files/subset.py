@@ -1,7 +1,8 @@
 """A splat file that holds the object's Gaussians alone.
 
 Editors such as SuperSplat, and the graphical interfaces of OmniSeg3D-GS and others, save the rows as they are. SAGD
-also saves `point_cloud_seg_gd.ply`, in which boundary Gaussians have been moved and shrunk.
+also saves `point_cloud_seg_gd.ply`, in which boundary Gaussians have been moved and shrunk. Compressed formats round,
+and the program's own objects have children of split Gaussians: such rows are matched with what is nearest.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
-from gaussian_trimmer.selection_files.row_matching import match_moved_rows
+from gaussian_trimmer.selection_files.row_matching import match_changed_rows
 from gaussian_trimmer.selection_files.selection_file import SelectionFile
 from gaussian_trimmer.selection_files.splat_property import MASK
 
@@ -29,7 +30,7 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
     """The scene rows that the file holds, (N,).
 
     Raises:
-        InputError: the file holds no splats, as many as the scene or more, or rows that are not in the scene.
+        InputError: the file holds no splats, as many as the scene or more, or mostly rows that are not in the scene.
     """
     if file.rows is None:
         raise InputError(f"'{file.path.name}' holds no splats.")
@@ -40,5 +41,7 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
             f"the scene; to select by what its Gaussians carry, use {hint}."
         )
     mask = np.zeros(len(gaussians), bool)
-    mask[match_moved_rows(file.rows, gaussians, file.path)] = True
+    found, notes = match_changed_rows(file.rows, gaussians, file.path)
+    file.notes.extend(notes)
+    mask[found[found >= 0]] = True
     return mask

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, make_dataclass
+from dataclasses import field, make_dataclass, replace
 from importlib import import_module
 from typing import Any, Protocol, cast
 
@@ -15,9 +15,12 @@ from gaussian_trimmer.views import View
 class Segmenter(Protocol):
     """Finds the object in every view, starting from where the coarse object is.
 
-    Two further methods are optional. `describe() -> str` is a line for the report, in place of the name.
+    Four further methods are optional. `describe() -> str` is a line for the report, in place of the name.
     `own_cameras(cameras: CameraSet | None) -> list[Camera]` names the cameras whose pictures the segmenter has masks
-    of; the command line then uses these in place of virtual ones.
+    of; the command line then uses these in place of virtual ones. `report_to(report: Callable[[str], None])` gives a
+    slow segmenter a function to call while it works, with "2 of 5" when the second of five views begins.
+    `segment_together(views, gaussians, renderer)` is called in place of `segment`, if it is there, by the trimmer: it
+    also gets the Gaussians that the views show, so that masks of different views can be held against each other.
     """
 
     name: str
@@ -32,6 +35,7 @@ class Segmenter(Protocol):
 SEGMENTERS = {
     "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter", "SilhouetteConfig"),
     "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig"),
+    "sam": ("gaussian_trimmer.segmentation.segmenters.sam", "SamSegmenter", "SamConfig"),
     "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter", "Sam2Config"),
     "mask-files": ("gaussian_trimmer.segmentation.segmenters.mask_files", "MaskFilesSegmenter", "MaskFilesConfig"),
 }
@@ -57,6 +61,13 @@ def all_options() -> type[Any]:
     kinds = {name: getattr(import_module(module), kind) for name, (module, _, kind) in SEGMENTERS.items() if kind}
     fields = [(field_name(name), kind, field(default_factory=kind)) for name, kind in kinds.items()]
     return make_dataclass("SegmenterOptions", fields, frozen=True)
+
+
+def paper_options(options: Any) -> Any:
+    """Options of all segmenters, as `all_options` has them, with the paper's choices in place of this program's."""
+    from gaussian_trimmer.segmentation.segmenters.sam import paper_sam
+
+    return replace(options, sam=paper_sam(options.sam))
 
 
 def field_name(name: str) -> str:

@@ -78,18 +78,27 @@ def mask_of(camera: Camera, folder: Path) -> BoolArray:
     return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > _HALF_COVERAGE)
 
 
-def ids_of(camera: Camera, folder: Path) -> NDArray[np.uint8]:
-    """The object numbers of a camera's picture, 0 for the background, (H, W).
+def ids_of(camera: Camera, folder: Path) -> NDArray[Any]:
+    """The object numbers of a camera's picture, 0 for the background, (H, W), uint8 or int32.
+
+    Grey values of 8 or 16 bits are the numbers. Of colours, the number is R + 256 G + 65536 B, as COCO's panoptic masks
+    have it; black is the background, and an alpha channel is left out.
 
     Raises:
-        InputError: as for `mask_of`, or the file has colours or more than 8 bits.
+        InputError: as for `mask_of`, or the file has neither such grey values nor colours of 8 bits a channel.
     """
     ids = _read(camera, folder, cv2.IMREAD_UNCHANGED)
-    if ids.ndim != 2 or ids.dtype != np.uint8:
+    if ids.ndim == 2 and ids.dtype in (np.uint8, np.uint16):
+        return ids if ids.dtype == np.uint8 else ids.astype(np.int32)
+    if ids.ndim != 3 or ids.shape[2] not in (3, 4) or ids.dtype != np.uint8:
         raise InputError(
-            f"The mask of '{camera.name}' has colours or more than 8 bits; object numbers need one grey channel of 8."
+            f"The mask of '{camera.name}' has pixels of {ids.dtype} {ids.shape[2:]}; object numbers are grey values of "
+            "8 or 16 bits, or colours of 8 bits a channel."
         )
-    return ids
+    blue, green, red = (ids[..., channel].astype(np.int32) for channel in range(3))
+    if np.array_equal(red, green) and np.array_equal(green, blue):
+        return np.asarray(ids[..., 0])  # grey values that were saved as colours
+    return np.asarray(red + 256 * green + 65536 * blue)
 
 
 def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:

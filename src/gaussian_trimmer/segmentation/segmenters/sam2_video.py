@@ -17,6 +17,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.segmentation.segmenters.prompts import BOX_CORNERS, IMAGENET, MASK_LOGITS, Prompt
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.views import View
 
@@ -28,8 +29,6 @@ _CPU_MODEL = "facebook/sam2.1-hiera-tiny"
 _HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
 _OLDEST_TRANSFORMERS = (5, 6)  # 5.0 breaks off while tracking; versions before 5.6 cannot prompt SAM3 view by view.
 _OBJECT = 1
-_BOX_CORNERS = (2, 3)  # Point labels by which SAM2 knows a box's upper left and lower right corner.
-_MASK_LOGITS = (20.0, -10.0)  # Scale and offset by which SAM2 turns a given mask into logits.
 _VISIBLE = 0.5
 
 
@@ -59,12 +58,11 @@ class _Family:
     std: Colour
 
 
-_IMAGENET: tuple[Colour, Colour] = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 _HALF: tuple[Colour, Colour] = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 # `model_type` of a checkpoint's config.json -> its family. All share SAM2's interface of sessions and prompts.
 _FAMILIES = {
-    "sam2_video": _Family("Sam2VideoModel", "Sam2Model", *_IMAGENET),
-    "edgetam_video": _Family("EdgeTamVideoModel", "EdgeTamModel", *_IMAGENET),
+    "sam2_video": _Family("Sam2VideoModel", "Sam2Model", *IMAGENET),
+    "edgetam_video": _Family("EdgeTamVideoModel", "EdgeTamModel", *IMAGENET),
     "sam3_video": _Family("Sam3TrackerVideoModel", "Sam3TrackerModel", *_HALF),
     "sam3_tracker_video": _Family("Sam3TrackerVideoModel", "Sam3TrackerModel", *_HALF),
 }
@@ -128,7 +126,7 @@ class Sam2Segmenter:
         if by_mask:
             session.add_mask_inputs(index, 0, self._silhouette(views[0]))
         else:
-            labels = self._torch.tensor([[_BOX_CORNERS]], dtype=self._torch.int32)
+            labels = self._torch.tensor([[BOX_CORNERS]], dtype=self._torch.int32)
             session.add_point_inputs(index, 0, {"point_coords": self._corners(views[0]), "point_labels": labels})
         session.obj_with_new_inputs = [_OBJECT]
         self.model(inference_session=session, frame_idx=0)
@@ -142,7 +140,7 @@ class Sam2Segmenter:
             return self._empty_mask(view)
         prompt = {"input_boxes": self._corners(view).reshape(1, 1, 4)}
         if self.config.prompt == "mask":
-            scale, offset = _MASK_LOGITS
+            scale, offset = MASK_LOGITS
             prompt["input_masks"] = (scale * self._silhouette(view) + offset).to(self._dtype)
         output = self.model(pixel_values=self._pixels(view)[None], multimask_output=False, **prompt)
         return self._mask(output.pred_masks[:, 0], view)
@@ -177,9 +175,8 @@ class Sam2Segmenter:
 
         The model counts pixels by their centres: its prompt encoder adds the half pixel that is taken off here.
         """
-        x0, y0, x1, y1 = view.box
         height, width = view.rgb.shape[:2]
-        centres = self._torch.tensor([[x0 + 0.5, y0 + 0.5], [x1 - 0.5, y1 - 0.5]], device=self._device)
+        centres = self._torch.tensor(Prompt(view.box).corners().tolist(), device=self._device)
         scale = centres.new_tensor([self._side / width, self._side / height])
         return (centres * scale - 0.5)[None, None]
 

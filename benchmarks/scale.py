@@ -1,0 +1,222 @@
+"""What do batches cost? Items a minute and memory against workers; and, by simulation, a batch of 10^6 objects.
+
+    python benchmarks/scale.py [--data ROOT ...] [--objects 200] [--engines local ray] [--workers 1 2] [--output DIR]
+    python benchmarks/scale.py --simulate [--machines 64 --cores 16 ...]
+
+The manifest has copies of benchmark scenes, each turned by a rotation of its own, so that no two are equal; every
+object of a scene is an item. A loop in Python over the same items, with each scene read once, is what batches are held
+against. Whatever is measured runs in a process of its own, from the start of the interpreter to its end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+from simulated_batch import Plant, simulate
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.batch.local import cores
+from gaussian_trimmer.gaussians import Float64Array, Gaussians, quaternions_of, rotation_matrices
+from gaussian_trimmer.reading import is_file
+from gaussian_trimmer.rendering.reference import sh_basis
+
+DATA = Path(__file__).parent / "data"
+_SAMPLE_PAUSE = 0.1
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Measure what batches cost."""
+
+    data: tuple[Path, ...] = (DATA / "tabletop",)
+    """Benchmark scenes: folders with scene.ply and coarse/OBJECT/KIND.npy."""
+    kind: str = "dilated"
+    """Which coarse selections are trimmed."""
+    objects: int = 200
+    """Number of items."""
+    engines: tuple[Literal["local", "ray"], ...] = ("local",)
+    workers: tuple[int, ...] = (1, 2)
+    output: Path = Path("out/scale")
+    loop: bool = True
+    """Measure the loop in Python too."""
+    repeat: int = 1
+    """Measure everything so many times; the best counts."""
+    simulate: bool = False
+    """Simulate a large batch instead."""
+    plant: Plant = field(default_factory=Plant)
+
+
+def main(arguments: Arguments) -> None:
+    console = Console()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    if arguments.simulate:
+        record: Record = {"plant": asdict(arguments.plant), **simulate(arguments.plant)}
+        (arguments.output / "simulation.json").write_text(json.dumps(record, indent=1) + "\n")
+        console.print_json(json.dumps(record))
+        return
+    manifest = make_manifest(arguments.data, arguments.kind, arguments.objects, arguments.output / "scenes")
+    runs: list[tuple[str, int]] = [("loop", 1)] if arguments.loop else []
+    runs += [(engine, workers) for engine in arguments.engines for workers in arguments.workers]
+    results = []
+    for engine, workers in runs:
+        tries = [measure(engine, workers, manifest, arguments) for _ in range(arguments.repeat)]
+        results.append(max(tries, key=lambda record: float(record["items_per_minute"])))
+        console.print(f"{engine} {workers}: {results[-1]['items_per_minute']:.1f} items a minute")
+    record = {"machine": f"{platform.processor() or platform.machine()}, {cores()} processors", "results": results}
+    (arguments.output / "scale.json").write_text(json.dumps(record, indent=1) + "\n")
+    table = Table("engine", "workers", "items", "seconds", "items a minute", "peak memory, MB")
+    for r in results:
+        table.add_row(r["engine"], str(r["workers"]), str(r["items"]), f"{r['seconds']:.1f}",
+                      f"{r['items_per_minute']:.1f}", f"{r['peak_bytes'] / 1e6:.0f}")  # fmt: skip
+    console.print(table)
+
+
+def make_manifest(roots: Sequence[Path], kind: str, n: int, folder: Path) -> Path:
+    """Write turned copies of scenes, their selections and a manifest of n items; what is there already is kept."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    rows = ["scene,selection,name,up"]
+    copy = 0
+    while len(rows) <= n:
+        root = roots[copy % len(roots)]
+        rotation = rotation_matrices(rng.normal(size=(1, 4)).astype(np.float32))[0].astype(np.float64)
+        name = f"{root.name}-{copy:03d}"
+        if not is_file(folder / f"{name}.ply"):
+            formats.write(turned(formats.read(root / "scene.ply"), rotation), folder / f"{name}.ply")
+        up = " ".join(f"{value:.9f}" for value in rotation @ np.array([0.0, 0.0, 1.0]))
+        for selection in sorted((root / "coarse").glob(f"*/{kind}.npy")):
+            own = f"{root.name}-{selection.parent.name}.npy"
+            shutil.copyfile(selection, folder / own)
+            rows.append(f"{name}.ply,{own},{name}/{selection.parent.name},{up}")
+        copy += 1
+    manifest = folder / f"manifest-{n}.csv"
+    manifest.write_text("\n".join(rows[: n + 1]) + "\n")
+    return manifest
+
+
+def turned(scene: Gaussians, rotation: Float64Array) -> Gaussians:
+    """A scene after a rotation (3, 3) about the origin, with colours that turn along."""
+    rest = scene.sh_rest.astype(np.float64)
+    directions = np.random.default_rng(1).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    here, there = sh_basis(directions), sh_basis(directions @ rotation)
+    first = 1
+    for degree in (1, 2, 3):
+        columns = slice(first, first + 2 * degree + 1)
+        if columns.stop - 1 <= rest.shape[2]:
+            # Colour in direction d afterwards is what it was in direction R^T d.
+            change = np.linalg.lstsq(here[:, columns], there[:, columns], rcond=None)[0]
+            part = slice(columns.start - 1, columns.stop - 1)
+            rest[..., part] = rest[..., part] @ change.T
+        first = columns.stop
+    return scene.replace(
+        means=(scene.means @ rotation.T).astype(np.float32),
+        quaternions=quaternions_of(rotation @ rotation_matrices(scene.quaternions)),
+        sh_rest=rest.astype(np.float32),
+        extras={},
+    )
+
+
+def measure(engine: str, workers: int, manifest: Path, arguments: Arguments) -> Record:
+    """Run a batch, or the loop; seconds, items a minute, and the peak of all its processes' memory together."""
+    output = arguments.output / f"{engine}-{workers}"
+    shutil.rmtree(output, ignore_errors=True)
+    if engine == "loop":
+        command = [sys.executable, str(Path(__file__)), "--loop-over", str(manifest), str(output)]
+    else:
+        command = [sys.executable, "-m", "gaussian_trimmer", "batch", str(manifest), "--output", str(output), "--quiet"]
+        command += ["--engine", engine, "--workers", str(workers)]
+    start = time.perf_counter()
+    process = subprocess.Popen(command)
+    peak = _Peak(process.pid)
+    code = process.wait()
+    seconds = time.perf_counter() - start
+    if code:
+        raise RuntimeError(f"'{' '.join(command)}' ended with code {code}.")
+    n = len(list(output.rglob("object.ply")))
+    size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
+    shutil.rmtree(output)
+    return {
+        "engine": engine, "workers": workers, "items": n, "seconds": seconds, "items_per_minute": 60 * n / seconds,
+        "peak_bytes": peak.end(), "output_bytes": size,
+    }  # fmt: skip
+
+
+class _Peak:
+    """The largest memory of a process and all that it started, without counting what they share twice."""
+
+    def __init__(self, process: int) -> None:
+        self._process, self._bytes, self._ended = process, 0, threading.Event()
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+
+    def end(self) -> int:
+        """The peak so far, in bytes."""
+        self._ended.set()
+        self._thread.join()
+        return self._bytes
+
+    def _watch(self) -> None:
+        while not self._ended.wait(_SAMPLE_PAUSE):
+            self._bytes = max(self._bytes, sum(map(_memory_of, _family(self._process))))
+
+
+def _family(process: int) -> Iterator[int]:
+    parents: dict[int, list[int]] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(path.read_text().rpartition(")")[2].split()[1])
+        except (OSError, ValueError):
+            continue
+        parents.setdefault(parent, []).append(int(path.parent.name))
+    waiting = [process]
+    while waiting:
+        number = waiting.pop()
+        yield number
+        waiting += parents.get(number, [])
+
+
+def _memory_of(process: int) -> int:
+    try:
+        for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss:"):
+                return 1024 * int(line.split()[1])
+    except (OSError, ValueError):
+        pass
+    return 0
+
+
+def loop_over(manifest: Path, output: Path) -> None:
+    """What a batch is held against: a loop over the items, with each scene read once."""
+    import gaussian_trimmer as gt
+
+    scene, path = None, ""
+    for item in gt.batch.read_manifest(manifest):
+        if item.scene != path:
+            scene, path = gt.read(item.scene), item.scene
+        assert scene is not None and item.selection is not None
+        gt.trim(scene, gt.read_selection(item.selection, scene), config=item.config).save(output / item.name)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--loop-over"]:
+        os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+        loop_over(Path(sys.argv[2]), Path(sys.argv[3]))
+    else:
+        main(tyro.cli(Arguments))

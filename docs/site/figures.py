@@ -1,0 +1,149 @@
+"""The figures of `docs/stages.md`, made by the program from its sample scene.
+
+    python docs/site/figures.py [FOLDER]
+
+Without FOLDER they replace those in `docs/images/stages`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import gaussian_trimmer as gt
+from gaussian_trimmer import sample
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.decomposition.split_rules import split_plane
+from gaussian_trimmer.evaluation.sheets import row_of_pictures
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, logit
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.output.pictures import BACKDROP, Picture, close_up, draw_view, write_picture
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.result import RowLabel, TrimResult
+
+FOLDER = Path(__file__).parents[1] / "images" / "stages"
+SIDE = 300
+KEPT, PRUNED, RECOVERED, OTHER = (0.25, 0.7, 0.3), (0.95, 0.2, 0.1), (0.2, 0.45, 1.0), (0.82, 0.82, 0.82)
+BLUE, ORANGE = (0.1, 0.4, 0.9), (0.95, 0.5, 0.1)
+
+
+def figures(size: int = 512) -> dict[str, Picture]:
+    """Every figure by the name of its file; `size` is that of the virtual views in pixels."""
+    scene = gt.read(sample.SCENE)
+    rough = gt.read_selection(sample.SELECTION, scene)
+    config = gt.TrimConfig(plan=gt.TrimConfig().plan.__class__(size=size))
+    result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS), config=config)
+    return {
+        "planning.jpg": _planning(result),
+        "augmentation.jpg": _augmentation(result),
+        "labels.jpg": _labels(result),
+        "segmentation.jpg": _segmentation(result),
+        "evidence.jpg": _evidence(result),
+        "splitting.jpg": _splitting(),
+    }
+
+
+def _planning(result: TrimResult) -> Picture:
+    """A map of the cameras, and what three of them see."""
+    views = [(f"view {i}", _small(result.views[i].view.rgb)) for i in (0, 1, 2)]
+    return row_of_pictures([("from above", _map(result)), *views], captions=True)
+
+
+def _map(result: TrimResult) -> FloatArray:
+    """The selected Gaussians, those around them, and the cameras, seen along the up vector."""
+    across, along, _ = up_frame(result.up.direction)
+    centres = np.array([view.view.camera.centre for view in result.views])
+    reach = 1.2 * np.linalg.norm(centres - result.bounds.centre, axis=1).max()
+    picture = np.ones((SIDE, SIDE, 3), np.float32)
+
+    def at(points: FloatArray) -> np.ndarray:
+        offset = np.asarray(points) - result.bounds.centre
+        plane = np.stack([offset @ across, -(offset @ along)], -1)
+        return np.asarray(np.round(SIDE * (0.5 + plane / (2 * reach))), np.int64)
+
+    for rows, colour in ((~result.selection, OTHER), (result.selection, ORANGE)):
+        pixels = at(result.scene.means[rows])
+        inside = ((pixels >= 0) & (pixels < SIDE)).all(axis=1)
+        picture[pixels[inside, 1], pixels[inside, 0]] = colour
+    middle = at(result.bounds.centre[None])[0]
+    for centre in at(centres):
+        cv2.line(picture, centre.tolist(), middle.tolist(), (0.6, 0.7, 0.9), 1, cv2.LINE_AA)
+        cv2.circle(picture, centre.tolist(), 6, BLUE, -1, cv2.LINE_AA)
+    return picture
+
+
+def _augmentation(result: TrimResult) -> Picture:
+    """A view of the selection alone, and with the Gaussians around it."""
+    view = result.views[0].view
+    alone = result.used_renderer.render(result.scene.select(result.selection), view.camera, BACKDROP).rgb
+    around = view.rgb + (1 - view.alpha)[..., None] * BACKDROP
+    cells = [("the selection alone", _small(alone)), ("with the Gaussians around it (BA)", _small(around))]
+    return row_of_pictures(cells, captions=True)
+
+
+def _labels(result: TrimResult) -> Picture:
+    """How much of the picture the object contributes, by the rough labels and by the corrected ones."""
+    view = result.views[0].view
+    cells = [("picture", _small(view.rgb)), ("rough labels", _small(_grey(view.object_visible)))]
+    return row_of_pictures([*cells, ("corrected labels", _small(_grey(view.object_prior)))], captions=True)
+
+
+def _segmentation(result: TrimResult) -> Picture:
+    """Three views as they are written to `views/`."""
+    pictures = [draw_view(view, i) for i, view in enumerate(result.views)][:3]
+    return np.hstack(
+        [np.asarray(cv2.resize(p, None, fx=0.75, fy=0.75, interpolation=cv2.INTER_AREA)) for p in pictures]
+    )
+
+
+def _evidence(result: TrimResult) -> Picture:
+    """What became of each Gaussian: kept, pruned or recovered."""
+    n, colours = len(result.object), np.tile(np.float32(OTHER), (len(result.scene), 1))
+    for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.RECOVERED, RECOVERED)):
+        colours[result.source_index[:n][result.label[:n] == label]] = colour
+    colours[result.source_index[n:][result.label[n:] == RowLabel.PRUNED]] = PRUNED
+    cells = []
+    for i in (0, 1, 2):
+        camera = close_up(result.views[i], result.bounds, SIDE)
+        rows = result.selection | result.object_mask
+        shown = result.used_renderer.blend_values(result.scene.select(rows), camera, colours[rows])
+        alpha = result.used_renderer.render(result.scene.select(rows), camera).alpha
+        cells.append((f"view {i}: kept, pruned, recovered", shown + (1 - alpha)[..., None]))
+    return row_of_pictures(cells, captions=True)
+
+
+def _splitting() -> Picture:
+    """One Gaussian, and its children on both sides of a plane, each rendered alone, and both together."""
+    parent = Gaussians(
+        np.zeros((1, 3), np.float32), np.log(np.float32([[0.36, 0.12, 0.12]])),
+        np.float32([[np.cos(0.25), 0, 0, np.sin(0.25)]]), logit(np.array([0.95])).astype(np.float32),
+        np.float32([[0.2, 0.6, 1.4]]), np.zeros((1, 3, 0), np.float32),
+    )  # fmt: skip
+    inside, outside = split_plane(parent, np.array([[1.0, 0.0, 0.0]]), np.array([0.1]))
+    eye = np.array([0.0, 0.0, -2.4])
+    camera = Camera(
+        look_at(eye, np.zeros(3), np.array([0.0, -1, 0])), intrinsics(np.radians(45), SIDE, SIDE), SIDE, SIDE
+    )
+    both = Gaussians(*(np.concatenate([getattr(c, f) for c in (inside, outside)]) for f in (
+        "means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")))  # fmt: skip
+    named = [("parent", parent), ("inside child", inside), ("outside child", outside), ("both children", both)]
+    cells = [(name, get_renderer("reference").render(g, camera, BACKDROP).rgb) for name, g in named]
+    return row_of_pictures(cells, captions=True)
+
+
+def _grey(values: FloatArray) -> FloatArray:
+    return np.repeat(np.clip(values, 0, 1)[..., None], 3, axis=2)
+
+
+def _small(rgb: FloatArray) -> FloatArray:
+    return np.asarray(cv2.resize(np.clip(rgb, 0, 1), (SIDE, SIDE), interpolation=cv2.INTER_AREA))
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, picture in figures().items():
+        write_picture(picture, folder / name)

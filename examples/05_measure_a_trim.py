@@ -1,0 +1,27 @@
+"""Measure a selection and its trim against ground-truth masks, by both rules of occlusion.
+
+On the command line this is `gaussian-trimmer evaluate`. The masks show what is visible of the lighthouse: where a fern
+stands before it, they have a hole, which only the rule "in-scene" expects.
+"""
+
+import gaussian_trimmer as gt
+from gaussian_trimmer import sample
+from gaussian_trimmer.evaluation.ground_truth import views_in
+from gaussian_trimmer.evaluation.results import cut_by
+from gaussian_trimmer.evaluation.scoring import Judge, mean_scores
+from gaussian_trimmer.rendering import get_renderer
+
+scene = gt.read(sample.SCENE)
+rough = gt.read_selection(sample.SELECTION, scene)
+cameras = gt.read_cameras(sample.CAMERAS)
+result = gt.trim(scene, rough, cameras=cameras)
+
+views = list(views_in(cameras.pinhole_cameras(), sample.MASKS)[1])
+for rule in ("alone", "in-scene"):
+    judge = Judge(get_renderer("auto"), occlusion=rule)
+    for name, rows in (("selection", rough), ("trim", result.object_mask)):
+        cut = cut_by(scene, rows)
+        scores = mean_scores(judge.score(judge.show(cut, view.camera), view) for view in views)
+        print(
+            f"{rule}, {name}: IoU {scores['iou']:.1f}, boundary IoU {scores['boundary_iou']:.1f} in {len(views)} views"
+        )

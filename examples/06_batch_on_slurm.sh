@@ -1,0 +1,10 @@
+#!/bin/bash
+# Trim everything that a manifest lists on many machines: sbatch examples/06_batch_on_slurm.sh manifest.csv /scratch/out
+#SBATCH --job-name=trim
+#SBATCH --array=1-16
+#SBATCH --cpus-per-task=8
+#SBATCH --mem=32G
+# Tasks that are killed or run out of time lose nothing that is finished: submit the same line again.
+set -euo pipefail
+python -m gaussian_trimmer batch "$1" --output "$2" --shard "$SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT" \
+    --workers "$SLURM_CPUS_PER_TASK" --memory 30 --time-limit 600

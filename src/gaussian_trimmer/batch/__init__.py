@@ -1,0 +1,15 @@
+"""Many objects of many scenes: on the processors of this machine, on a Ray cluster, or in shards.
+
+import gaussian_trimmer as gt
+
+items = gt.batch.read_manifest("manifest.csv")
+outcomes = gt.batch.run(items, "out", on_result=lambda outcome: print(outcome.item.name, outcome.state))
+"""
+
+from __future__ import annotations
+
+from gaussian_trimmer.batch.driver import Outcome, Status, run
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.manifest import read_manifest
+
+__all__ = ["Item", "Outcome", "Status", "read_manifest", "run"]

@@ -1,0 +1,102 @@
+"""What tells whether an item must be trimmed again: a digest of the contents of its inputs and of its settings.
+
+Names and times of files do not count, so that a copy elsewhere is the same; the version of the program does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussian_trimmer import __version__
+from gaussian_trimmer.batch.items import Item, item_as_json, options_kind
+from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.errors import InputError
+
+_BYTES_AT_ONCE = 1 << 20
+_MOST_FILES = 100_000
+
+
+def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | None) -> str:
+    """The digest of an item.
+
+    Args:
+        item: the item, whose other inputs (a classifier, masks, a model's folder) are read.
+        scene, selection, cameras: digests of these, None for what there is not.
+
+    Raises:
+        InputError: another input cannot be read.
+    """
+    data = item_as_json(item)
+    options = item.segmenter_options
+    kind = options_kind(item.segmenter)
+    if options is None and kind is not None:
+        options = kind()
+    settings = {
+        "version": __version__,
+        "scene": scene,
+        "selection": selection,
+        "cameras": cameras,
+        "format": item.suffix,
+        "background": item.background,
+        "config": data["config"],
+        "renderer": item.renderer,
+        "segmenter": item.segmenter,
+        "segmenter_options": _with_contents(asdict(options)) if options is not None else None,
+        "selection_options": _with_contents(asdict(item.selection_options)),
+    }
+    text = json.dumps(settings, sort_keys=True, allow_nan=False, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def digest_of_file(path: Path) -> str:
+    """The SHA-256 of a file's contents.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
+
+
+def digest_of_cameras(cameras: CameraSet) -> str:
+    """The SHA-256 of all that a set of cameras says, whichever kind of file it came from."""
+    total = hashlib.sha256()
+    for camera, train in zip(cameras.cameras, cameras.train, strict=True):
+        total.update(f"{camera.name!r} {camera.width} {camera.height} {camera.near!r} {train}".encode())
+        for matrix in (camera.world_to_camera, camera.K):
+            total.update(np.ascontiguousarray(matrix, np.float64).tobytes())
+    total.update(repr(None if cameras.up is None else np.asarray(cameras.up, np.float64).tolist()).encode())
+    total.update(str(cameras.distorted).encode())
+    return total.hexdigest()
+
+
+def _with_contents(options: dict[str, Any]) -> dict[str, Any]:
+    """Options, with digests in place of the files and folders that they name."""
+    return {name: _contents(value) if _is_place(value) else value for name, value in options.items()}
+
+
+def _is_place(value: Any) -> bool:
+    return isinstance(value, Path) or (isinstance(value, str) and bool(value) and os.path.isdir(value))  # noqa: PTH112
+
+
+def _contents(place: Path | str) -> str:
+    place = Path(place)
+    if not place.is_dir():
+        return digest_of_file(place)
+    total = hashlib.sha256()
+    paths = sorted(path for path in place.rglob("*") if path.is_file())
+    if len(paths) > _MOST_FILES:
+        raise InputError(f"The folder '{place}' holds {len(paths)} files; at most {_MOST_FILES} can be an input.")
+    for path in paths:
+        total.update(f"{path.relative_to(place).as_posix()!r} {digest_of_file(path)}".encode())
+    return total.hexdigest()

@@ -1,0 +1,128 @@
+"""The summaries of a batch: `summary.csv` for programs, `summary.html` with pictures, the worst items first."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+from collections.abc import Sequence
+from urllib.parse import quote
+
+from gaussian_trimmer.batch.driver import Outcome, outcome_of
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.storage import Store
+
+CSV, HTML = "summary.csv", "summary.html"
+COLUMNS = (
+    "name", "state", "doubt", "message", "scene_gaussians", "selected", "object", "kept", "split", "pruned",
+    "recovered", "views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint",
+)  # fmt: skip
+_MOST_PICTURES = 500
+_STYLE = (
+    "body{font:15px sans-serif;margin:2em;background:#fff;color:#222}table{border-collapse:collapse}"
+    "td,th{padding:.3em .8em;text-align:left;vertical-align:top;border-bottom:1px solid #ddd}"
+    "img{width:320px;display:block}.failed{color:#b00020}.left{color:#777}"
+)
+
+
+def doubt(outcome: Outcome) -> float:
+    """How much an outcome should be looked at, from 0 to 3, which is a failure.
+
+    Of what was trimmed, the share of views that were rejected and that of the selection that changed count; what was
+    left as it was selected stands above all that.
+    """
+    if outcome.state != "done":
+        return 3.0
+    accepted, views = outcome.views
+    rejected = 1 - accepted / views if views else 1.0
+    changed = sum(outcome.counts.get(name, 0) for name in ("pruned", "recovered"))
+    share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
+    return (2.0 if outcome.refused else 0.0) + 0.5 * rejected + 0.5 * share
+
+
+def write_summaries(store: Store, items: Sequence[Item], outcomes: Sequence[Outcome]) -> None:
+    """Write both summaries; items without an outcome, as those of other shards, are looked up in the output.
+
+    Several runs may write them at a time: each looks again at what it has written, so that the last one is complete.
+
+    Raises:
+        InputError: a summary cannot be written.
+    """
+    mine = {outcome.item.name: outcome for outcome in outcomes}
+    others = [item for item in items if item.name not in mine]
+    written: list[Outcome] | None = None
+    while True:
+        found = [_found(store, item) for item in others]
+        if found == written:
+            return
+        rows = sorted([*mine.values(), *found], key=lambda outcome: (-doubt(outcome), outcome.item.name))
+        store.write(CSV, as_csv(rows))
+        store.write(HTML, as_html(rows))
+        written = found
+        if not others:
+            return
+
+
+def as_csv(outcomes: Sequence[Outcome]) -> str:
+    """The table, a line for each outcome."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for outcome in outcomes:
+        counts, item = outcome.counts, outcome.item
+        numbers = [counts.get(name, "") for name in ("scene", "selected", "object", "kept", "split", "pruned",
+                                                     "recovered")]  # fmt: skip
+        writer.writerow([
+            item.name, outcome.state, round(doubt(outcome), 4), outcome.message or outcome.refused, *numbers,
+            *outcome.views, round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else "",
+            item.scene, item.selection or "", outcome.fingerprint,
+        ])  # fmt: skip
+    return text.getvalue()
+
+
+def as_html(outcomes: Sequence[Outcome]) -> str:
+    """The page; the first outcomes have their pictures, which the browser fetches when they come into sight."""
+    states = [outcome.state for outcome in outcomes]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in ("done", "failed", "left") if state in states)
+    pages = [
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Batch</title><style>{_STYLE}</style>'
+        f"</head><body>\n<h1>{len(outcomes)} items: {counts}</h1>\n<p>The worst first: what failed, what was left as "
+        "it was selected, then by rejected views and by how much of the selection changed.</p>\n<table>\n"
+        "<tr><th>item</th><th>state</th><th>Gaussians</th><th>views</th><th></th></tr>"
+    ]
+    shown = 0
+    for outcome in outcomes:
+        picture = ""
+        if outcome.state == "done" and shown < _MOST_PICTURES:
+            shown += 1
+            link = f"items/{quote(outcome.item.name)}/before_after.png"
+            picture = f'<a href="{link}"><img loading="lazy" src="{link}" alt=""></a>'
+        pages.append(_row(outcome, picture))
+    return "\n".join([*pages, "</table></body></html>", ""])
+
+
+def _row(outcome: Outcome, picture: str) -> str:
+    counts = outcome.counts
+    numbers = (
+        f"{counts.get('selected', 0):,} selected, {counts.get('object', 0):,} in the object<br>"
+        f"{counts.get('pruned', 0):,} pruned, {counts.get('recovered', 0):,} recovered"
+        if counts
+        else ""
+    )
+    views = f"{outcome.views[0]} of {outcome.views[1]}" if outcome.views[1] else ""
+    words = html.escape(outcome.message or outcome.refused)
+    return (
+        f'<tr class="{outcome.state}"><td>{html.escape(outcome.item.name)}</td><td>{outcome.state}<br>{words}</td>'
+        f"<td>{numbers}</td><td>{views}</td><td>{picture}</td></tr>"
+    )
+
+
+def _found(store: Store, item: Item) -> Outcome:
+    """What the output says of an item that another run had."""
+    told = store.finished(item.name)
+    if told is not None:
+        return outcome_of(item, told)
+    record = store.read(f"records/{item.name}.json")
+    if record is not None and record.get("state") == "failed":
+        return Outcome(item, "failed", str(record.get("message", "")), fresh=False)
+    return Outcome(item, "left", "no run has come to it yet", fresh=False)

@@ -1,0 +1,144 @@
+"""CLIP-IQA: how an object looks, judged by a CLIP model between two opposite prompts.
+
+The score of a picture is the probability that CLIP gives to the first prompt of a pair. The three pairs are those that
+segmentations of 3D Gaussian Splatting are judged with; two are about the boundary and are taken over crops along the
+object's contour, the third is about the whole object. Pictures show the object alone over white.
+
+Any CLIP of Transformers will do, from a folder or the hub. It runs without its image processor, which needs
+torchvision. Scores of different models cannot be compared.
+
+After "Exploring CLIP for Assessing the Look and Feel of Images" (Wang et al., AAAI 2023).
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.evaluation.scoring import Scores, Shown
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.views import Box, bounding_box
+
+PAIRS = {
+    "clip_clear": ("clear boundary", "unclear boundary"),
+    "clip_smooth": ("smooth boundary", "noisy boundary"),
+    "clip_complete": ("complete object", "mutilated object"),
+}
+"""Metric -> the prompt that is wished for, and its opposite."""
+_OF_BOUNDARY = ("clip_clear", "clip_smooth")
+CROPS = 8
+"""Crops along the contour."""
+_SHARE = 1 / 3
+"""Side of a crop, as a share of the longer side of the object's box."""
+_SMALLEST_CROP = 32
+_MARGIN = 0.1
+_MEAN, _STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+"""Colours that CLIP models are trained on."""
+
+
+class ClipScorer:
+    """Scores pictures of objects with one CLIP model, which is loaded once.
+
+    Raises:
+        InputError: PyTorch or Transformers is missing, or the model cannot be loaded or is no CLIP.
+    """
+
+    def __init__(self, model: str) -> None:
+        try:
+            self._torch, transformers = import_module("torch"), import_module("transformers")
+        except ImportError as error:
+            raise InputError(
+                f"CLIP-IQA needs PyTorch and Transformers ({error}): pip install 'gaussian-trimmer[eval]'."
+            ) from error
+        local = Path(model).is_dir()
+        try:
+            # Weights are read from safetensors alone: other files could hold code.
+            self._model = transformers.CLIPModel.from_pretrained(model, use_safetensors=True, local_files_only=local)
+            tokenizer = transformers.CLIPTokenizer.from_pretrained(model, local_files_only=local)
+        except (OSError, ValueError, RuntimeError, KeyError) as error:
+            first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+            raise InputError(
+                f"Cannot load the CLIP model '{model}' ({first_line}); give a folder with model.safetensors and the "
+                "tokenizer's files, or a name on the Hugging Face hub."
+            ) from error
+        self._model.eval()
+        self.name = shown(Path(model).name if local else model)
+        """Name of the model, for tables."""
+        self._side = int(self._model.config.vision_config.image_size)
+        prompts = [f"A photo with a {prompt}." if "boundary" in prompt else f"A photo of a {prompt}."
+                   for pair in PAIRS.values() for prompt in pair]  # fmt: skip
+        self._prompts = tokenizer(prompts, padding=True, return_tensors="pt")
+
+    def describe(self) -> str:
+        """What the scores were made with, for tables."""
+        return f"CLIP-IQA by {self.name}, of the object alone over white; boundaries over {CROPS} crops"
+
+    def score(self, shown: Shown, threshold: float) -> Scores:
+        """The three scores of an object in percent; nothing if it is not in the picture.
+
+        Args:
+            shown: the object, rendered alone.
+            threshold: opacity above which a pixel belongs to it.
+        """
+        mask = np.asarray(shown.alpha > threshold)
+        if not mask.any():
+            return {}
+        picture = np.clip(shown.rgb + (1 - np.clip(shown.alpha, 0, 1))[..., None], 0, 1)
+        boxes = [whole_box(mask), *boundary_boxes(mask)]
+        chances = self._probabilities([cut_square(picture, box) for box in boxes])
+        return {
+            name: float(100 * (chances[1:, i].mean() if name in _OF_BOUNDARY else chances[0, i]))
+            for i, name in enumerate(PAIRS)
+        }
+
+    def _probabilities(self, pictures: list[FloatArray]) -> FloatArray:
+        """Probability of the first prompt of each pair, (P, 3)."""
+        side, torch = self._side, self._torch
+        resized = [np.asarray(cv2.resize(p, (side, side), interpolation=_interpolation(p, side))) for p in pictures]
+        pixels = (np.stack(resized) - np.array(_MEAN, np.float32)) / np.array(_STD, np.float32)
+        with torch.inference_mode():
+            logits = self._model(
+                pixel_values=torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2))), **self._prompts
+            ).logits_per_image
+            pairs = logits.float().reshape(len(pictures), len(PAIRS), 2).softmax(dim=-1)[..., 0]
+        return np.asarray(pairs.numpy(), np.float32)
+
+
+def whole_box(mask: BoolArray) -> Box:
+    """A square about a mask (H, W), a little wider; it may reach out of the picture."""
+    x0, y0, x1, y1 = bounding_box(mask)
+    side = round((1 + 2 * _MARGIN) * max(x1 - x0, y1 - y0))
+    return _square((x0 + x1) // 2, (y0 + y1) // 2, max(side, _SMALLEST_CROP))
+
+
+def boundary_boxes(mask: BoolArray, n: int = CROPS) -> list[Box]:
+    """n squares of a third of the object's size, their centres evenly spread along its outer contours."""
+    x0, y0, x1, y1 = bounding_box(mask)
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    points = np.concatenate([contour[:, 0] for contour in contours])
+    side = max(round(_SHARE * max(x1 - x0, y1 - y0)), _SMALLEST_CROP)
+    return [_square(int(x), int(y), side) for x, y in points[[i * len(points) // n for i in range(n)]]]
+
+
+def cut_square(picture: FloatArray, box: Box) -> FloatArray:
+    """What of a picture (H, W, 3) lies in a box, white outside of the picture."""
+    (x0, y0, x1, y1), (height, width) = box, picture.shape[:2]
+    padding = ((max(0, -y0), max(0, y1 - height)), (max(0, -x0), max(0, x1 - width)), (0, 0))
+    return np.pad(picture[max(0, y0) : y1, max(0, x0) : x1], padding, constant_values=1).astype(np.float32)
+
+
+def _square(x: int, y: int, side: int) -> Box:
+    return x - side // 2, y - side // 2, x - side // 2 + side, y - side // 2 + side
+
+
+def _interpolation(picture: FloatArray, side: int) -> int:
+    return cv2.INTER_AREA if picture.shape[0] > side else cv2.INTER_CUBIC
+
+
+def load_scorer(model: str) -> ClipScorer | None:
+    """A scorer of the model, or None if no model is named."""
+    return ClipScorer(model) if model else None

@@ -1,0 +1,209 @@
+"""Ground truth of one view, and how it is read from folders of masks and photographs.
+
+A mask belongs to the camera whose picture has the same name, and never to the camera that happens to come first. Masks
+may be PNG, JPEG and more, and of another size than the camera's picture: the view is then rendered at the mask's size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.picture_headers import picture_header
+from gaussian_trimmer.reading import file_bytes, reading
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
+
+_MAX_FILE_BYTES = 1 << 28
+_MAX_PIXELS = 1 << 26
+_JPEG = b"\xff\xd8"
+_HALF = 127
+_SAME_SHAPE = 0.02
+"""Relative difference of aspect ratios up to which two pictures show the same: sizes are rounded to whole pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class TestView:
+    """One held-out view of one object."""
+
+    __test__ = False  # No test class, whatever its name begins with.
+
+    camera: Camera
+    image: FloatArray | None
+    """Ground-truth picture in [0, 1], (H, W, 3); None if there is none."""
+    coverage: FloatArray
+    """Coverage of the object in [0, 1], (H, W): of the whole object where it has an `alone` mask, else of what is
+    visible of it."""
+    valid: BoolArray
+    """Pixels at which the coverage is known, (H, W): all with an `alone` mask; else False where another object's mask
+    covers the pixel, since it may hide the object there."""
+    picture_valid: BoolArray
+    """Pixels at which the picture shows the object as if nothing were before it, (H, W): those where `alone` and
+    visible mask agree; without an `alone` mask the same as `valid`."""
+    far: bool = False
+    """Whether the camera is far from all training cameras."""
+
+
+def read_mask(path: Path) -> FloatArray:
+    """The coverage that a mask file states, in [0, 1], (H, W).
+
+    Grey values are coverage, except that a JPEG is cut at one half, since its greys are noise of the compression, and
+    that a file whose only values are 0 and 1 holds labels.
+
+    Raises:
+        InputError: the file is no picture, or has more than 67 million pixels.
+    """
+    data = _picture_bytes(path)
+    grey = _decoded(data, cv2.IMREAD_GRAYSCALE, path)
+    if data.startswith(_JPEG):
+        return (grey > _HALF).astype(np.float32)
+    if grey.max() == 1:
+        return grey.astype(np.float32)
+    return grey.astype(np.float32) / np.float32(255)
+
+
+def read_photograph(path: Path, width: int, height: int) -> FloatArray:
+    """A picture in [0, 1], brought to a size, (H, W, 3).
+
+    Raises:
+        InputError: the file is no picture, has more than 67 million pixels, or another shape.
+    """
+    picture = read_picture(path)
+    if not _same_shape(picture.shape[1] / picture.shape[0], width / height):
+        raise InputError(
+            f"The picture '{path}' has {picture.shape[1]} x {picture.shape[0]} pixels and its mask {width} x {height}; "
+            "both must show the same."
+        )
+    if picture.shape[:2] != (height, width):
+        picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
+    return picture
+
+
+def read_picture(path: Path) -> FloatArray:
+    """A picture in [0, 1], (H, W, 3).
+
+    Raises:
+        InputError: the file is no picture, or has more than 67 million pixels.
+    """
+    bgr = _decoded(_picture_bytes(path), cv2.IMREAD_COLOR, path)
+    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
+
+
+def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
+    """The camera with a picture of another size that shows the same.
+
+    Args:
+        path: the file that has the size, for the message.
+
+    Raises:
+        InputError: the picture has another shape than the camera's.
+    """
+    if (width, height) == (camera.width, camera.height):
+        return camera
+    if not _same_shape(width / height, camera.width / camera.height):
+        raise InputError(
+            f"The mask '{path}' has {width} x {height} pixels and its camera '{shown(camera.name)}' {camera.width} x "
+            f"{camera.height}, which is another shape; give the cameras of the pictures that the masks were drawn on."
+        )
+    K = camera.K.copy()
+    K[0] *= width / camera.width
+    K[1] *= height / camera.height
+    return replace(camera, K=K, width=width, height=height)
+
+
+def view_of(camera: Camera, mask: Path, image: Path | None = None, ignored: Path | None = None) -> TestView:
+    """The ground truth of one camera, from files.
+
+    Args:
+        mask: coverage of the object.
+        image: photograph, of any size.
+        ignored: mask of pixels that do not count, of the size of the first.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    coverage = read_mask(mask)
+    height, width = coverage.shape
+    valid = np.ones((height, width), np.bool_)
+    if ignored is not None:
+        left_out = read_mask(ignored)
+        if left_out.shape != coverage.shape:
+            raise InputError(f"The masks '{mask}' and '{ignored}' have different sizes; they must have the same.")
+        valid = left_out <= np.float32(0.5)
+    picture = read_photograph(image, width, height) if image is not None else None
+    return TestView(at_size(camera, width, height, mask), picture, coverage, valid, valid)
+
+
+def views_in(
+    cameras: Sequence[Camera], masks: Path, images: Path | None = None, ignored: Path | None = None
+) -> tuple[list[Camera], Iterator[TestView]]:
+    """The cameras that have a mask, and their ground truth, read view by view.
+
+    Args:
+        cameras: pinhole cameras with the names of their pictures.
+        masks: folder of masks; `IMG_7.png`, `IMG_7.JPG.png` or `IMG_7.jpg` belongs to `IMG_7.JPG`.
+        images: folder of photographs of the same names.
+        ignored: folder of masks of pixels that do not count; views without one count whole.
+
+    Raises:
+        InputError: the folder has no mask of any camera, or a view has no photograph in `images`.
+    """
+    found = cameras_with_masks(cameras, masks)
+    for folder in (images, ignored):
+        if folder is not None and not folder.is_dir():
+            raise InputError(f"There is no folder '{folder}'.")
+    return found, (_view(camera, masks, images, ignored) for camera in found)
+
+
+def _view(camera: Camera, masks: Path, images: Path | None, ignored: Path | None) -> TestView:
+    mask = find_mask(masks, camera)
+    assert mask is not None, "only cameras with a mask are asked for"
+    image = find_picture(images, camera) if images is not None else None
+    return view_of(camera, mask, image, find_mask(ignored, camera) if ignored is not None else None)
+
+
+def find_picture(folder: Path, camera: Camera) -> Path:
+    """The photograph of a camera in a folder: its own file, or one of the same name with another ending.
+
+    Raises:
+        InputError: there is none, or several.
+    """
+    if camera.name and (folder / camera.name).is_file():
+        return folder / camera.name
+    found = find_mask(folder, camera)
+    if found is None:
+        raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}'.")
+    return found
+
+
+def _same_shape(a: float, b: float) -> bool:
+    return abs(a - b) <= _SAME_SHAPE * min(a, b)
+
+
+def _picture_bytes(path: Path) -> bytes:
+    with reading(path):
+        return file_bytes(path, _MAX_FILE_BYTES)
+
+
+def _decoded(data: bytes, mode: int, path: Path) -> NDArray[np.uint8]:
+    header = picture_header(data)
+    if header is None:
+        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+    if header.width * header.height > _MAX_PIXELS or header.n_bytes > _MAX_FILE_BYTES:
+        raise InputError(
+            f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
+        )
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+    return np.asarray(picture, np.uint8)

@@ -1,0 +1,57 @@
+"""LERF-Mask: objects named by words in the scenes figurines, ramen and teatime, in two to four pictures each.
+
+    ROOT/<scene>/test_mask/<view>/<words>.png   a mask
+    ROOT/<scene>/images/                        all pictures
+    ROOT/<scene>/images_train/                  those that are not for the test
+
+`<view>` is the name of a picture, or the number, from 0, of a test picture in the order of names; which pictures are
+for the test is then told by the two folders. The score is the mean over views for each object, over objects for each
+scene, and over scenes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.layouts.tasks import LayoutTask, Published, Target, folders_in, pictures_in
+
+TITLE = "LERF-Mask"
+MEAN = "scenes"
+EXPECTED = 23
+PUBLISHED: tuple[Published, ...] = ()
+
+
+def find_tasks(root: Path) -> list[LayoutTask]:
+    """The tasks below a folder; see `Layout.find_tasks`."""
+    scenes = [folder for folder in folders_in(root) if (folder / "test_mask").is_dir()]
+    if not scenes:
+        raise InputError(f"'{root}' has no folders '<scene>/test_mask'; give the folder of LERF-Mask with the scenes.")
+    return [task for scene in scenes for task in _tasks_of(scene)]
+
+
+def _tasks_of(scene: Path) -> list[LayoutTask]:
+    targets: dict[str, list[Target]] = {}
+    for folder in folders_in(scene / "test_mask"):
+        picture = _picture(scene, folder.name)
+        for mask in pictures_in(folder):
+            targets.setdefault(mask.stem, []).append(Target(picture.stem, mask, picture))
+    if not targets:
+        raise InputError(f"'{scene / 'test_mask'}' holds no masks '<view>/<words>.png'.")
+    return [LayoutTask(scene.name, words, tuple(found)) for words, found in sorted(targets.items())]
+
+
+def _picture(scene: Path, view: str) -> Path:
+    """The picture that a folder of masks is of."""
+    pictures = pictures_in(scene / "images")
+    named = [path for path in pictures if view in (path.name, path.stem)]
+    if len(named) == 1:
+        return named[0]
+    training = {path.stem for path in pictures_in(scene / "images_train")}
+    test = [path for path in pictures if path.stem not in training]
+    if not (view.isascii() and view.isdigit()) or not training or int(view) >= len(test):
+        raise InputError(
+            f"The masks in '{scene / 'test_mask' / view}' belong to no picture that can be told: 'images' has none of "
+            f"that name, and without those of 'images_train' it has {len(test)} test pictures."
+        )
+    return test[int(view)]

@@ -1,0 +1,150 @@
+"""What a trim or any other tool left on disk, as a scene cut in two."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.scoring import Cut
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.reading import file_bytes
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.splat_property import MASK
+
+_MAX_REPORT_BYTES = 1 << 24
+_LABELS = ("source_index", "label", "n_object")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredResult:
+    """An object from a file or a folder."""
+
+    cut: Cut
+    selection: BoolArray | None
+    """Rows of the scene that the object has, whole or in part, (N,); None if they are not known."""
+    before: BoolArray | None = None
+    """Rows of the scene that the trim began with, (N,); None if the result is no folder of a trim."""
+    unknown_background: str = ""
+    """Why the scene without the object is not known; empty if it is."""
+
+
+def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> StoredResult:
+    """The object that a folder of a trim, a splat file or a selection file holds.
+
+    - A folder is one that `gaussian-trimmer trim` wrote: its object, its background, and the selection before.
+    - A splat file with fewer Gaussians than the scene is the object itself. The background is the scene without its
+      rows, if they can be found there.
+    - Anything else is a selection of the scene's rows.
+
+    Args:
+        path: folder or file.
+        scene: all N Gaussians.
+        options: how a selection file is read.
+
+    Raises:
+        InputError: nothing readable is there, or it does not fit the scene.
+    """
+    if path.is_dir():
+        return _read_folder(path, scene)
+    if path.name.lower().endswith(tuple(formats.FORMATS)):
+        rows = open_selection(path, len(scene)).rows
+        if rows is not None and MASK not in rows.columns and len(rows) < len(scene):
+            return _read_object(path, scene)
+    selection = load_selection(path, scene, options)
+    return StoredResult(cut_by(scene, selection), selection)
+
+
+def cut_by(scene: Gaussians, selection: BoolArray) -> Cut:
+    """The scene cut in two by a selection (N,)."""
+    return Cut(scene.select(selection), scene.select(~selection))
+
+
+def _read_object(path: Path, scene: Gaussians) -> StoredResult:
+    found = formats.read(path)
+    try:
+        selection = load_selection(path, scene)
+    except InputError as error:
+        return StoredResult(Cut(found, None), None, unknown_background=str(error))
+    return StoredResult(Cut(found, scene.select(~selection)), selection)
+
+
+def _read_folder(folder: Path, scene: Gaussians) -> StoredResult:
+    found, labels = _only(folder, "object"), folder / "labels.npz"
+    if found is None or not labels.is_file():
+        raise InputError(
+            f"'{folder}' is no folder that 'gaussian-trimmer trim' wrote: it must hold an object file and labels.npz; "
+            "give a file of another tool by its name."
+        )
+    rows, before = _rows_of(labels, scene)
+    background, remains = _only(folder, "background"), None
+    if background is not None:
+        remains = formats.read(background)
+    cut = Cut(formats.read(found), remains)
+    reason = "" if remains else f"'{folder}' holds no background file."
+    return StoredResult(cut, rows, before, reason)
+
+
+def _rows_of(path: Path, scene: Gaussians) -> tuple[BoolArray, BoolArray | None]:
+    """Scene rows that the object has, and those that were selected before; None if splits have blurred these.
+
+    Raises:
+        InputError: the file is not what a trim of this scene wrote.
+    """
+    arrays, n = open_selection(path, len(scene)).arrays, len(scene)
+    if not all(name in arrays for name in _LABELS):
+        raise InputError(f"'{path}' lacks one of the arrays {', '.join(_LABELS)}; give a folder that a trim wrote.")
+    source, label, count = arrays["source_index"], arrays["label"], arrays["n_object"]
+    whole = all(array.dtype.kind in "iu" for array in (source, label, count)) and count.size == 1
+    if not whole or source.ndim != 1 or source.shape != label.shape or not n <= len(source) <= 2 * n:
+        raise _unfit(path, n)
+    n_object = int(count.reshape(()))
+    if source.min() < 0 or source.max() >= n or not 0 <= n_object <= len(source):
+        raise _unfit(path, n)
+    object_rows = np.zeros(n, np.bool_)
+    object_rows[source[:n_object]] = True
+    before = np.zeros(n, np.bool_)
+    selected = (label == RowLabel.KEPT) & (np.arange(len(source)) < n_object)
+    before[source[selected | (label == RowLabel.PRUNED)]] = True
+    split = np.zeros(n, np.bool_)
+    split[source[label >= RowLabel.SPLIT_INSIDE]] = True
+    if split.any():
+        # A split Gaussian was selected, or had been recovered: only the number of those selected tells.
+        selected_before = _selected_before(path.with_name("report.json"))
+        fitting = [rows for rows in (before | split, before) if np.count_nonzero(rows) == selected_before]
+        return object_rows, fitting[0] if fitting else None
+    return object_rows, before
+
+
+def _unfit(path: Path, n: int) -> InputError:
+    return InputError(f"'{path}' does not fit the scene of {n} Gaussians; give the scene that was trimmed.")
+
+
+def _selected_before(report: Path) -> int | None:
+    """Number of Gaussians that were selected, from the report of a trim; None if it does not say."""
+    if not report.is_file():
+        return None
+    try:
+        counts = json.loads(file_bytes(report, _MAX_REPORT_BYTES))["counts"]
+        return int(counts["selected"])
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
+        raise InputError(f"'{report}' is no report that 'gaussian-trimmer trim' wrote.") from None
+
+
+def _only(folder: Path, stem: str) -> Path | None:
+    """The splat file of that name, whatever its format; None if there is none.
+
+    Raises:
+        InputError: there are several.
+    """
+    found = [path for ending in formats.FORMATS if (path := folder / f"{stem}{ending}").is_file()]
+    if len(found) > 1:
+        names = ", ".join(path.name for path in found)
+        raise InputError(f"'{folder}' holds several files of the {stem} ({names}); leave one.")
+    return found[0] if found else None

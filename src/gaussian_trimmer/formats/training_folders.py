@@ -1,0 +1,55 @@
+"""Folders that trainings leave: which of their files holds the scene.
+
+- Inria's code and those built on it, as Gaussian Grouping: `point_cloud/iteration_<i>/point_cloud.ply`
+- nerfstudio: an export, `splat.ply` or `point_cloud.ply`; its own checkpoints hold no splat file
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from gaussian_trimmer.errors import InputError
+
+_ITERATION = re.compile(r"iteration_(\d{1,12})")
+_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
+_ENDINGS = (".ply", ".splat", ".spz", ".sog", ".ksplat", ".glb")
+_CHECKPOINTS = "nerfstudio_models"
+
+
+def latest_splats(folder: Path) -> Path:
+    """The splat file of the latest iteration in a training's folder, or the only one that a folder holds.
+
+    Raises:
+        InputError: there is none, or there are several.
+    """
+    for place in (folder / "point_cloud", folder):
+        iterations = [(int(found[1]), path) for path in _entries(place) if (found := _ITERATION.fullmatch(path.name))]
+        for _, path in sorted(iterations, reverse=True):
+            for name in _NAMES:
+                if (path / name).is_file():
+                    return path / name
+    named = [folder / name for name in _NAMES if (folder / name).is_file()]
+    if len(named) == 1:
+        return named[0]
+    if (folder / "meta.json").is_file() and any(path.suffix == ".webp" for path in _entries(folder)):
+        return folder / "meta.json"
+    splats = named or [path for path in _entries(folder) if path.name.lower().endswith(_ENDINGS) and path.is_file()]
+    if len(splats) == 1:
+        return splats[0]
+    if splats:
+        names = ", ".join(sorted(path.name for path in splats)[:8])
+        raise InputError(f"The folder '{folder}' holds several splat files ({names}); give one of them.")
+    if any(path.name == _CHECKPOINTS for path in _entries(folder)):
+        raise InputError(
+            f"'{folder}' is a training of nerfstudio without splats; write them with 'ns-export gaussian-splat "
+            f"--load-config {folder}/config.yml --output-dir {folder}', then give the folder again."
+        )
+    raise InputError(
+        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_*; give the folder of a training or a "
+        "splat file."
+    )
+
+
+def _entries(folder: Path) -> list[Path]:
+    return list(folder.iterdir()) if folder.is_dir() else []

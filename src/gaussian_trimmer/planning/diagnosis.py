@@ -1,0 +1,134 @@
+"""Inputs that are wrong although each of them can be read: said before any work is done with them.
+
+A selection of another file, or of the same Gaussians in another order, still has the right length; cameras of another
+scene are cameras; and coordinates of a map are numbers. Trimmed all the same, they give an object that nobody wanted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.up_vector import UpVector, up_from_ground_plane
+
+_NEIGHBOURS = 8
+_ASKED = 500
+"""Selected Gaussians whose neighbours are looked at, spread over the selection."""
+_SCENE_SAMPLE = 20_000
+_MIN_SELECTED = 100
+"""Selected Gaussians that a sample of the scene holds at the least, if there are so many."""
+_MIN_JUDGED = 20
+"""Fewer selected Gaussians than this can lie anywhere."""
+_SCATTERED = 0.3
+"""Agreement of neighbours below which a selection is no object. Of selections of objects, thin and broken ones among
+them, the least is 0.58; rows in another order, also where both orders follow the space, reach 0.2."""
+_COARSE_STEP = 0.5
+"""Step between single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
+_MAX_TILT_DEGREES = 30.0
+_MIN_GROUND = 0.2
+"""Confidence in a ground plane from which on it can disagree with an up vector."""
+_CHECKED_SOURCES = ("given", "camera file", "camera axes")
+"""Where up vectors come from that a ground plane can contradict; other sources are the plane, or worse than it."""
+
+
+def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cameras: Sequence[Camera]) -> str:
+    """Why the object cannot be trimmed with what was given, a clause without a full stop; empty if it can.
+
+    Args:
+        scene: all N Gaussians.
+        selection: the coarse object, (N,).
+        bounds: its bounds.
+        cameras: the training cameras, if known.
+    """
+    return _lost_places(scene, selection) or _scatter(scene, selection) or _blind_cameras(cameras, bounds)
+
+
+def doubts_about_up(scene: Gaussians, selection: BoolArray, up: UpVector) -> str:
+    """What speaks against the up vector, a sentence; empty if nothing does.
+
+    Args:
+        scene: all N Gaussians.
+        selection: the coarse object, (N,).
+        up: the vector, and how it is known.
+    """
+    if up.source not in _CHECKED_SOURCES:
+        return ""
+    ground = up_from_ground_plane(scene, selection)
+    if ground is None or ground.confidence < _MIN_GROUND:
+        return ""
+    tilt = np.degrees(np.arccos(np.clip(up.direction @ ground.direction, -1, 1)))
+    if tilt <= _MAX_TILT_DEGREES:
+        return ""
+    given, found = (
+        " ".join(f"{value + 0.0:.2f}" for value in np.round(v, 2)) for v in (up.direction, ground.direction)
+    )
+    return (
+        f"The up vector {given} ({up.source}) is {tilt:.0f} degrees away from that of the plane which the object "
+        f"stands on; if the views are tilted, give --up {found}."
+    )
+
+
+def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
+    """How much oftener the neighbours of a selected Gaussian are selected than any Gaussian is.
+
+    1 where all of them are, 0 where they are no oftener than by chance. Judged on a sample, the same every time.
+
+    Args:
+        scene: N Gaussians, not all of them selected.
+        selection: the coarse object, (N,).
+    """
+    step = max(1, min(len(scene) // _SCENE_SAMPLE, int(selection.sum()) // _MIN_SELECTED))
+    # Every n-th of either side, so that an order of rows in which every n-th is selected does no harm.
+    rows = np.sort(np.concatenate([np.flatnonzero(selection)[::step], np.flatnonzero(~selection)[::step]]))
+    means, chosen = scene.means[rows], selection[rows]
+    asked = np.flatnonzero(chosen)
+    asked = asked[np.linspace(0, len(asked) - 1, min(_ASKED, len(asked))).astype(np.int64)]
+    _, near = nearest(means, means[asked], min(_NEIGHBOURS + 1, len(means)))
+    others = near != asked[:, None]
+    share, chance = np.count_nonzero(chosen[near] & others) / np.count_nonzero(others), float(chosen.mean())
+    return (share - chance) / (1 - chance)
+
+
+def _scatter(scene: Gaussians, selection: BoolArray) -> str:
+    if selection.all() or selection.sum() < _MIN_JUDGED or len(scene) <= 2 * _NEIGHBOURS:
+        return ""
+    agreement = neighbour_agreement(scene, selection)
+    if agreement >= _SCATTERED:
+        return ""
+    return (
+        f"the {selection.sum():,} selected Gaussians are scattered over the scene (neighbours agree by "
+        f"{agreement:.2f}, where 1 is a solid object and 0 is chance), as when a selection was made for the same "
+        "Gaussians in another order of rows; give the very file that it was made for"
+    )
+
+
+def _blind_cameras(cameras: Sequence[Camera], bounds: Bounds) -> str:
+    if not cameras or cameras_that_see(cameras, bounds):
+        return ""
+    centre = " ".join(f"{value:.4g}" for value in bounds.centre)
+    return (
+        f"none of the {len(cameras)} training cameras has the object, around {centre}, in its picture; give the "
+        "cameras of this scene in the scene's own coordinates, or leave them out"
+    )
+
+
+def _lost_places(scene: Gaussians, selection: BoolArray) -> str:
+    """What single precision has made of coordinates as those of maps, which have their origin far away."""
+    centres = scene.means[selection]
+    middle = np.median(centres, axis=0)
+    step = float(np.spacing(np.abs(middle).max()))
+    width = float(np.exp(np.median(scene.log_scales[selection].max(axis=1))))
+    if step <= _COARSE_STEP * width:
+        return ""
+    place = " ".join(f"{value:.0f}" for value in middle)
+    return (
+        f"the selected Gaussians lie around {place}, where coordinates in single precision are {step:.3g} apart, and "
+        f"are themselves only {width:.3g} wide; move the origin into the scene, by subtracting such a place from "
+        "double-precision coordinates of Gaussians and cameras before they are stored"
+    )

@@ -1,0 +1,151 @@
+"""Any segmenter, shown the photographs that a scene was trained on in place of renderings of the scene.
+
+Photographs are sharper than any rendering, the more so where a scene has few and large Gaussians. Views must be those
+of training cameras, or crops of their pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.picture_headers import picture_header
+from gaussian_trimmer.reading import file_bytes, is_file, reading
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.views import View
+
+_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+_MAX_FILE_BYTES = 1 << 28
+_MAX_PICTURE_BYTES = 1 << 29
+_MAX_STRETCH = 0.02
+"""Largest difference in proportions between a photograph and its camera's picture."""
+
+
+class PhotoSegmenter:
+    """Gives a segmenter photographs to look at.
+
+    Args:
+        segmenter: what segments.
+        folder: holds the photographs, each named as its camera, with any ending.
+        originals: the training cameras, uncropped.
+    """
+
+    def __init__(self, segmenter: Segmenter, folder: Path, originals: Sequence[Camera]) -> None:
+        self.name = segmenter.name
+        self._segmenter, self._folder = segmenter, folder
+        self._originals = {camera.name: camera for camera in originals}
+
+    def describe(self) -> str:
+        """What the segmenter says of itself, and that it saw photographs."""
+        described = self._segmenter.describe() if hasattr(self._segmenter, "describe") else self._segmenter.name
+        return f"{described}, on photographs from {self._folder}"
+
+    def report_to(self, report: Callable[[str], None]) -> None:
+        """Hand on, to a segmenter that reports its progress."""
+        if hasattr(self._segmenter, "report_to"):
+            self._segmenter.report_to(report)
+
+    def segment(self, views: Sequence[View]) -> list[BoolArray]:
+        """One mask (H, W) for each view.
+
+        Raises:
+            InputError: a view is of no training camera, or its photograph cannot be used.
+        """
+        return self._segmenter.segment([self._with_photo(view) for view in views])
+
+    def segment_together(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
+        """The same, for segmenters that ask for the Gaussians."""
+        if not hasattr(self._segmenter, "segment_together"):
+            return self.segment(views)
+        shown = [self._with_photo(view) for view in views]
+        return list(self._segmenter.segment_together(shown, gaussians, renderer))
+
+    def _with_photo(self, view: View) -> View:
+        original = self._originals.get(view.camera.name)
+        if original is None or not view.camera.name:
+            raise InputError(f"The view '{view.camera.name}' is of no training camera, so it has no photograph.")
+        return replace(view, picture=replace(view.picture, rgb=photo_of(view.camera, original, self._folder)))
+
+
+def cameras_with_photos(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
+    """The cameras whose photographs are in a folder, in their order.
+
+    Raises:
+        InputError: the folder does not exist, or has no photograph of any camera.
+    """
+    if not folder.is_dir():
+        raise InputError(f"There is no folder '{folder}' to read photographs from.")
+    found = [camera for camera in cameras if _find(folder, camera) is not None]
+    if not found:
+        raise InputError(
+            f"No picture in '{folder}' has the name of one of the {len(cameras)} cameras; --photos takes the folder of "
+            "the pictures that the scene was trained on."
+        )
+    return found
+
+
+def photo_of(camera: Camera, original: Camera, folder: Path) -> FloatArray:
+    """What a camera, or a crop of it, sees in the photograph of the original one, (H, W, 3) in [0, 1].
+
+    Photographs may be larger or smaller than the cameras say, but not of other proportions. Black beyond their edges.
+
+    Raises:
+        InputError: there is no photograph, or it cannot be used.
+    """
+    path = _find(folder, original)
+    if path is None:
+        raise InputError(f"The folder '{folder}' has no photograph of the camera '{original.name}'.")
+    picture = _read(path)
+    height, width = picture.shape[:2]
+    scale = np.array([width / original.width, height / original.height])
+    if abs(scale[0] / scale[1] - 1) > _MAX_STRETCH:
+        raise InputError(
+            f"The photograph '{path}' has {width} x {height} pixels, and its camera {original.width} x "
+            f"{original.height}: other proportions, so they do not belong together."
+        )
+    # From pixels of the crop to pixels of the photograph, both counted from their corners.
+    back = np.diag([*scale, 1.0]) @ original.K @ np.linalg.inv(camera.K)
+    shrink = max(float(back[0, 0]), float(back[1, 1]), 1.0)
+    if shrink > 1:
+        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.4 * shrink), np.float32)
+    centres = back @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    centres[:2, 2] -= 0.5
+    found = cv2.warpAffine(
+        picture, centres[:2], (camera.width, camera.height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
+    return np.asarray(found[..., ::-1], np.float32) / np.float32(255)
+
+
+def _find(folder: Path, camera: Camera) -> Path | None:
+    if not camera.name:
+        return None
+    named = folder / camera.name
+    stem = named.with_suffix("") if named.suffix.lower() in _SUFFIXES else named
+    names = [named, *(stem.with_name(stem.name + suffix) for suffix in _SUFFIXES)]
+    return next((path for path in names if path.suffix.lower() in _SUFFIXES and is_file(path)), None)
+
+
+def _read(path: Path) -> FloatArray:
+    """A picture as float32 in 0..255, blue first, (H, W, 3)."""
+    with reading(path):
+        data = file_bytes(path, _MAX_FILE_BYTES)
+    header = picture_header(data)
+    if header is not None and header.n_bytes > _MAX_PICTURE_BYTES:
+        raise InputError(f"The photograph '{path}' has {header.width} x {header.height} pixels, too many to decode.")
+    try:
+        # As it is stored: cameras are those of the stored pixels, whatever a viewer is told to turn.
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if header is not None else None
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise InputError(f"'{path}' is no picture that can be read.")
+    return np.asarray(picture, np.float32)

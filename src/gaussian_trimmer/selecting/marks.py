@@ -1,0 +1,159 @@
+"""Marks: what a user points at to select, as plain data.
+
+A selection is a list of marks. Each adds to what the marks before it selected, removes from it, or keeps only what it
+means itself. `select` makes the selection, `write_marks` and `read_marks` keep the list as JSON.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.selection_files import SelectionOptions
+
+Effect = Literal["add", "remove", "intersect"]
+"""What a mark does to the selection that the marks before it made."""
+Coordinates = Literal["scene", "up"]
+"""Whether numbers are the scene's own coordinates, or turned so that z is up."""
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A view that pixels refer to, and which Gaussians are drawn in it."""
+
+    camera: Camera
+    drawn_centre: Point | None = None
+    """Middle of the ball in which Gaussians are drawn; None: all are."""
+    drawn_radius: float = 0.0
+    """Radius of that ball, in scene units."""
+
+
+View = Viewpoint | Camera | str | int
+"""A view: the view itself or its camera, or the name or number of one of the views that `select` knows."""
+
+
+@dataclass(frozen=True)
+class Click:
+    """A pixel on what is meant.
+
+    On a thing of which nothing is selected it adds the thing, and on one that is selected beside others it removes it.
+    Elsewhere it moves the boundary of the selection: what is around the pixel changes sides.
+    """
+
+    x: int
+    """Pixels from the left."""
+    y: int
+    """Pixels from the top."""
+    view: View
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in a view around what is meant."""
+
+    x0: int
+    y0: int
+    x1: int
+    """Right end, exclusive."""
+    y1: int
+    """Lower end, exclusive."""
+    view: View
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class Box3D:
+    """All Gaussians whose centres lie between two corners."""
+
+    low: Point
+    high: Point
+    coordinates: Coordinates = "scene"
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """All Gaussians whose centres lie in a ball."""
+
+    centre: Point
+    radius: float
+    coordinates: Coordinates = "scene"
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class Plane:
+    """All Gaussians whose centres p lie above a plane: normal . p > offset."""
+
+    normal: Point
+    """Of any length but zero."""
+    offset: float
+    """In units of that length."""
+    coordinates: Coordinates = "scene"
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class FromFile:
+    """What a selection file of any kind selects."""
+
+    path: Path
+    options: SelectionOptions = field(default_factory=SelectionOptions)
+    """How the file is read: the ids of the objects that are meant, if it has several, and more."""
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class FromMasks:
+    """What masks of posed pictures select; the pictures' cameras must be given to `select`."""
+
+    folder: Path
+    method: Literal["assignment", "vote"] = "assignment"
+    gamma: float = 0.0
+    """Bias of `assignment` towards the background, -1 to 1."""
+    threshold: float = 0.7
+    """A centre must lie in more than this share of the masks, for `vote`."""
+    effect: Effect = "add"
+
+
+@dataclass(frozen=True)
+class Grow:
+    """Also take what lies near the selection."""
+
+    spacings: float
+    """How near: in mean distances between neighbouring Gaussians of the selection."""
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """Leave out what lies near Gaussians that are not selected."""
+
+    spacings: float
+    """How near, as for `Grow`."""
+
+
+Mark = Click | Box | Box3D | Sphere | Plane | FromFile | FromMasks | Grow | Shrink
+KINDS: dict[str, type[Mark]] = {
+    "click": Click, "box": Box, "box3d": Box3D, "sphere": Sphere, "plane": Plane, "file": FromFile,
+    "masks": FromMasks, "grow": Grow, "shrink": Shrink,
+}  # fmt: skip
+"""The marks by the names that they have in files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """A list of marks with what their meaning depends on; the same marks on the same scene select the same."""
+
+    marks: tuple[Mark, ...]
+    up: Point
+    """The scene's unit up vector."""
+    photographed_from: tuple[Point, ...] = ()
+    """Positions of the training cameras, if known: objects are not looked at from other sides."""
+    scene_size: int | None = None
+    """Number of Gaussians of the scene that the marks were made in, if known."""
+    cameras: Path | None = field(default=None)
+    """File or folder of the cameras of the pictures, which masks need."""

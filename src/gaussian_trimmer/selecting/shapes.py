@@ -1,0 +1,100 @@
+"""Selections by volumes, and selections that grow and shrink. N Gaussians."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gaussian_trimmer.cameras import unit_up
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
+
+_FEWEST = 2
+
+
+def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Array) -> BoolArray:
+    """Which centres (N, 3) lie in a box or a ball, or above a plane, (N,).
+
+    Args:
+        up: the scene's up vector (3,), along which z points where the shape's coordinates are `up`.
+
+    Raises:
+        InputError: a number is not finite, the box is empty, the radius is not above zero, or the normal is zero.
+    """
+    points = _in_coordinates(means, shape.coordinates, up)
+    if isinstance(shape, Box3D):
+        low, high = _finite("The 3D box", shape.low), _finite("The 3D box", shape.high)
+        if not (low < high).all():
+            raise InputError(
+                f"The 3D box goes from {low.tolist()} to {high.tolist()}; each of the first three numbers must be "
+                "below its partner."
+            )
+        return np.asarray(((points >= low) & (points <= high)).all(axis=1))
+    if isinstance(shape, Sphere):
+        centre, radius = _finite("The sphere", shape.centre), float(_finite("The sphere", (shape.radius,))[0])
+        if not radius > 0:
+            raise InputError(f"The sphere's radius is {radius:g}; it must be above zero.")
+        return np.asarray(np.linalg.norm(points - centre, axis=1) <= radius)
+    normal = unit_up(shape.normal, "The plane's normal")
+    length = float(np.linalg.norm(_finite("The plane", shape.normal)))
+    return np.asarray(points @ normal > float(_finite("The plane", (shape.offset,))[0]) / length)
+
+
+def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:
+    """The selection (N,) and all Gaussians within some spacings of it, (N,).
+
+    Args:
+        spacings: distance in median distances between neighbouring Gaussians of the selection.
+
+    Raises:
+        InputError: the distance is not above zero.
+    """
+    reach = _reach(means, selection, spacings, "grown")
+    others = np.flatnonzero(~selection)
+    result = selection.copy()
+    if reach > 0 and len(others):
+        squared, _ = nearest(means[selection], means[others], 1)
+        result[others[squared[:, 0] <= reach**2]] = True
+    return result
+
+
+def shrunk(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:
+    """The selection (N,) without the Gaussians within some spacings of others that are not selected, (N,).
+
+    Args:
+        spacings: as for `grown`.
+
+    Raises:
+        InputError: the distance is not above zero.
+    """
+    reach = _reach(means, selection, spacings, "shrunk")
+    rows = np.flatnonzero(selection)
+    result = selection.copy()
+    if reach > 0 and len(rows) < len(selection):
+        squared, _ = nearest(means[~selection], means[rows], 1)
+        result[rows[squared[:, 0] <= reach**2]] = False
+    return result
+
+
+def _reach(means: FloatArray, selection: BoolArray, spacings: float, what: str) -> float:
+    if not (np.isfinite(spacings) and spacings > 0):
+        raise InputError(f"The selection cannot be {what} by {spacings:g} spacings; give a number above zero.")
+    selected = means[selection]
+    if len(selected) < _FEWEST:
+        return 0.0
+    squared, _ = nearest(selected, selected, 2)
+    return float(spacings * np.sqrt(np.median(squared[:, 1])))
+
+
+def _in_coordinates(means: FloatArray, coordinates: Coordinates, up: Float64Array) -> Float64Array:
+    points = means.astype(np.float64)
+    return points @ up_frame(up).T if coordinates == "up" else points
+
+
+def _finite(what: str, numbers: tuple[float, ...]) -> Float64Array:
+    values = np.asarray(numbers, np.float64)
+    if not np.isfinite(values).all():
+        raise InputError(f"{what} has the numbers {list(numbers)}; all must be finite.")
+    return values

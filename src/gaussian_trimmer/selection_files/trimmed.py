@@ -1,0 +1,80 @@
+"""The program's own `labels.npz`: which rows of the scene a trim gave to the object, or to each of several objects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.selection_files.object_ids import check_ids
+from gaussian_trimmer.selection_files.options import SelectionOptions
+from gaussian_trimmer.selection_files.selection_file import SelectionFile
+
+OPTIONS = frozenset({"object_id"})
+SOURCE, LABEL, OBJECTS = "source_index", "label", "n_object"
+"""Arrays of every such file: scene row of each row of the objects and then of the background, what happened to it, and
+the number of rows of all objects together."""
+IDS, ROWS, SCENE_SIZE = "object_ids", "object_rows", "n_scene"
+"""Arrays that newer files have as well: ids of the objects, number of rows of each, and of Gaussians of the scene."""
+
+
+def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file is what a trim wrote."""
+    return is_trimmed(file) and options.property is None
+
+
+def is_trimmed(file: SelectionFile) -> bool:
+    """Whether a file has the arrays that every trim writes."""
+    return {SOURCE, LABEL, OBJECTS} <= file.arrays.keys()
+
+
+def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The scene's Gaussians that the object has, whole or in part, (N,).
+
+    Raises:
+        InputError: the file is none of a trim, or of another scene, or it has several objects and none is chosen, or
+            not the one that is.
+    """
+    objects = rows_of_objects(file, len(gaussians))
+    mask = np.zeros(len(gaussians), np.bool_)
+    wanted = options.object_id
+    if wanted or len(objects) > 1:
+        check_ids(wanted, list(objects), [len(rows) for rows in objects.values()], file.path)
+    for number, rows in objects.items():
+        if not wanted or number in wanted:
+            mask[rows] = True
+    return mask
+
+
+def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
+    """Scene rows of each object by its id; a result of one object has the id 1.
+
+    Args:
+        n: number of Gaussians of the scene.
+
+    Raises:
+        InputError: the file is none of a trim, or of another scene.
+    """
+    if not is_trimmed(file):
+        raise InputError(f"'{file.path.name}' is no labels.npz of a trim: it has not the arrays of one.")
+    source, count = file.arrays[SOURCE], file.arrays[OBJECTS]
+    ids, rows = file.arrays.get(IDS, np.array([1])), file.arrays.get(ROWS, np.atleast_1d(count))
+    sound = (
+        all(array.dtype.kind in "iu" for array in (source, count, ids, rows))
+        and (source.ndim, count.size, ids.ndim, ids.shape) == (1, 1, 1, rows.shape)
+        and bool((rows >= 0).all()) and int(rows.sum()) == int(count.reshape(-1)[0]) <= len(source)
+        and len(np.unique(ids)) == len(ids)
+    )  # fmt: skip
+    if not sound:
+        raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
+    size = int(file.arrays[SCENE_SIZE].reshape(-1)[0]) if file.arrays.get(SCENE_SIZE, np.zeros(0)).size == 1 else n
+    # New Gaussians, which fill a hole of the background, have -1.
+    least = min(source[: count.reshape(-1)[0]].min(initial=0), source.min(initial=0) + 1)
+    if size != n or least < 0 or source.max(initial=-1) >= n:
+        raise InputError(
+            f"'{file.path.name}' was made for another scene: it names rows up to {int(source.max(initial=0))} of "
+            f"{max(size, int(source.max(initial=0)) + 1)}, and this one has {n} Gaussians; give the scene that was "
+            "trimmed."
+        )
+    ends = np.cumsum(rows)
+    return {int(number): source[end - k : end] for number, k, end in zip(ids, rows, ends, strict=True)}

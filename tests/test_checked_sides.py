@@ -1,0 +1,67 @@
+"""What a trim says of the sides that it did not judge."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+
+SCENE, TRUTH = toy.ball_on_floor()
+
+
+def sides(yaws=None, views=5, rejected=(), cameras=None):
+    config = toy.small_config(plan=PlanConfig(size=64, views=views, yaw_range_degrees=yaws))
+    result = trim(SCENE, TRUTH, config=config, cameras=cameras)
+    judged = tuple(replace(v, rejected="bad" if i in rejected else "") for i, v in enumerate(result.views))
+    return checked_sides(replace(result, views=judged))
+
+
+def training_cameras(*yaws):
+    places = [np.array([6 * np.cos(yaw), 6 * np.sin(yaw), 2.0]) for yaw in np.radians(yaws)]
+    poses = [look_at(place, toy.CENTRE, toy.UP) for place in places]
+    K = intrinsics(0.8, 64, 64)
+    return CameraSet(tuple(Camera(pose, K, 64, 64) for pose in poses), None, (True,) * len(poses), False)
+
+
+@pytest.mark.parametrize("views", [4, 5, 12])
+def test_a_full_circle_of_accepted_views_is_seen_from_all_around(views):
+    found = sides(views=views)
+    assert found.sentence() == ("seen from all around" if views > 4 else "seen over 288 of 360 degrees; the other 72 "
+                                "were not checked")  # fmt: skip
+
+
+def test_views_over_an_arc_leave_the_far_side_unchecked():
+    found = sides(yaws=(20, 74))
+    assert found.sentence() == "seen over 54 of 360 degrees; the far side was not checked"
+    assert found.as_json()["yaw_ranges_degrees"] == [[20, 74]]
+    assert found.middle == 47
+    assert found.verdict(47) == ""
+    assert found.verdict(227) == "no view from here"
+
+
+def test_rejected_views_judge_nothing():
+    found = sides(rejected=[2])
+    assert found.sentence() == "seen over 288 of 360 degrees; the other 72 were not checked"
+    assert found.verdict(144) == "the view was rejected"
+    nothing = sides(rejected=range(5))
+    assert nothing.sentence() == "seen from no side; nothing was checked"
+
+
+def test_directions_that_no_training_camera_saw_are_not_judged():
+    found = sides(yaws=(0, 360), cameras=training_cameras(10, 40, 70))
+    assert found.degrees == 60
+    assert found.verdict(found.middle) == ""
+    assert found.verdict(found.middle + 180) == "no photograph from here"
+
+
+def test_the_report_has_the_sentence_and_the_heights():
+    config = toy.small_config(plan=PlanConfig(size=64, yaw_range_degrees=(350, 390), pitch_degrees=12))
+    checked = trim(SCENE, TRUTH, config=config).report["checked"]
+    assert checked["sentence"] == "seen over 40 of 360 degrees; the far side was not checked"
+    assert checked["yaw_ranges_degrees"] == [[350, 390]]
+    assert checked["pitches_degrees"] == [12.0]

@@ -1,0 +1,143 @@
+"""Inputs that can be read and are wrong: each is told in one sentence, and nothing is trimmed."""
+
+import json
+
+import numpy as np
+import pytest
+import toy
+from command_line import SMALL, run, save_ball
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.planning.diagnosis import neighbour_agreement
+
+SCENE, TRUTH = toy.ball_on_floor()
+CONFIG = toy.small_config()
+SCATTERED = TRUTH[np.random.default_rng(3).permutation(len(TRUTH))]
+
+
+def cameras_towards(target, train=True):
+    K = intrinsics(0.8, 64, 64)
+    poses = [look_at(np.array([x, -5.0, 2.0]), np.asarray(target, float), toy.UP) for x in (-1.0, 0.0, 1.0)]
+    return CameraSet(tuple(Camera(pose, K, 64, 64) for pose in poses), None, (train,) * 3, False)
+
+
+def far_away(scene, shift):
+    return scene.replace(means=(scene.means.astype(np.float64) + shift).astype(np.float32))
+
+
+def check_untrimmed(result, selection):
+    assert result.views == ()
+    np.testing.assert_array_equal(result.object_mask, selection)
+    toy.check_parts(result, selection)
+    assert result.report["views"] == []
+    assert "\n" not in result.refused
+
+
+def test_a_selection_of_rows_in_another_order_is_known():
+    result = trim(SCENE, SCATTERED, config=CONFIG)
+    assert "scattered over the scene" in result.refused
+    check_untrimmed(result, SCATTERED)
+
+
+@pytest.mark.parametrize("selection", [TRUTH, ~TRUTH, toy.dilated(SCENE, TRUTH), toy.with_floaters(SCENE, TRUTH)])
+def test_rough_selections_are_not_scattered(selection):
+    assert neighbour_agreement(SCENE, selection) > 0.7
+    assert neighbour_agreement(SCENE, np.random.default_rng(1).permutation(selection)) < 0.1
+
+
+def test_the_agreement_of_large_scenes_is_judged_on_a_sample():
+    many = np.random.default_rng(0).uniform(-1, 1, (100_000, 3)).astype(np.float32)
+    scene = toy.gaussians(many, 0.01, toy.RED)
+    inside = np.linalg.norm(many, axis=1) < 0.4
+    assert neighbour_agreement(scene, inside) > 0.7
+    assert abs(neighbour_agreement(scene, np.random.default_rng(1).permutation(inside))) < 0.1
+
+
+def test_training_cameras_that_do_not_see_the_object_are_known():
+    result = trim(SCENE, TRUTH, config=CONFIG, cameras=cameras_towards((0, -9, 2)))
+    assert "none of the 3 training cameras has the object" in result.refused
+    check_untrimmed(result, TRUTH)
+
+
+def test_training_cameras_that_see_the_object_and_cameras_of_tests_are_taken():
+    for cameras in (cameras_towards(toy.CENTRE), cameras_towards((0, -9, 2), train=False)):
+        assert trim(SCENE, TRUTH, config=CONFIG, cameras=cameras).refused == ""
+
+
+@pytest.mark.parametrize("up", ["x", (0, 1, 0.5), "-z"])
+def test_an_up_vector_that_the_ground_contradicts_is_doubted(up):
+    result = trim(SCENE, TRUTH, config=CONFIG, up=up)
+    (warning,) = result.warnings
+    assert "degrees away" in warning
+    assert "--up 0.00 0.00 1.00" in warning
+    assert result.report["warnings"] == [warning]
+
+
+@pytest.mark.parametrize("up", ["z", (0, 0.3, 1), None])
+def test_an_up_vector_that_the_ground_confirms_is_not(up):
+    config = toy.small_config(up=None)
+    assert trim(SCENE, TRUTH, config=config, up=up).warnings == ()
+
+
+def test_coordinates_in_which_the_gaussians_are_lost_are_known():
+    scene = far_away(SCENE, (431_200, 5_412_345, 120))
+    result = trim(scene, TRUTH, config=CONFIG)
+    assert "around 431200 5412345 121, where coordinates in single precision are 0.5 apart" in result.refused
+    check_untrimmed(result, TRUTH)
+
+
+def test_coordinates_of_a_map_that_still_resolve_the_gaussians_are_trimmed():
+    selection = toy.dilated(SCENE, TRUTH)
+    near = trim(SCENE, selection, config=CONFIG)
+    far = trim(far_away(SCENE, (43_120, -12_345, 120)), selection, config=CONFIG)
+    assert far.refused == ""
+    assert toy.jaccard(far.object_mask, near.object_mask) > 0.97
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inputs")
+    save_ball(folder)
+    np.save(folder / "scattered.npy", SCATTERED)
+    formats.write(far_away(SCENE, (431_200, 5_412_345, 120)), folder / "map.ply")
+    elsewhere, size = cameras_towards((0, -9, 2)).cameras, {"width": 64, "height": 64}
+    frames = [
+        {"file": f"{i}.png", **size, "K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()}
+        for i, c in enumerate(elsewhere)
+    ]
+    (folder / "elsewhere.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("scene", "selection", "options", "said"),
+    [
+        ("scene.ply", "scattered.npy", [], "scattered over the scene"),
+        ("scene.ply", "rough.npy", ["--cameras", "elsewhere.json"], "none of the 3 training cameras"),
+        ("map.ply", "rough.npy", [], "move the origin into the scene"),
+        ("scene.ply", "rough.npy", ["--acceptance.min-silhouette", 10**6], "0 of 5 views"),
+    ],
+)
+@pytest.mark.parametrize("quiet", [True, False])
+def test_the_command_says_that_nothing_was_trimmed(ball, tmp_path, capsys, scene, selection, options, said, quiet):
+    options = [ball / option if str(option).endswith(".json") else option for option in options]
+    command = ["trim", ball / scene, ball / selection, *options, "--output", tmp_path / "out", *SMALL]
+    assert run(*command, *(["--quiet"] if quiet else [])) == 3
+    printed = capsys.readouterr()
+    assert bool(printed.out) != quiet
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith("gaussian-trimmer: Not trimmed: ")
+    assert said in printed.err
+    written = formats.read(tmp_path / "out" / "object.ply")
+    assert len(written) == np.count_nonzero(np.load(ball / selection))
+    assert (tmp_path / "out" / "before_after.png").exists()
+
+
+def test_the_command_doubts_the_up_vector_and_trims(ball, tmp_path, capsys):
+    command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", 1, 0, 0, "--output", tmp_path, *SMALL, "--quiet"]
+    assert run(*command) == 0
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert "The up vector 1.00 0.00 0.00 (given) is 90 degrees away" in printed

@@ -1,0 +1,90 @@
+"""`gaussian-trimmer evaluate` on the ball: what is printed and written, and what is refused."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from command_line import SMALL, run, save_ball
+
+from gaussian_trimmer import formats
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene, truth = save_ball(tmp_path)
+    np.save(tmp_path / "truth.npy", truth)
+    formats.write(scene.select(truth), tmp_path / "object.ply")
+    return tmp_path
+
+
+def evaluate(*arguments):
+    return run("evaluate", "scene.ply", *arguments, "--masks", "masks", "--cameras", "cameras.json")
+
+
+def rows_of(path):
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    return {row["view"]: row for row in csv.DictReader(lines)}
+
+
+def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
+    assert run("trim", "scene.ply", "rough.npy", "--output", "t", "--up", 0, 0, 1, "--quiet", *SMALL) == 0
+    assert evaluate("t", "--output", "out") == 0
+    printed = capsys.readouterr().out
+    assert "| mean" in printed and " -> " in printed and "alpha > 0.5" in printed and "renderer: numba" in printed
+    names = {path.name for path in (folder / "out").iterdir()}
+    assert names == {"scores.md", "scores.csv", "scores.json", "scores.tex", "sheet.png", "manifest.json"}
+    rows = rows_of(folder / "out" / "scores.csv")
+    assert list(rows) == ["0.png", "1.png", "2.png", "3.png", "mean"]
+    mean = rows["mean"]
+    assert float(mean["IoU (%) after"]) > float(mean["IoU (%) before"]) + 1
+    assert float(mean["IoU (%) after"]) == pytest.approx(
+        np.mean([float(rows[f"{i}.png"]["IoU (%) after"]) for i in range(4)]), abs=1e-3
+    )
+    assert float(mean["fidelity (dB)"]) == 100
+
+
+def test_any_object_is_measured(folder, capsys):
+    assert evaluate("object.ply", "--before", "rough.npy", "--format", "json") == 0
+    table = json.loads(capsys.readouterr().out)
+    mean = table["rows"][-1]
+    assert mean["IoU (%)"]["after"] > 97 > mean["IoU (%)"]["before"]
+    assert mean["fidelity (dB)"] == 100
+    assert evaluate("truth.npy", "--format", "csv") == 0
+    assert "IoU (%),accuracy (%)" in capsys.readouterr().out  # nothing before
+
+
+def test_rules_change_the_figures_and_are_named(folder, capsys):
+    assert evaluate("object.ply", "--threshold", 0.9, "--occlusion", "in-scene", "--format", "latex") == 0
+    printed = capsys.readouterr().out
+    assert r"alpha > 0.9" in printed and "occlusion counts" in printed and r"\begin{tabular}" in printed
+
+
+def test_photographs_bring_the_extraction_psnr(folder, capsys):
+    assert evaluate("object.ply", "--images", "masks", "--format", "csv") == 0
+    assert "extraction PSNR (dB)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["object.ply", "--threshold", 2], "threshold"),
+        (["nowhere.ply"], "nowhere.ply"),
+        (["masks"], "no folder that"),
+        (["object.ply", "--images", "nowhere"], "nowhere"),
+        (["object.ply", "--output", "masks"], "not empty"),
+        (["object.ply", "--renderer", "gspalt"], "gspalt"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(folder, capsys, arguments, message):
+    assert evaluate(*arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error and len(error.splitlines()) == 1
+
+
+def test_masks_of_other_pictures_are_refused(folder, capsys):
+    for path in (folder / "masks").iterdir():
+        path.rename(path.with_name(f"other_{path.name}"))
+    assert evaluate("object.ply") == 2
+    assert "No mask" in capsys.readouterr().err

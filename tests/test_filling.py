@@ -1,0 +1,69 @@
+"""The hole below an object: closed where it stands on a flat surface, and marked as filled."""
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.gaussians import SH_C0, concatenate
+from gaussian_trimmer.pipeline import RowLabel, trim
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.rendering import get_renderer
+
+
+def ball_over_a_hole(radius=0.5):
+    """The ball on a floor of one colour, with nothing below it, as training leaves it where nobody looks."""
+    scene, truth = toy.ball_on_floor(n_ball=1500, floor_side=40)
+    below = ~truth & (np.linalg.norm(scene.means[:, :2], axis=1) < radius) & (np.abs(scene.means[:, 2]) < 0.2)
+    colours = scene.sh_dc.copy()
+    colours[~truth] = (np.array(toy.WHITE) - 0.5) / SH_C0
+    return scene.replace(sh_dc=colours.astype(np.float32)).select(~below), truth[~below]
+
+
+SCENE, TRUTH = ball_over_a_hole()
+
+
+@pytest.fixture(scope="module")
+def results():
+    return [trim(SCENE, TRUTH, config=toy.small_config(fill=fill)) for fill in (False, True)]
+
+
+def test_the_hole_is_closed_in_the_colour_of_the_floor(results):
+    (camera,), _ = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(views=1, size=96, pitch_degrees=80))
+    open_, closed = (get_renderer("numba").render(result.background, camera) for result in results)
+    middle = slice(44, 52), slice(44, 52)
+    assert open_.alpha[middle].mean() < 0.3
+    assert closed.alpha[middle].mean() > 0.9
+    assert np.abs(closed.rgb[middle].mean(axis=(0, 1)) - toy.WHITE).max() < 0.1
+
+
+def test_what_was_filled_is_marked(results, tmp_path):
+    without, filled = results
+    count = len(filled.filled)
+    assert count > 10
+    assert filled.report["counts"]["filled"] == count == filled.count(RowLabel.FILLED)
+    assert (filled.source_index[-count:] == -1).all()
+    assert without.report["counts"]["filled"] == 0
+    np.testing.assert_array_equal(filled.source_index[:-count], without.source_index)
+    assert len(filled.background) == len(without.background) + count
+    filled.save(tmp_path)
+    labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
+    assert labels["label_names"][labels["label"][-1]] == "filled"
+    np.testing.assert_array_equal(formats.read(tmp_path / "background.ply").means, filled.background.means)
+
+
+def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):
+    without, filled = results
+    np.testing.assert_array_equal(filled.object.means, without.object.means)
+    cameras, _ = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(size=96))
+    both = concatenate([filled.object, filled.background])
+    for camera in cameras:
+        before, after = (get_renderer("numba").render(part, camera).rgb for part in (SCENE, both))
+        assert np.mean((before - after) ** 2) < 10**-4
+
+
+def test_without_a_flat_surface_nothing_is_filled():
+    ball = SCENE.select(TRUTH)
+    result = trim(ball, np.ones(len(ball), np.bool_), config=toy.small_config(fill=True))
+    assert len(result.filled) == 0
+    assert "nothing was filled" in result.warnings[0]

@@ -1,0 +1,115 @@
+"""Masks and silhouettes fused: which is followed where, by confidence and by the other views."""
+
+import numpy as np
+import pytest
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.rendering import Rendering, get_renderer
+from gaussian_trimmer.segmentation.fusion import fuse_with_silhouettes
+from gaussian_trimmer.views import View
+
+SIZE = 96
+RENDERER = get_renderer("numba")
+
+
+def wall():
+    """A dense square of small Gaussians in the plane z = 0, from -1 to 1."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
+    means = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], -1)
+    n = len(means)
+    return Gaussians.from_arrays(
+        means, np.tile([1.0, 0, 0, 0], (n, 1)), np.zeros((n, 1, 3)), scales=np.full((n, 3), 0.03),
+        opacities=np.full(n, 0.95),
+    )  # fmt: skip
+
+
+def cameras(n=4):
+    K = intrinsics(np.radians(60), SIZE, SIZE)
+    places = [np.array([np.sin(a), 0.2, -np.cos(a)]) * 3 for a in np.linspace(-0.5, 0.5, n)]
+    return [Camera(look_at(place, np.zeros(3), np.array([0.0, -1, 0])), K, SIZE, SIZE) for place in places]
+
+
+def masks_of(inside, shown):
+    """What the cameras see of the Gaussians that are inside, as masks."""
+    part = inside.astype(np.float32)[:, None]
+    return [RENDERER.blend_values(SCENE, camera, part)[..., 0] > 0.5 for camera in shown]
+
+
+SCENE = wall()
+CAMERAS = cameras()
+VIEWS = [
+    View(camera, Rendering(blank := np.zeros((SIZE, SIZE, 3), np.float32), blank[..., 0], blank[..., 0]),
+         blank[..., 0], blank[..., 0], blank[..., 0], (0, 0, SIZE, SIZE))
+    for camera in CAMERAS
+]  # fmt: skip
+LEFT = SCENE.means[:, 0] < 0
+WIDER = SCENE.means[:, 0] < 0.4
+NARROWER = SCENE.means[:, 0] < -0.4
+
+
+def logits_of(masks, confidence=4.0):
+    return [np.where(mask, confidence, -confidence).astype(np.float32) for mask in masks]
+
+
+def fuse(silhouettes, logits):
+    return fuse_with_silhouettes(VIEWS, silhouettes, logits, SCENE, RENDERER)
+
+
+def overlap(a, b):
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+@pytest.mark.parametrize("truth", [WIDER, NARROWER], ids=["adds", "removes"])
+def test_sure_masks_that_agree_from_view_to_view_are_followed(truth):
+    silhouettes, right = masks_of(LEFT, CAMERAS), masks_of(truth, CAMERAS)
+    fused, aside = fuse(silhouettes, logits_of(right))
+    assert aside == 0
+    assert min(overlap(mask, truth) for mask, truth in zip(fused, right, strict=True)) > 0.97
+
+
+@pytest.mark.parametrize("wrong", [WIDER, NARROWER], ids=["adds", "removes"])
+def test_a_mask_that_the_other_views_contradict_is_not(wrong):
+    silhouettes = masks_of(LEFT, CAMERAS)
+    masks = [masks_of(wrong, CAMERAS)[0], *silhouettes[1:]]
+    fused, aside = fuse(silhouettes, logits_of(masks, 2.0))
+    assert aside == 0
+    for mask, silhouette in zip(fused, silhouettes, strict=True):
+        assert overlap(mask, silhouette) > 0.97
+
+
+def test_unsure_masks_are_not_followed():
+    silhouettes = masks_of(LEFT, CAMERAS)
+    masks = [*masks_of(WIDER, CAMERAS)[:2], *silhouettes[2:]]
+    fused, _ = fuse(silhouettes, logits_of(masks, 0.1))
+    assert all(overlap(mask, silhouette) > 0.97 for mask, silhouette in zip(fused, silhouettes, strict=True))
+
+
+def test_masks_of_something_else_are_set_aside_and_say_nothing_to_the_others():
+    silhouettes = masks_of(LEFT, CAMERAS)
+    fused, aside = fuse(silhouettes, logits_of([~silhouettes[0], *silhouettes[1:]], 9.0))
+    assert aside == 1
+    for mask, silhouette in zip(fused, silhouettes, strict=True):
+        np.testing.assert_array_equal(mask, silhouette)
+
+
+def test_equal_masks_change_nothing_and_inputs_are_left_alone():
+    silhouettes = masks_of(LEFT, CAMERAS)
+    logits = logits_of(silhouettes)
+    before = [mask.copy() for mask in silhouettes], [logit.copy() for logit in logits]
+    fused, aside = fuse(silhouettes, logits)
+    assert aside == 0
+    for arrays, kept in zip((silhouettes, logits), before, strict=True):
+        for array, copy in zip(arrays, kept, strict=True):
+            np.testing.assert_array_equal(array, copy)
+    for mask, silhouette in zip(fused, silhouettes, strict=True):
+        np.testing.assert_array_equal(mask, silhouette)
+
+
+def test_the_order_of_views_does_not_matter():
+    silhouettes, masks = masks_of(LEFT, CAMERAS), masks_of(WIDER, CAMERAS)
+    logits = logits_of([masks[0], silhouettes[1], masks[2], masks[3]], 3.0)
+    fused, _ = fuse(silhouettes, logits)
+    backward, _ = fuse_with_silhouettes(VIEWS[::-1], silhouettes[::-1], logits[::-1], SCENE, RENDERER)
+    for a, b in zip(fused, backward[::-1], strict=True):
+        np.testing.assert_array_equal(a, b)

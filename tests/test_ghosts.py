@@ -1,0 +1,132 @@
+"""What stands in the object's place once the object is gone: found, and neither the object nor the scene changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.pipeline import RowLabel, trim
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
+from gaussian_trimmer.rendering import get_renderer
+
+SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
+CONFIG = toy.small_config()
+DARK, GREEN = (0.05, 0.02, 0.02), (0.1, 0.8, 0.2)
+RENDERER = get_renderer("numba")
+
+
+def with_more(means, scales, colour):
+    """Scene and true labels with Gaussians of the background added at the end."""
+    more = toy.gaussians(means, scales, colour)
+    return concatenate([SCENE, more]), np.append(TRUTH, np.zeros(len(more), np.bool_))
+
+
+def added(result):
+    """What became of the added Gaussians: numbers of those in the object, in the background, and in neither."""
+    rows = np.arange(len(SCENE), len(result.scene))
+    n_object = len(result.object)
+    mine, rest = result.source_index[:n_object], result.source_index[n_object:]
+    return tuple(int(np.isin(rows, where).sum()) for where in (mine, rest, result.dropped))
+
+
+def psnr(result):
+    """The least PSNR of object and background against the scene, from all around."""
+    cameras, _ = plan_cameras(result.scene.select(TRUTH_OF[len(result.scene)]), toy.UP, PlanConfig(size=96, fill=0.4))
+    both = concatenate([result.object, result.background])
+    errors = [
+        np.mean((RENDERER.render(result.scene, camera).rgb - RENDERER.render(both, camera).rgb) ** 2)
+        for camera in cameras
+    ]
+    return -10 * np.log10(max(*errors, 1e-12))
+
+
+INSIDE = with_more([[0, 0, 1.0], [0.2, 0.1, 1.1], [-0.2, 0, 0.8]], 0.15, DARK)
+BELOW = with_more([[0, 0, -0.02], [0.1, 0.1, -0.02], [-0.1, 0, -0.02]], (0.1, 0.1, 0.02), GREEN)
+BESIDE = with_more([[2.2, 0, 0.4], [2.3, 0, 0.5], [2.2, 0.1, 0.6]], 0.15, DARK)
+TRUTH_OF = {len(scene): truth for scene, truth in (INSIDE, BELOW, BESIDE)}
+
+
+def test_what_the_object_hides_inside_it_leaves_the_background():
+    scene, truth = INSIDE
+    assert added(trim(scene, truth, config=replace(CONFIG, background="exact")))[1] == 3
+    result = trim(scene, truth, config=CONFIG)
+    joined, left, dropped = added(result)
+    assert left == 0
+    assert joined + dropped == 3
+    assert psnr(result) > 45
+
+
+def test_foreign_colours_under_the_object_leave_the_background_and_the_ground_stays():
+    scene, truth = BELOW
+    exact, clean = (trim(scene, truth, config=replace(CONFIG, background=mode)) for mode in ("exact", "clean"))
+    _, left, _ = added(exact)
+    assert left > 0
+    assert added(clean)[1:] == (0, left)
+    assert psnr(clean) > 45
+    ground = ~truth & (np.abs(scene.means[:, 2] + 0.05) < 0.01) & (np.arange(len(scene)) < len(SCENE))
+    assert not ground[clean.dropped].any()
+    np.testing.assert_array_equal(clean.object_mask & ground, exact.object_mask & ground)
+
+
+def test_what_stands_beside_the_object_stays():
+    scene, truth = BESIDE
+    assert added(trim(scene, truth, config=CONFIG)) == (0, 3, 0)
+
+
+@pytest.mark.parametrize("mode", ["exact", "clean"])
+def test_every_row_is_in_the_object_in_the_background_or_dropped(mode):
+    scene, truth = BELOW
+    result = trim(scene, truth, config=replace(CONFIG, background=mode))
+    rows = np.concatenate([result.source_index, result.dropped])
+    np.testing.assert_array_equal(np.sort(rows), np.arange(len(scene)))
+    assert result.report["counts"]["dropped"] == len(result.dropped)
+    assert (len(result.dropped) > 0) == (mode == "clean")
+    assert len(result.background) == len(scene) - len(result.object) - len(result.dropped)
+    assert (np.diff(result.dropped) > 0).all()
+
+
+def test_crumbs_of_the_object_join_it():
+    crumbs = np.flatnonzero(TRUTH)[:3]
+    scene = SCENE.replace(sh_dc=SCENE.sh_dc.copy())
+    result = trim(scene, TRUTH, config=CONFIG, segmenter=Holes(scene.means[crumbs]))
+    assert result.object_mask[crumbs].all()
+    assert result.count(RowLabel.PRUNED) == 0
+
+
+class Holes:
+    """A segmenter of silhouettes with a hole of a few pixels around each of some points."""
+
+    name = "holes"
+
+    def __init__(self, points):
+        self.points = points
+
+    def segment(self, views):
+        masks = []
+        for view in views:
+            mask, (pixels, depths) = view.silhouette.copy(), view.camera.project(self.points)
+            for (x, y), depth in zip(pixels, depths, strict=True):
+                row, column = int(y), int(x)
+                if view.depth[row, column] > depth - 0.2:
+                    mask[row - 4 : row + 5, column - 4 : column + 5] = False
+            masks.append(mask)
+        return masks
+
+
+def test_a_trim_that_is_refused_leaves_the_background_as_it_is():
+    scene, truth = INSIDE
+    result = trim(scene, truth, config=CONFIG, segmenter=toy.EmptyMasks())
+    assert result.refused
+    assert len(result.dropped) == 0
+    toy.check_parts(result, truth)
+
+
+def test_labels_on_disk_name_the_dropped_rows(tmp_path):
+    scene, truth = BELOW
+    result = trim(scene, truth, config=CONFIG)
+    result.save(tmp_path)
+    labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
+    np.testing.assert_array_equal(labels["dropped"], result.dropped)
+    assert len(labels["source_index"]) == len(scene) - len(result.dropped)

@@ -1,0 +1,108 @@
+""".glb with KHR_gaussian_splatting: what it keeps, what the field's converter reads of it, and damaged files."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from format_samples import error, rotation_error, round_trip, sample, splat_transform
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_everything_is_kept(tmp_path, degree):
+    gaussians = sample(50, degree)
+    again = round_trip(gaussians, tmp_path / "a.glb")
+    for name in ("means", "sh_dc", "sh_rest"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(gaussians, name))
+    np.testing.assert_allclose(again.log_scales, gaussians.log_scales, atol=1e-5)
+    np.testing.assert_allclose(again.opacities, gaussians.opacities, atol=1e-6)
+    assert rotation_error(again, gaussians) < 1e-5
+
+
+def test_layout_is_that_of_the_standard(tmp_path):
+    gaussians = sample(5, 1)
+    formats.write(gaussians, tmp_path / "a.glb")
+    data = (tmp_path / "a.glb").read_bytes()
+    magic, version, total, length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, total, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + length])
+    assert document["extensionsUsed"] == ["KHR_gaussian_splatting"]
+    (primitive,) = document["meshes"][0]["primitives"]
+    assert primitive["mode"] == 0
+    assert primitive["extensions"]["KHR_gaussian_splatting"]["kernel"] == "ellipse"
+    accessor = document["accessors"][primitive["attributes"]["POSITION"]]
+    assert np.allclose(accessor["min"], (gaussians.means * [-1, -1, 1]).min(axis=0))
+    assert document["accessors"][primitive["attributes"]["KHR_gaussian_splatting:ROTATION"]]["type"] == "VEC4"
+
+
+def test_the_converter_means_the_same(tmp_path):
+    gaussians = sample(60, 3)
+    formats.write(gaussians, tmp_path / "a.ply")
+    splat_transform(tmp_path / "a.ply", tmp_path / "theirs.glb")
+    theirs = formats.read(tmp_path / "theirs.glb")
+    order = np.lexsort(theirs.means.T), np.lexsort(gaussians.means.T)
+    theirs, ours = theirs.select(order[0]), gaussians.select(order[1])
+    for name in ("means", "sh_dc", "sh_rest"):
+        assert error(theirs, ours, name) < 1e-4, name
+    # Axes may be turned by half a circle, which changes no Gaussian.
+    np.testing.assert_allclose(theirs.covariances(), ours.covariances(), rtol=1e-3, atol=1e-6)
+
+
+def changed(tmp_path, change):
+    formats.write(sample(5, 1), tmp_path / "a.glb")
+    data = (tmp_path / "a.glb").read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    document, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
+    change(document)
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    header = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
+    (tmp_path / "b.glb").write_bytes(header + text + rest)
+    return tmp_path / "b.glb"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(meshes=[]), "no primitive has the extension"),
+        (lambda d: d["accessors"][0].update(count=10**9), "goes beyond the end"),
+        (lambda d: d["accessors"][0].update(count=-1), "not of a type"),
+        (lambda d: d["accessors"][0].update(bufferView=99), "no buffer view"),
+        (lambda d: d["bufferViews"][0].update(byteStride=0), "lies nowhere"),
+        (lambda d: d["bufferViews"][0].update(byteOffset=10**11), "goes beyond the end"),
+        (lambda d: d["accessors"][2].update(count=4), "has 4 values for 5"),
+        (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("KHR_gaussian_splatting:SCALE"), "has no KHR"),
+        (lambda d: d["meshes"][0]["primitives"][0].pop("attributes"), "has no attributes"),
+        (
+            lambda d: d["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"].update(
+                extensions={"KHR_gaussian_splatting_compression_spz": {"bufferView": 0}}
+            ),
+            "compressed as SPZ",
+        ),
+    ],
+)
+def test_damaged_files(tmp_path, change, message):
+    with pytest.raises(InputError, match=message):
+        formats.read(changed(tmp_path, change))
+
+
+def test_normalised_integers_are_read(tmp_path):
+    def as_bytes(document):
+        place = document["meshes"][0]["primitives"][0]["attributes"]["KHR_gaussian_splatting:OPACITY"]
+        document["accessors"][place].update(componentType=5121, normalized=True)
+
+    opacities = formats.read(changed(tmp_path, as_bytes)).opacities
+    data = sample(5, 1).opacities.astype("<f4").tobytes()[:5]
+    np.testing.assert_allclose(opacities, np.frombuffer(data, np.uint8) / 255, atol=2e-6)
+
+
+@pytest.mark.parametrize("keep", [0, 3, 19, 40, 400, -8])
+def test_truncated_files(tmp_path, keep):
+    formats.write(sample(5, 1), tmp_path / "a.glb")
+    data = (tmp_path / "a.glb").read_bytes()
+    (tmp_path / "a.glb").write_bytes(data[:keep])
+    with pytest.raises(InputError, match=r"a\.glb"):
+        formats.read(tmp_path / "a.glb")

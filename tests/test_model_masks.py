@@ -1,0 +1,111 @@
+"""Marks understood by a model: whole objects as the built-in way has them, parts as the model sees them."""
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
+from gaussian_trimmer.selecting import model_masks
+from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.model_masks import select_by_model, shown
+from gaussian_trimmer.views import bounding_box
+
+RENDERER = get_renderer("numba")
+
+
+def camera_at(position, size=200):
+    pose = look_at(np.asarray(position, float), np.asarray(toy.CENTRE, float), toy.UP)
+    return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
+
+
+class Oracle:
+    """A model that sees a known part, whatever the view, and proposes nothing and everything beside it."""
+
+    def __init__(self, scene, part, cameras, scores=(0.2, 0.9, 0.1)):
+        self.scene, self.part, self.cameras, self.scores, self.prompts = scene, part, cameras, scores, []
+
+    def propose(self, rgb, prompt):
+        self.prompts.append(prompt)
+        if prompt.logits is not None:  # another view: the expected silhouette stands in for what a model sees
+            right = prompt.logits > 0
+        else:
+            right = shown(self.scene, self.part, self.cameras, RENDERER) > 0.5
+        masks = np.stack([np.zeros_like(right), right, np.ones_like(right)])
+        return Candidates(np.where(masks, 5.0, -5.0).astype(np.float32), np.array(self.scores, np.float32))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return toy.ball_on_floor(n_ball=1500)
+
+
+def box_of(scene, part, camera):
+    return bounding_box(shown(scene, part, camera, RENDERER) > 0.5, 2)
+
+
+def test_what_the_built_in_way_finds_too_is_left_to_it(ball):
+    scene, truth = ball
+    camera = camera_at((5, 0, 3))
+    box, oracle = box_of(scene, truth, camera), Oracle(scene, truth, camera)
+    pick = select_by_model(scene, camera, box, toy.UP, RENDERER, oracle)
+    np.testing.assert_array_equal(pick.selection, select_by_box(scene, camera, box, toy.UP, RENDERER).selection)
+    assert len(oracle.prompts) == 1
+    assert oracle.prompts[0].box == box
+
+
+def test_a_click_on_a_whole_object_selects_it_whatever_the_scores_say(ball):
+    scene, truth = ball
+    camera = camera_at((5, 0, 3))
+    x, y = camera.project(np.atleast_2d(np.asarray(toy.CENTRE, float)))[0][0]
+    marks, oracle = [(int(x), int(y))], Oracle(scene, truth, camera, scores=(0.9, 0.1, 0.95))
+    pick = select_by_model(scene, camera, marks, toy.UP, RENDERER, oracle)
+    np.testing.assert_array_equal(pick.selection, select_by_clicks(scene, camera, marks, toy.UP, RENDERER).selection)
+    assert oracle.prompts[0].inside.all()
+    np.testing.assert_allclose(oracle.prompts[0].points, [[int(x) + 0.5, int(y) + 0.5]])
+
+
+def test_a_part_is_carried_around_the_object(ball, monkeypatch):
+    """The built-in way takes the whole ball for what is meant; the model sees its upper half, and that is selected."""
+    scene, truth = ball
+    part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
+    camera = camera_at((5, 0, 3))
+    oracle = Oracle(scene, part, camera)
+    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, ("piece",)))
+    pick = select_by_model(scene, camera, box_of(scene, part, camera), toy.UP, RENDERER, oracle)
+    assert pick.ways == ("part",)
+    assert len(oracle.prompts) == 5
+    assert toy.jaccard(pick.selection, part) > toy.jaccard(truth, part) + 0.1
+    seen = shown(scene, pick.selection, camera, RENDERER) > 0.5, shown(scene, part, camera, RENDERER) > 0.5
+    assert np.count_nonzero(seen[0] & seen[1]) > 0.9 * np.count_nonzero(seen[0] | seen[1])
+    far = part & (scene.means[:, 0] < toy.CENTRE[0])
+    assert np.count_nonzero(pick.selection & far) > 0.4 * np.count_nonzero(far)
+
+
+def test_what_leaks_away_while_it_is_carried_around_is_dropped(ball, monkeypatch):
+    scene, truth = ball
+    part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
+    camera = camera_at((5, 0, 3))
+    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, ("piece",)))
+    monkeypatch.setattr(model_masks, "_corrected", lambda *_: np.ones_like(truth))
+    pick = select_by_model(scene, camera, box_of(scene, part, camera), toy.UP, RENDERER, Oracle(scene, part, camera))
+    np.testing.assert_array_equal(pick.selection, truth)
+
+
+def test_a_model_that_sees_nothing_changes_nothing(ball):
+    scene, truth = ball
+    camera = camera_at((5, 0, 3))
+    box = box_of(scene, truth, camera)
+    pick = select_by_model(scene, camera, box, toy.UP, RENDERER, Oracle(scene, np.zeros_like(truth), camera))
+    np.testing.assert_array_equal(pick.selection, select_by_box(scene, camera, box, toy.UP, RENDERER).selection)
+
+
+def test_marks_outside_the_picture_are_refused_before_the_model_is_asked(ball):
+    scene, truth = ball
+    camera = camera_at((5, 0, 3))
+    oracle = Oracle(scene, truth, camera)
+    with pytest.raises(InputError, match="outside"):
+        select_by_model(scene, camera, [(300, 5)], toy.UP, RENDERER, oracle)
+    assert not oracle.prompts

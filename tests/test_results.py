@@ -1,0 +1,104 @@
+"""Objects that trims and other tools left on disk, as scenes cut in two."""
+
+import json
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.config import BoundaryConfig, SplitConfig
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.results import cut_by, read_result
+from gaussian_trimmer.pipeline import trim
+
+
+@pytest.fixture(scope="module")
+def ball():
+    scene, truth = toy.ball_on_floor()
+    return scene, truth, toy.dilated(scene, truth)
+
+
+@pytest.fixture(scope="module")
+def trimmed(ball):
+    scene, _, rough = ball
+    with toy.one_thread():
+        return trim(scene, rough, config=toy.small_config())
+
+
+def rows(gaussians):
+    return {tuple(mean) for mean in gaussians.means.tolist()}
+
+
+def test_a_folder_of_a_trim_holds_what_was_selected_before(ball, trimmed, tmp_path):
+    scene, _, rough = ball
+    found = read_result(trimmed.save(tmp_path / "t"), scene)
+    np.testing.assert_array_equal(found.before, rough)
+    np.testing.assert_array_equal(found.selection, trimmed.object_mask)
+    assert rows(found.cut.object) == rows(trimmed.object)
+    assert rows(found.cut.background) == rows(trimmed.background)
+    assert not found.unknown_background
+
+
+def test_splits_do_not_hide_what_was_selected(ball, tmp_path):
+    scene, _, rough = ball
+    with toy.one_thread():
+        boundary = BoundaryConfig(min_share=0.1, min_area=1e-5)  # low enough for splits
+        config = toy.small_config(boundary=boundary, split=SplitConfig("plane"), background="exact")
+        result = trim(scene, rough, config=config, segmenter=toy.TightMasks())
+    folder = result.save(tmp_path / "t")
+    assert result.count(toy.RowLabel.SPLIT_INSIDE)
+    np.testing.assert_array_equal(read_result(folder, scene).before, rough)
+    report = json.loads((folder / "report.json").read_text())
+    report["counts"]["selected"] = 1
+    (folder / "report.json").write_text(json.dumps(report))
+    assert read_result(folder, scene).before is None
+    for strange in ("[]", '{"counts": {"selected": Infinity}}', "{", "[" * 100_000):
+        (folder / "report.json").write_text(strange)
+        with pytest.raises(InputError, match=r"report\.json"):
+            read_result(folder, scene)
+
+
+def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
+    scene, _, _ = ball
+    folder = trimmed.save(tmp_path / "t")
+    with pytest.raises(InputError, match="does not fit the scene"):
+        read_result(folder, scene.select(slice(0, 100)))
+    arrays = dict(np.load(folder / "labels.npz"))
+    wrong = {"n_object": np.float64(3), "label": arrays["label"][:-1], "source_index": arrays["source_index"] - 9}
+    for name, array in {**wrong, "n_object ": np.int64(-1)}.items():
+        np.savez(folder / "labels.npz", **{**arrays, name.strip(): array})
+        with pytest.raises(InputError, match="does not fit the scene"):
+            read_result(folder, scene)
+    np.savez(folder / "labels.npz", label=np.zeros(3))
+    with pytest.raises(InputError, match="lacks one of the arrays"):
+        read_result(folder, scene)
+    (folder / "labels.npz").unlink()
+    with pytest.raises(InputError, match="no folder that"):
+        read_result(folder, scene)
+
+
+def test_an_object_of_another_tool_is_found_in_the_scene(ball, tmp_path):
+    scene, truth, _ = ball
+    formats.write(scene.select(truth), tmp_path / "object.ply")
+    found = read_result(tmp_path / "object.ply", scene)
+    np.testing.assert_array_equal(found.selection, truth)
+    assert rows(found.cut.background) == rows(scene.select(~truth)) and found.before is None
+
+
+def test_an_object_that_is_not_in_the_scene_has_no_background(ball, tmp_path):
+    scene, truth, _ = ball
+    other = scene.select(truth).replace(means=scene.means[::-1][truth] * 3, sh_dc=scene.sh_dc[truth] + 5)
+    formats.write(other, tmp_path / "object.ply")
+    found = read_result(tmp_path / "object.ply", scene)
+    assert found.cut.background is None and found.selection is None
+    assert "match no row" in found.unknown_background
+    assert len(found.cut.object) == truth.sum()
+
+
+def test_a_selection_file_cuts_the_scene(ball, tmp_path):
+    scene, _, rough = ball
+    np.save(tmp_path / "rough.npy", rough)
+    found = read_result(tmp_path / "rough.npy", scene)
+    np.testing.assert_array_equal(found.selection, rough)
+    assert rows(found.cut.object) == rows(cut_by(scene, rough).object)

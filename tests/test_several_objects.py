@@ -1,0 +1,175 @@
+"""Several objects of one scene: each as it would be alone, none with a Gaussian of another, and what is written."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import toy
+from command_line import SMALL, run
+
+import gaussian_trimmer as gt
+from gaussian_trimmer import formats
+from gaussian_trimmer.config import BoundaryConfig, SplitConfig
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.selection_files.several import load_objects
+from gaussian_trimmer.several_objects import trim_objects
+
+CONFIG = toy.small_config()
+SHIFT = np.float32([2.4, 0, 0])
+
+
+def two_balls():
+    """A red and a blue ball beside each other on a floor, and which Gaussians each is."""
+    scene, truth = toy.ball_on_floor()
+    second = scene.select(truth)
+    second = second.replace(means=second.means + SHIFT, sh_dc=second.sh_dc[:, ::-1].copy())
+    both = concatenate([scene, second])
+    first = np.zeros(len(both), np.bool_)
+    first[: len(scene)] = truth
+    return both, first, np.arange(len(both)) >= len(scene)
+
+
+SCENE, FIRST, SECOND = two_balls()
+
+
+def rough(truth, centre, reach=0.4):
+    return truth | (np.linalg.norm(SCENE.means - centre, axis=1) < toy.RADIUS + reach)
+
+
+ROUGH = {3: rough(FIRST, toy.CENTRE), 7: rough(SECOND, toy.CENTRE + SHIFT)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_pixels_need_one_thread():
+    with toy.one_thread():
+        yield
+
+
+@pytest.fixture(scope="module")
+def result():
+    return trim_objects(SCENE, ROUGH, config=CONFIG)
+
+
+def check_complementary(result):
+    """Every row is in one object, in the background, or split between one object and the background."""
+    owners = [np.unique(part.source_index) for part in result.objects]
+    together = np.concatenate([*owners, result.background_rows])
+    assert len(np.unique(together)) == len(together) == len(result.scene)
+    split = np.concatenate([part.source_index[part.label == RowLabel.SPLIT_INSIDE] for part in result.objects])
+    assert set(result.outside_source) <= set(split)
+    assert len(result.source_index) == len(result.label)
+
+
+def test_each_object_is_as_it_would_be_alone(result):
+    check_complementary(result)
+    assert [part.id for part in result.objects] == [3, 7]
+    for part, truth in zip(result.objects, (FIRST, SECOND), strict=True):
+        alone = gt.trim(SCENE, ROUGH[part.id], config=CONFIG)
+        mask = np.zeros(len(SCENE), np.bool_)
+        mask[part.source_index] = True
+        assert toy.jaccard(mask, alone.object_mask) > 0.99
+        assert toy.jaccard(mask, truth) > 0.95
+    assert np.array_equal(result.labels == 3, np.isin(np.arange(len(SCENE)), result.objects[0].source_index))
+
+
+def test_what_two_objects_claim_goes_to_one():
+    half = ROUGH[3] & (SCENE.means[:, 0] < 0.3)
+    result = trim_objects(SCENE, {1: ROUGH[3], 2: half, 5: ROUGH[7]}, config=CONFIG)
+    check_complementary(result)
+    assert result.contested > 100
+    assert sum(part.given_up for part in result.objects) == result.contested
+
+
+def test_split_gaussians_have_one_owner():
+    config = toy.small_config(boundary=BoundaryConfig(min_share=0.1, min_area=1e-5), split=SplitConfig("plane"))
+    result = trim_objects(SCENE, {1: ROUGH[3], 2: ROUGH[3] | ROUGH[7]}, config=config, segmenter=toy.TightMasks())
+    assert sum(np.count_nonzero(part.label == RowLabel.SPLIT_INSIDE) for part in result.objects)
+    check_complementary(result)
+
+
+def test_no_object_is_refused():
+    with pytest.raises(InputError, match="no object to trim"):
+        trim_objects(SCENE, {})
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("two")
+    formats.write(SCENE, folder / "scene.ply")
+    labels = np.zeros(len(SCENE), np.int64)
+    for number, mask in ROUGH.items():
+        labels[mask] = number
+    np.save(folder / "labels.npy", labels)
+    return folder
+
+
+def test_labels_on_the_command_line(files, tmp_path, capsys):
+    command = ["trim", files / "scene.ply", "--labels", files / "labels.npy", "--up", 0, 0, 1, *SMALL]
+    out = tmp_path / "out"
+    assert run(*command, "--output", out) == 0
+    assert "object 7:" in capsys.readouterr().out
+    parts = [formats.read(out / f"{name}.ply") for name in ("object_3", "object_7", "background")]
+    assert sum(map(len, parts)) == len(SCENE)
+    report = json.loads((out / "report.json").read_text())
+    assert [entry["id"] for entry in report["objects"]] == [3, 7]
+    assert cv2.imread(str(out / "objects.png")).shape[1] > 900
+    again = load_objects(out / "labels.npz", SCENE)
+    assert {number: mask.sum() for number, mask in again.items()} == {3: len(parts[0]), 7: len(parts[1])}
+    assert run(*command, "--objects", 7, "--output", tmp_path / "one") == 0
+    assert not (tmp_path / "one" / "object_3.ply").exists()
+    assert run(*command, "--objects", 5, "--output", tmp_path / "none") == 2
+    assert "no Gaussians of object 5" in capsys.readouterr().err
+    assert run(*command, "--output", tmp_path / "x", "--grow", 1) == 2
+    assert "leave SELECTION and marks out" in capsys.readouterr().err
+
+
+def test_folders_differ_by_id(files, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command = ["trim", files / "scene.ply", files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--views", 3, "--quiet"]
+    for number in (3, 7):
+        assert run(*command, "--selection.object-id", number) == 0
+    assert sorted(path.name for path in (tmp_path / "trimmed").iterdir()) == ["scene-labels-3", "scene-labels-7"]
+
+
+def test_what_remains_keeps_the_rows_of_the_original(files, tmp_path, capsys):
+    scene = files / "scene.ply"
+    command = ["trim", scene, files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--quiet"]
+    assert run(*command, "--selection.object-id", 3, "--output", tmp_path / "a") == 0
+    more = ["--selection.object-id", 7, "--remaining", tmp_path / "a", "--output", tmp_path / "b"]
+    assert run(*command, *more) == 0
+    first, second = (gt.read_selection(tmp_path / name / "labels.npz", SCENE) for name in "ab")
+    assert not (first & second).any()
+    assert toy.jaccard(second, SECOND) > 0.95
+    left = formats.read(tmp_path / "b" / "background.ply")
+    rows = np.flatnonzero(~first & ~second)
+    assert np.array_equal(np.sort(left.means, axis=0), np.sort(SCENE.means[rows], axis=0))
+    labels = ["--labels", files / "labels.npy", "--objects", 7, "--remaining", tmp_path / "a", "--up", 0, 0, 1]
+    assert run("trim", scene, *labels, *SMALL, "--output", tmp_path / "c", "--quiet") == 0
+    assert np.array_equal(gt.read_selection(tmp_path / "c" / "labels.npz", SCENE), second)
+    assert run(*command, "--selection.object-id", 3, "--remaining", tmp_path / "a", "--output", tmp_path / "d") in (
+        0,
+        2,
+    )
+    assert run(*command, "--selection.object-id", 3, "--remaining", tmp_path, "--output", tmp_path / "e") == 2
+    assert "holds no results of a trim" in capsys.readouterr().err
+
+
+def test_folders_of_trainings(files, tmp_path, capsys):
+    for iteration in (7000, 30000):
+        place = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
+        place.mkdir(parents=True)
+        formats.write(SCENE if iteration == 30000 else SCENE.select(slice(0, 9)), place / "point_cloud.ply")
+    assert len(gt.read(tmp_path / "model")) == len(SCENE)
+    command = ["select", tmp_path / "model", "--sphere", 0, 0, 1, 1.2, "--output", tmp_path / "a.npy"]
+    assert run(*command) == 0
+    assert "iteration_30000" in capsys.readouterr().out.replace("\n", "")
+    with pytest.raises(InputError, match="several splat files"):
+        formats.write(SCENE, tmp_path / "a.ply")
+        formats.write(SCENE, tmp_path / "b.ply")
+        gt.read(tmp_path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no splat file"):
+        gt.read(tmp_path / "empty")
