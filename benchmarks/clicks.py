@@ -26,11 +26,12 @@ import numpy as np
 import tyro
 
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, only_training
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
@@ -132,7 +133,7 @@ def _folders(root: Path) -> list[Path]:
 
 
 def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
-    cameras = None if arguments.without_cameras else _training_cameras(scene.folder)
+    cameras = None if arguments.without_cameras else only_training(read_camera_set(scene.folder / "cameras.json"))
     config = TrimConfig()
     if scene.up is not None and cameras is not None:
         config = replace(config, up=tuple(scene.up.tolist()))
@@ -208,7 +209,7 @@ def box_around(mask: BoolArray) -> tuple[int, int, int, int]:
 
 def middle_of(mask: BoolArray) -> tuple[int, int]:
     """The pixel (x, y) of a mask (H, W) that is farthest from its edge."""
-    depth = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    depth = distance_to_outside(mask, beyond=False)
     y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
     return int(x), int(y)
 
@@ -217,13 +218,6 @@ def _best_view(scene: BenchmarkScene, name: str) -> tuple[Camera, BoolArray]:
     """The training view whose mask of the object is largest, and that mask."""
     masks = [(camera, scene.coverage(name, camera.name) > 0.5) for camera in scene.training_cameras]
     return max(masks, key=lambda found: np.count_nonzero(found[1]))
-
-
-def _training_cameras(folder: Path) -> CameraSet:
-    """The training cameras alone: held-out views are ground truth."""
-    listed = read_camera_set(folder / "cameras.json")
-    kept = tuple(camera for camera, train in zip(listed.cameras, listed.train, strict=True) if train)
-    return replace(listed, cameras=kept, train=(True,) * len(kept))
 
 
 def _iou(gaussians: Gaussians, views: Sequence[TestView]) -> float:

@@ -5,6 +5,7 @@ import pytest
 import toy
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
 from gaussian_trimmer.pipeline import RowLabel, trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
@@ -50,6 +51,9 @@ def test_what_was_filled_is_marked(results, tmp_path):
     labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
     assert labels["label_names"][labels["label"][-1]] == "filled"
     np.testing.assert_array_equal(formats.read(tmp_path / "background.ply").means, filled.background.means)
+    found = read_result(tmp_path, SCENE)
+    np.testing.assert_array_equal(found.selection, filled.object_mask)
+    np.testing.assert_array_equal(found.before, TRUTH)
 
 
 def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):

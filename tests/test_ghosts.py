@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import RowLabel, trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
@@ -76,7 +77,7 @@ def test_what_stands_beside_the_object_stays():
 
 
 @pytest.mark.parametrize("mode", ["exact", "clean"])
-def test_every_row_is_in_the_object_in_the_background_or_dropped(mode):
+def test_every_row_is_in_the_object_in_the_background_or_dropped(mode, tmp_path):
     scene, truth = BELOW
     result = trim(scene, truth, config=replace(CONFIG, background=mode))
     rows = np.concatenate([result.source_index, result.dropped])
@@ -85,6 +86,9 @@ def test_every_row_is_in_the_object_in_the_background_or_dropped(mode):
     assert (len(result.dropped) > 0) == (mode == "clean")
     assert len(result.background) == len(scene) - len(result.object) - len(result.dropped)
     assert (np.diff(result.dropped) > 0).all()
+    stored = read_result(result.save(tmp_path / "t"), scene)
+    np.testing.assert_array_equal(stored.selection, result.object_mask)
+    np.testing.assert_array_equal(stored.before, truth)
 
 
 def test_crumbs_of_the_object_join_it():

@@ -107,6 +107,12 @@ def training_cameras(cameras: CameraSet | None) -> list[Camera]:
     return [camera for camera, train in listed if train]
 
 
+def only_training(cameras: CameraSet) -> CameraSet:
+    """The same set without its held-out cameras, which are ground truth."""
+    kept = tuple(training_cameras(cameras))
+    return replace(cameras, cameras=kept, train=(True,) * len(kept))
+
+
 def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:
     """An up vector (3,) of length one.
 

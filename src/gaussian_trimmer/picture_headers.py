@@ -7,6 +7,10 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 _MAX_SCANS = 64
 """Passes over a progressive JPEG; encoders write ten."""
@@ -45,6 +49,16 @@ def picture_header(data: bytes) -> PictureHeader | None:
     except (struct.error, IndexError, KeyError):
         return None
     return None
+
+
+def decoded_picture(data: bytes, flags: int) -> NDArray[Any] | None:
+    """The pixels of a picture, whose header has been looked at, by OpenCV's flags; None if it is damaged."""
+    import cv2
+
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        return None
 
 
 def webp_size(data: bytes) -> tuple[int, int] | None:

@@ -45,7 +45,7 @@ from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of, get_segmenter
 from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
 from gaussian_trimmer.views import TrimmedView
 
@@ -120,14 +120,13 @@ def trim(
     with clock("plan"):
         scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
         wrong = find_wrong_input(scene, selection, scope.bounds, known)
-        doubt = doubts_about_up(scene, selection, scope.up)
+        doubt = "" if wrong else doubts_about_up(scene, selection, scope.up)
     if wrong:
-        how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name
         _LOG.info("not trimmed: %s", wrong)
         return TrimResult(
             scene, *_assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), scope.up, scope.bounds, (),
-            0, wrong, clock.seconds, renderer.name, segmenter.name, how, selection, config, given_renderer,
-            tuple(known),
+            0, wrong, clock.seconds, renderer.name, segmenter.name, description_of(given_segmenter), selection, config,
+            given_renderer, tuple(known),
         )  # fmt: skip
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
@@ -160,12 +159,11 @@ def trim(
             rows = (*rows[:2], *_with_filled(rows[2], rows[3], len(filled)))
         doubts += [] if len(filled) else [_NOT_FILLED]
     floaters = int(selection.sum() - scope.coarse.sum())
-    how = given_segmenter.describe() if hasattr(given_segmenter, "describe") else segmenter.name  # of these views
     _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
-        segmenter.name, how, selection, config, given_renderer, tuple(known),
-        dropped, filled, tuple(doubts),
+        segmenter.name, description_of(given_segmenter), selection, config, given_renderer, tuple(known), dropped,
+        filled, tuple(doubts),
     )  # fmt: skip
 
 

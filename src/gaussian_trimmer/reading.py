@@ -51,6 +51,18 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def is_folder(path: Path) -> bool:
+    """Whether a path is that of a folder; a name that the file system refuses is not.
+
+    >>> is_folder(Path("x" * 9999))
+    False
+    """
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def file_bytes(path: Path, limit: int | None = None) -> bytes:
     """The contents of a file of at most `limit` bytes.
 

@@ -14,7 +14,7 @@ from tyro.conf import arg
 from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.rendering import DEFAULT_RENDERER
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, all_options, field_name
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, all_options, options_of
 from gaussian_trimmer.selection_files import SelectionOptions
 
 _SegmenterOptions = all_options()
@@ -45,7 +45,7 @@ class ItemOptions:
 
     def used_options(self) -> Any:
         """The options of the segmenter that is used, or None if it has none."""
-        return getattr(self.segmenter_options, field_name(self.segmenter), None)
+        return options_of(self.segmenter, self.segmenter_options)
 
 
 @lru_cache(maxsize=1024)

@@ -23,7 +23,7 @@ from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE
 from gaussian_trimmer.camera_files.json_files import read_json_frames
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.reading import is_file, reading
+from gaussian_trimmer.reading import is_file, is_folder, reading
 
 __all__ = ["DISTORTION_TOLERANCE", "read_camera_set"]
 
@@ -63,7 +63,7 @@ def _camera_file(path: Path) -> Path:
         if path.stem in ("cameras", "images") and path.suffix in (".bin", ".txt"):
             return _camera_file(path.parent)
         raise InputError(f"'{path}' is no camera file; give a COLMAP folder, a transforms.json or a cameras.json.")
-    if not path.is_dir():
+    if not is_folder(path):
         raise InputError(f"There is no file or folder '{path}' to read cameras from.")
     models = [
         folder / f"images{suffix}"

@@ -13,6 +13,7 @@ from tyro.conf import Positional, arg
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import only_training, training_cameras
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.evaluate_benchmark import print_run
@@ -27,7 +28,7 @@ from gaussian_trimmer.evaluation.layouts import get_layout
 from gaussian_trimmer.evaluation.plots import Curve, two_curves
 from gaussian_trimmer.evaluation.predictions import PredictionPatterns
 from gaussian_trimmer.evaluation.results import read_result
-from gaussian_trimmer.evaluation.runs import Run, Task, only_training, run_variant, training_cameras
+from gaussian_trimmer.evaluation.runs import Run, Task, run_variant
 from gaussian_trimmer.evaluation.scoring import Cut, Occlusion
 from gaussian_trimmer.evaluation.sheets import capture_sheet
 from gaussian_trimmer.evaluation.studies import (

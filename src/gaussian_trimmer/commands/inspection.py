@@ -13,7 +13,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.reading import is_file
+from gaussian_trimmer.reading import is_file, is_folder
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.classifier import classifier_of
@@ -46,10 +46,10 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     Raises:
         InputError: the file is missing, of no known kind, or damaged.
     """
-    if not (is_file(path) or path.is_dir()):
+    if not (is_file(path) or is_folder(path)):
         raise InputError(f"There is no file or folder '{path}'.")
     name = path.name.lower()
-    if path.is_dir() or path.suffix.lower() == ".json" or name in _COLMAP_FILES:
+    if is_folder(path) or path.suffix.lower() == ".json" or name in _COLMAP_FILES:
         lines = describe_cameras(path, trust_paths=trust_paths)
     elif name.endswith(tuple(formats.FORMATS)):
         lines = describe_gaussians(formats.read(path))
@@ -168,7 +168,7 @@ def _percent(flags: NDArray[np.bool_]) -> str:
 
 
 def _size(path: Path) -> str:
-    if path.is_dir():
+    if is_folder(path):
         return ""
     n_bytes = path.stat().st_size
     return f" ({n_bytes / 1e6:.1f} MB)" if n_bytes >= 1e5 else f" ({n_bytes / 1e3:.1f} kB)"

@@ -37,8 +37,8 @@ from gaussian_trimmer.segmentation.segmenters import (
     SEGMENTERS,
     Segmenter,
     all_options,
-    field_name,
-    get_segmenter,
+    options_of,
+    segmenter_with,
 )
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import FromFile, Marks
@@ -106,12 +106,11 @@ class TrimSettings:
 
     def _used_options(self) -> Any:
         """The options of the segmenter that is used, or None if it has none."""
-        return getattr(self.segmenter_options, field_name(self.segmenter), None)
+        return options_of(self.segmenter, self.segmenter_options)
 
     def make_segmenter(self) -> Segmenter:
         """The segmenter with its options."""
-        options = self._used_options()
-        return get_segmenter(self.segmenter, options) if options else get_segmenter(self.segmenter)
+        return segmenter_with(self.segmenter, self.segmenter_options)
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from gaussian_trimmer.segmentation.segmenters import (
     DEFAULT_SEGMENTER,
     SEGMENTERS,
     all_options,
-    field_name,
-    get_segmenter,
+    segmenter_with,
 )
 from gaussian_trimmer.settings import check_settings
 
@@ -42,6 +41,4 @@ class TrimmerOptions:
         """
         check_config(self.config)
         check_settings(self.segmenter_options)
-        options = getattr(self.segmenter_options, field_name(self.segmenter), None)
-        segmenter = get_segmenter(self.segmenter, options) if options else get_segmenter(self.segmenter)
-        return Variant(self.config, segmenter)
+        return Variant(self.config, segmenter_with(self.segmenter, self.segmenter_options))

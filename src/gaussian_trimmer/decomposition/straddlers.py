@@ -11,6 +11,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.settings import Range, Share, check_settings
 from gaussian_trimmer.views import TrimmedView
@@ -97,16 +98,7 @@ def contour_pixels(mask: BoolArray, band: int) -> IntArray:
 
 def signed_distance(mask: BoolArray) -> FloatArray:
     """Distance of every pixel to the mask's contour in pixels, positive inside, (H, W)."""
-    return np.asarray(np.where(mask, _distance_to_zero(mask) - 0.5, 0.5 - _distance_to_zero(~mask)), np.float32)
-
-
-def _distance_to_zero(mask: BoolArray) -> Float64Array:
-    """Distance of every pixel to the nearest one outside the mask in pixels, (H, W).
-
-    With one thread, OpenCV's last bits change from call to call; the squares are whole numbers, and the same always.
-    """
-    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.sqrt(np.rint(np.square(distance, dtype=np.float64)))
+    return np.asarray(np.where(mask, distance_to_outside(mask) - 0.5, 0.5 - distance_to_outside(~mask)), np.float32)
 
 
 def _in_view(

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, find_scenes, open_scene
 from gaussian_trimmer.evaluation.results import cut_by
-from gaussian_trimmer.evaluation.runs import LOSS, Run, Task, only_training
+from gaussian_trimmer.evaluation.runs import LOSS, Run, Task
 from gaussian_trimmer.evaluation.scoring import mean_scores
 from gaussian_trimmer.evaluation.tables import Cell, Change, ScoreTable, heading, known_metrics
 from gaussian_trimmer.gaussians import BoolArray

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import only_training, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.clip_iqa import PAIRS
 from gaussian_trimmer.evaluation.ground_truth import view_of
@@ -14,7 +15,7 @@ from gaussian_trimmer.evaluation.layouts import Layout
 from gaussian_trimmer.evaluation.layouts.tasks import LayoutTask, camera_of
 from gaussian_trimmer.evaluation.predictions import Prediction, PredictionPatterns, find_prediction
 from gaussian_trimmer.evaluation.results import read_result
-from gaussian_trimmer.evaluation.runs import Run, Task, only_training, training_cameras
+from gaussian_trimmer.evaluation.runs import Run, Task
 from gaussian_trimmer.evaluation.scoring import Scores, mean_scores
 from gaussian_trimmer.evaluation.tables import Cell, Change, ScoreTable, heading
 from gaussian_trimmer.gaussians import Gaussians

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.picture_headers import picture_header
+from gaussian_trimmer.picture_headers import decoded_picture, picture_header
 from gaussian_trimmer.reading import file_bytes, reading
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 
@@ -200,10 +200,7 @@ def _decoded(data: bytes, mode: int, path: Path) -> NDArray[np.uint8]:
         raise InputError(
             f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
         )
-    try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    except cv2.error:
-        picture = None
+    picture = decoded_picture(data, mode)
     if picture is None:
         raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
     return np.asarray(picture, np.uint8)

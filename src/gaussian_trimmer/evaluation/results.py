@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,15 +10,11 @@ import numpy as np
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.scoring import Cut
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.reading import file_bytes
-from gaussian_trimmer.result import RowLabel
-from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.reading import is_folder
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.splat_property import MASK
-
-_MAX_REPORT_BYTES = 1 << 24
-_LABELS = ("source_index", "label", "n_object")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +25,7 @@ class StoredResult:
     selection: BoolArray | None
     """Rows of the scene that the object has, whole or in part, (N,); None if they are not known."""
     before: BoolArray | None = None
-    """Rows of the scene that the trim began with, (N,); None if the result is no folder of a trim."""
+    """Rows of the scene that the trim began with, (N,); None if they are not known, as of another tool's object."""
     unknown_background: str = ""
     """Why the scene without the object is not known; empty if it is."""
 
@@ -51,7 +46,7 @@ def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None =
     Raises:
         InputError: nothing readable is there, or it does not fit the scene.
     """
-    if path.is_dir():
+    if is_folder(path):
         return _read_folder(path, scene)
     if path.name.lower().endswith(tuple(formats.FORMATS)):
         rows = open_selection(path, len(scene)).rows
@@ -92,49 +87,22 @@ def _read_folder(folder: Path, scene: Gaussians) -> StoredResult:
 
 
 def _rows_of(path: Path, scene: Gaussians) -> tuple[BoolArray, BoolArray | None]:
-    """Scene rows that the object has, and those that were selected before; None if splits have blurred these.
+    """Scene rows that the object has, and those that were selected before, if the file says so.
 
     Raises:
         InputError: the file is not what a trim of this scene wrote.
     """
-    arrays, n = open_selection(path, len(scene)).arrays, len(scene)
-    if not all(name in arrays for name in _LABELS):
-        raise InputError(f"'{path}' lacks one of the arrays {', '.join(_LABELS)}; give a folder that a trim wrote.")
-    source, label, count = arrays["source_index"], arrays["label"], arrays["n_object"]
-    whole = all(array.dtype.kind in "iu" for array in (source, label, count)) and count.size == 1
-    if not whole or source.ndim != 1 or source.shape != label.shape or not n <= len(source) <= 2 * n:
-        raise _unfit(path, n)
-    n_object = int(count.reshape(()))
-    if source.min() < 0 or source.max() >= n or not 0 <= n_object <= len(source):
-        raise _unfit(path, n)
-    object_rows = np.zeros(n, np.bool_)
-    object_rows[source[:n_object]] = True
-    before = np.zeros(n, np.bool_)
-    selected = (label == RowLabel.KEPT) & (np.arange(len(source)) < n_object)
-    before[source[selected | (label == RowLabel.PRUNED)]] = True
-    split = np.zeros(n, np.bool_)
-    split[source[label >= RowLabel.SPLIT_INSIDE]] = True
-    if split.any():
-        # A split Gaussian was selected, or had been recovered: only the number of those selected tells.
-        selected_before = _selected_before(path.with_name("report.json"))
-        fitting = [rows for rows in (before | split, before) if np.count_nonzero(rows) == selected_before]
-        return object_rows, fitting[0] if fitting else None
-    return object_rows, before
+    file, n = open_selection(path, len(scene)), len(scene)
+    objects = list(trimmed.rows_of_objects(file, n).values())
+    before = trimmed.selected_rows(file, n)
+    found = _mask(np.concatenate([np.zeros(0, np.int64), *objects]), n)
+    return found, None if before is None else _mask(before, n)
 
 
-def _unfit(path: Path, n: int) -> InputError:
-    return InputError(f"'{path}' does not fit the scene of {n} Gaussians; give the scene that was trimmed.")
-
-
-def _selected_before(report: Path) -> int | None:
-    """Number of Gaussians that were selected, from the report of a trim; None if it does not say."""
-    if not report.is_file():
-        return None
-    try:
-        counts = json.loads(file_bytes(report, _MAX_REPORT_BYTES))["counts"]
-        return int(counts["selected"])
-    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-        raise InputError(f"'{report}' is no report that 'gaussian-trimmer trim' wrote.") from None
+def _mask(rows: IntArray, n: int) -> BoolArray:
+    mask = np.zeros(n, np.bool_)
+    mask[rows] = True
+    return mask
 
 
 def _only(folder: Path, stem: str) -> Path | None:

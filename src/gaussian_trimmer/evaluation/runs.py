@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, Shown, mean_scores
 from gaussian_trimmer.evaluation.variants import Variant
@@ -155,15 +155,3 @@ def training_views(cameras: CameraSet | None, n: int) -> list[Camera] | None:
     """N training cameras, evenly spread over the capture; None if there are none."""
     listed = training_cameras(cameras)
     return [listed[i * len(listed) // n] for i in range(n)] if listed else None
-
-
-def training_cameras(cameras: CameraSet | None) -> list[Camera]:
-    """The cameras of a set that took training images."""
-    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    return [camera for camera, train in listed if train]
-
-
-def only_training(cameras: CameraSet) -> CameraSet:
-    """The same set without its held-out cameras, which are ground truth."""
-    kept = tuple(training_cameras(cameras))
-    return replace(cameras, cameras=kept, train=(True,) * len(kept))

@@ -8,7 +8,7 @@ from types import ModuleType
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
-from gaussian_trimmer.reading import is_file, reading
+from gaussian_trimmer.reading import is_file, is_folder, reading
 
 # Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None, and perhaps write_selected as below.
 # The longest suffix wins.
@@ -45,10 +45,7 @@ def find_scene(path: Path) -> Path:
     Raises:
         InputError: the folder holds no splat file, or several that could be meant.
     """
-    try:
-        if not path.is_dir():
-            return path
-    except OSError:  # A name that no system allows is that of no folder.
+    if not is_folder(path):
         return path
     from gaussian_trimmer.formats.training_folders import latest_splats
 

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.formats.packing import ByteArray
+from gaussian_trimmer.picture_headers import decoded_picture
 
 _LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]
 
@@ -19,10 +20,7 @@ def encode_webp(pixels: ByteArray) -> bytes:
 
 def decode_webp(data: bytes) -> ByteArray | None:
     """Pixels (H, W, 4), red, green, blue, alpha, of a WebP file; None if it is damaged."""
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
+    image = decoded_picture(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim != 3 or image.dtype != np.uint8:
         return None
     pixels = np.full((*image.shape[:2], 4), 255, np.uint8)

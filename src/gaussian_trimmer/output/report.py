@@ -64,6 +64,7 @@ def write_results(
             label=result.label,
             n_object=np.int64(len(result.object)),
             dropped=_in_original(result.dropped, rows).astype(np.int32),
+            selected=_in_original(np.flatnonzero(selection), rows).astype(np.int32),
             label_names=np.array(LABEL_NAMES),
             n_scene=np.int64(len(result.scene) if n_scene is None else n_scene),
         )

@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.components import connected_points
+from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.propagation import MIN_NODES, colour_weight
@@ -74,8 +74,7 @@ def expected_radius(shown: BoolArray, x: int, y: int, depth: float, camera: Came
         depth: of the surface at the pixel.
     """
     same = shown if shown[y, x] else ~shown
-    padded = np.pad(same, 1) if shown[y, x] else np.pad(same, 1, constant_values=True)
-    pixels = cv2.distanceTransform(padded.astype(np.uint8), cv2.DIST_L2, 5)[y + 1, x + 1]
+    pixels = distance_to_outside(same, beyond=not shown[y, x])[y, x]
     return float(max(pixels, 1.0)) * depth / float(camera.K[0, 0])
 
 

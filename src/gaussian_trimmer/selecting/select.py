@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 from gaussian_trimmer.planning.up_vector import find_up
@@ -208,12 +208,6 @@ def find_view(views: Sequence[Viewpoint], wanted: View) -> Viewpoint:
     if not 0 <= number < len(views):
         raise InputError(f"There is no view {wanted}; the {len(views)} views are numbered from 0.")
     return views[number]
-
-
-def training_cameras(cameras: CameraSet | None) -> list[Camera]:
-    """The cameras of a set that took training pictures."""
-    listed = zip(cameras.cameras, cameras.train, strict=True) if cameras else ()
-    return [camera for camera, train in listed if train]
 
 
 def _apply(context: _Scene, state: _State, mark: Mark, number: int) -> str:

@@ -14,6 +14,8 @@ OPTIONS = frozenset({"object_id"})
 SOURCE, LABEL, OBJECTS = "source_index", "label", "n_object"
 """Arrays of every such file: scene row of each row of the objects and then of the background, what happened to it, and
 the number of rows of all objects together."""
+SELECTED = "selected"
+"""Array of newer files of one object: the scene rows that were selected before the trim."""
 IDS, ROWS, SCENE_SIZE = "object_ids", "object_rows", "n_scene"
 """Arrays that newer files have as well: ids of the objects, number of rows of each, and of Gaussians of the scene."""
 
@@ -57,11 +59,11 @@ def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
     """
     if not is_trimmed(file):
         raise InputError(f"'{file.path.name}' is no labels.npz of a trim: it has not the arrays of one.")
-    source, count = file.arrays[SOURCE], file.arrays[OBJECTS]
+    source, label, count = file.arrays[SOURCE], file.arrays[LABEL], file.arrays[OBJECTS]
     ids, rows = file.arrays.get(IDS, np.array([1])), file.arrays.get(ROWS, np.atleast_1d(count))
     sound = (
-        all(array.dtype.kind in "iu" for array in (source, count, ids, rows))
-        and (source.ndim, count.size, ids.ndim, ids.shape) == (1, 1, 1, rows.shape)
+        all(array.dtype.kind in "iu" for array in (source, label, count, ids, rows))
+        and source.shape == label.shape and (source.ndim, count.size, ids.ndim, ids.shape) == (1, 1, 1, rows.shape)
         and bool((rows >= 0).all()) and int(rows.sum()) == int(count.reshape(-1)[0]) <= len(source)
         and len(np.unique(ids)) == len(ids)
     )  # fmt: skip
@@ -78,3 +80,20 @@ def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
         )
     ends = np.cumsum(rows)
     return {int(number): source[end - k : end] for number, k, end in zip(ids, rows, ends, strict=True)}
+
+
+def selected_rows(file: SelectionFile, n: int) -> np.ndarray | None:
+    """Scene rows that were selected before the trim; None if the file does not say.
+
+    Args:
+        n: number of Gaussians of the scene.
+
+    Raises:
+        InputError: what the file says is damaged.
+    """
+    rows = file.arrays.get(SELECTED)
+    if rows is not None and (
+        rows.dtype.kind not in "iu" or rows.ndim != 1 or rows.min(initial=0) < 0 or rows.max(initial=-1) >= n
+    ):
+        raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
+    return rows

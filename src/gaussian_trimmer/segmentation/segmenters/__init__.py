@@ -63,6 +63,26 @@ def all_options() -> type[Any]:
     return make_dataclass("SegmenterOptions", fields, frozen=True)
 
 
+def options_of(name: str, options: Any) -> Any:
+    """The options of one segmenter among those of all, as `all_options` has them; None if it has none."""
+    return getattr(options, field_name(name), None)
+
+
+def segmenter_with(name: str, options: Any) -> Segmenter:
+    """The segmenter of that name with its options among those of all.
+
+    Raises:
+        InputError: as `get_segmenter`.
+    """
+    own = options_of(name, options)
+    return get_segmenter(name, own) if own is not None else get_segmenter(name)
+
+
+def description_of(segmenter: Segmenter) -> str:
+    """What a segmenter says of itself for the report: its name, or more."""
+    return str(segmenter.describe()) if hasattr(segmenter, "describe") else segmenter.name
+
+
 def paper_options(options: Any) -> Any:
     """Options of all segmenters, as `all_options` has them, with the paper's choices in place of this program's."""
     from gaussian_trimmer.segmentation.segmenters.sam import paper_sam

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.picture_headers import picture_header
+from gaussian_trimmer.picture_headers import decoded_picture, picture_header
 from gaussian_trimmer.reading import file_bytes, is_file, reading
 from gaussian_trimmer.views import View
 
@@ -170,10 +170,7 @@ def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
             f"The mask '{path}' has {header.bits} bits in each of {header.width} x {header.height} pixels, too many to "
             "decode; save masks with 8 bits of grey."
         )
-    try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    except cv2.error:
-        picture = None
+    picture = decoded_picture(data, mode)
     if picture is None:
         raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
     if picture.shape[:2] != (camera.height, camera.width):

@@ -16,10 +16,10 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.picture_headers import picture_header
+from gaussian_trimmer.picture_headers import decoded_picture, picture_header
 from gaussian_trimmer.reading import file_bytes, is_file, reading
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.segmentation.segmenters import Segmenter, description_of
 from gaussian_trimmer.views import View
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
@@ -45,7 +45,7 @@ class PhotoSegmenter:
 
     def describe(self) -> str:
         """What the segmenter says of itself, and that it saw photographs."""
-        described = self._segmenter.describe() if hasattr(self._segmenter, "describe") else self._segmenter.name
+        described = description_of(self._segmenter)
         return f"{described}, on photographs from {self._folder}"
 
     def report_to(self, report: Callable[[str], None]) -> None:
@@ -140,12 +140,9 @@ def _read(path: Path) -> FloatArray:
     header = picture_header(data)
     if header is not None and header.n_bytes > _MAX_PICTURE_BYTES:
         raise InputError(f"The photograph '{path}' has {header.width} x {header.height} pixels, too many to decode.")
-    try:
-        # As it is stored: cameras are those of the stored pixels, whatever a viewer is told to turn.
-        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if header is not None else None
-    except cv2.error:
-        picture = None
+    # As it is stored: cameras are those of the stored pixels, whatever a viewer is told to turn.
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    picture = decoded_picture(data, flags) if header is not None else None
     if picture is None:
         raise InputError(f"'{path}' is no picture that can be read.")
     return np.asarray(picture, np.float32)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.views import Box
 
 BACKGROUND, FOREGROUND = 0, 1
@@ -43,10 +43,10 @@ def middle_points(region: BoolArray, number: int) -> Float64Array:
     """Up to `number` points (P, 2) deep inside a region (H, W) and far from each other, deepest first.
 
     >>> middle_points(np.ones((5, 7), bool), 1).tolist()
-    [[3.5, 2.5]]
+    [[2.5, 2.5]]
     """
-    # The picture's edge counts as an edge of the region, so that no point lies on it.
-    depth = cv2.distanceTransform(np.pad(region, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    # The picture's frame counts as the region's edge, so that no point lies on it.
+    depth = distance_to_outside(region, beyond=False)
     found: list[tuple[float, float]] = []
     rows, columns = np.indices(region.shape, np.float32)
     while len(found) < number and depth.max(initial=0) > 0:
