@@ -64,6 +64,19 @@ def test_large_pictures_and_units_change_nothing(ball):
     assert toy.jaccard(pick.selection, truth) > 0.9
 
 
+def test_a_rough_surface_does_not_hide_what_stands_on_it():
+    scene, truth = toy.ball_on_floor(n_ball=450, floor_side=60)
+    rng = np.random.default_rng(5)
+    means = scene.means.copy()
+    floor = np.flatnonzero(~truth & (np.abs(means[:, 2] + 0.05) < 0.01))
+    means[floor, 2] -= 0.14
+    higher = floor[rng.random(len(floor)) < 0.3]
+    means[higher, 2] += rng.uniform(0, 0.14, len(higher)).astype(np.float32)
+    pick = click_on(toy.CENTRE, camera_at((5, 0, 3)), scene.replace(means=means))
+    assert pick.ways == ("piece",)
+    assert toy.jaccard(pick.selection, truth) > 0.9
+
+
 def test_permuted_gaussians_give_the_permuted_answer(ball):
     scene, _ = ball
     order = np.random.default_rng(1).permutation(len(scene))

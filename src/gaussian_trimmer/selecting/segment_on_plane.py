@@ -34,8 +34,9 @@ _DEEPEST = 4.0
 """Depth below the seed down to which the layer is searched, in window radii."""
 _AROUND = 1.5
 """Horizontal distance from the seed within which the layer is searched, in window radii."""
-_CLEARANCE = 0.03
-"""Height above the layer from which on Gaussians belong to what stands on it, in window radii."""
+_CLEARANCES = (0.03, 0.06, 0.1)
+"""Heights above the layer from which on Gaussians belong to what stands on it, in window radii; a greater one is taken
+only where the smaller ones find nothing, since a rough surface that is not cleared connects all that stands on it."""
 _MIN_VISIBLE = 0.5
 """Gaussians with less visible weight, in pixels of five views of 512 x 512, connect nothing."""
 _MIN_GAUSSIANS = 200
@@ -99,14 +100,13 @@ def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatAr
         visible: visible weight of each Gaussian, in pixels of five views of 512 x 512, (N,).
         scale: half of the length that the picture's longer side spans at the depth of the point, in scene units.
     """
-    found = []
-    for radius in _WINDOWS * _rounded_to_ladder(scale, positions):
-        window = _open_window(positions, visible, float(radius))
-        if window is None or not seeds[window.rows].any():
-            continue
-        for piece in _stable_pieces(positions, seeds, visible, window):
-            if piece.radius <= _MAX_RADIUS * radius and _stands(positions, visible, piece, window):
-                found.append((window, piece))
+    ladder = _WINDOWS * _rounded_to_ladder(scale, positions)
+    found: list[tuple[_Window, _Piece]] = []
+    for clearance in _CLEARANCES:
+        for radius in ladder if not found else ():
+            window = _open_window(positions, visible, float(radius), clearance)
+            if window is not None and seeds[window.rows].any():
+                found += _standing_pieces(positions, seeds, visible, window)
     highest = max((window.surface for window, _ in found), default=0.0)
 
     def order(candidate: tuple[_Window, _Piece]) -> tuple[bool, int, bool]:
@@ -117,6 +117,17 @@ def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatAr
     return [_with_hidden(positions, window, piece) for window, piece in sorted(found, key=order)]
 
 
+def _standing_pieces(
+    positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window
+) -> list[tuple[_Window, _Piece]]:
+    """The stable pieces of a window that it can hold and that stand on its layer."""
+    return [
+        (window, piece)
+        for piece in _stable_pieces(positions, seeds, visible, window)
+        if piece.radius <= _MAX_RADIUS * window.radius and _stands(positions, visible, piece, window)
+    ]
+
+
 def _rounded_to_ladder(scale: float, positions: Float64Array) -> float:
     """The scale, rounded to a length that is the same for all seeds and views of a scene (N, 3) near that scale."""
     scene_size = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
@@ -125,11 +136,11 @@ def _rounded_to_ladder(scale: float, positions: Float64Array) -> float:
     return float(scene_size * 2.0 ** (round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE))
 
 
-def _open_window(positions: Float64Array, visible: FloatArray, radius: float) -> _Window | None:
+def _open_window(positions: Float64Array, visible: FloatArray, radius: float, clearance: float) -> _Window | None:
     surface = _find_layer(positions, visible, radius)
     if surface is None:
         return None
-    above = (positions[:, 2] > surface + _CLEARANCE * radius) & (np.linalg.norm(positions, axis=1) < _DEEPEST * radius)
+    above = (positions[:, 2] > surface + clearance * radius) & (np.linalg.norm(positions, axis=1) < _DEEPEST * radius)
     shows = visible > _MIN_VISIBLE
     return _Window(radius, surface, np.flatnonzero(above & shows), np.flatnonzero(above & ~shows))
 
