@@ -1,19 +1,17 @@
-"""From where a ball was seen: free all around, with a wall on one side, and the arcs of a circle by hand."""
+"""From where a ball was seen: free all around, with a wall on one side, among other things on a table."""
 
 import numpy as np
 import pytest
-from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved, one_thread
+from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved
 
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.planning.coverage import _longest_arc, limit_yaw_to_observed
+from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.rendering import get_renderer
 
-RENDERER = get_renderer("numba")
 SCENE, TRUTH = ball_on_floor(n_floaters=0)
-STEP = 45.0
-"""Degrees between two probes."""
+STEP = 22.5
+"""Degrees between the middles of two sectors."""
 
 
 def direction(yaw_degrees):
@@ -31,9 +29,9 @@ def with_wall(yaw_degrees, distance=1.5, half=2.5, opacity=0.95):
     return concatenate([SCENE, wall]), np.append(TRUTH, np.zeros(len(wall), np.bool_))
 
 
-@one_thread()
 def restricted(scene, selection, config=None, up=UP):
-    return limit_yaw_to_observed(scene, selection, up, config or PlanConfig(), RENDERER)
+    bounds = robust_bounds(scene.select(selection), up_frame(up))
+    return limit_yaw_to_observed(scene, selection, bounds, config or PlanConfig())
 
 
 def test_an_object_free_all_around_leaves_the_plan_as_it_is():
@@ -51,7 +49,7 @@ def test_a_wall_behind_the_object_turns_the_views_away_from_it_at_a_low_pitch(ya
     plan = restricted(*with_wall(yaw))
     first, last = plan.yaw_range_degrees
     middle = (first + last) / 2
-    assert abs((middle - yaw) % 360 - 180) <= STEP / 2  # opposite, as well as eight probes can tell
+    assert abs((middle - yaw) % 360 - 180) <= STEP / 2  # opposite, as well as sectors can tell
     assert 0 < last - first <= 180
     assert plan.pitch_degrees == 10
 
@@ -90,7 +88,7 @@ def test_haze_and_posts_are_no_walls(change):
 def test_units_and_place_do_not_matter(scale, shift, opposite):
     scene, truth = with_wall(90)
     plan = restricted(moved(scene, np.eye(3), scale, shift), truth)
-    assert plan == restricted(scene, truth)
+    assert plan.yaw_range_degrees == pytest.approx(restricted(scene, truth).yaw_range_degrees, abs=0.5)
     assert np.mean(plan.yaw_range_degrees) % 360 == pytest.approx(90 + opposite, abs=STEP / 2)
 
 
@@ -102,28 +100,3 @@ def test_a_turned_scene_is_seen_from_the_same_side():
     cameras, bounds = plan_cameras(turned.select(truth), rotation @ UP, plan)
     outward = np.array([camera.centre for camera in cameras]) - bounds.centre
     assert (outward @ (rotation @ direction(0)) < 0).all()
-
-
-@pytest.mark.parametrize(
-    ("flags", "start_and_length"),
-    [
-        ("11111111", (0, 8)),
-        ("00000000", (0, 0)),
-        ("10011", (3, 3)),  # over the seam
-        ("01101", (1, 2)),
-        ("11011011", (6, 4)),
-        ("10101010", (0, 1)),  # the first of equals
-        ("00000001", (7, 1)),
-        ("1", (0, 1)),
-        ("0", (0, 0)),
-    ],
-)
-def test_longest_arc(flags, start_and_length):
-    assert _longest_arc(np.array([flag == "1" for flag in flags])) == start_and_length
-
-
-def test_the_longest_arc_turns_with_the_circle():
-    flags = np.array([True, True, True, False, True, False, False, True])
-    start, length = _longest_arc(flags)
-    for turn in range(8):
-        assert _longest_arc(np.roll(flags, turn)) == ((start + turn) % 8, length)

@@ -248,3 +248,35 @@ def test_benchmark_cameras(name: str) -> None:
     for part in (cameras, cameras[: len(cameras) // 4]):
         found = up_from_cameras(part)
         assert found is not None and angle(found.direction, Z) < 0.7
+
+
+def test_below_a_part_of_an_object_the_ground_is_found_farther_out() -> None:
+    parts = [box(3000, (-2, -2, -0.005), (2, 2, 0.005)), box(800, (0, 0, 0), (0.3, 0.3, 1.6), 2)]
+    parts += [box(200, (0.1, 0.1, 1.6), (0.2, 0.2, 1.7), 3)]
+    rows = np.repeat([False, False, True], [len(part) for part in parts])
+    up = up_from_ground_plane(gaussians_at(np.concatenate(parts)), rows)
+    assert up is not None and angle(up.direction, Z) < 1
+
+
+def test_up_of_a_rug_is_where_things_stand_on_it() -> None:
+    parts = [box(3000, (-2, -2, -0.005), (2, 2, 0.005)), box(500, (-0.5, -0.5, -0.012), (0.5, 0.5, -0.006), 1)]
+    parts += [box(800, (0, 0, 0), (0.3, 0.3, 0.6), 2), box(200, (-2, -2, -0.3), (2, 2, 0), 3)]
+    rows = np.repeat([False, True, False, False], [len(part) for part in parts])
+    up = up_from_ground_plane(gaussians_at(np.concatenate(parts)), rows)
+    assert up is not None and angle(up.direction, Z) < 1
+
+
+def test_the_ground_itself_has_the_up_vector_of_the_scene() -> None:
+    scene, _ = room(n_wall=0)
+    ground = np.abs(scene.means[:, 2]) < 0.006
+    up = up_from_ground_plane(scene, ground)
+    assert up is not None and angle(up.direction, Z) < 1
+
+
+def test_far_planes_that_are_neither_upright_nor_level_are_no_ground() -> None:
+    thing = box(400, (0, 0, 4.0), (0.3, 0.3, 4.3), 2)
+    slope = box(800, (-3, -3, -0.005), (3, 3, 0.005)) @ cv2.Rodrigues(np.array([0.9, 0.0, 0.0]))[0].T
+    cloud = box(2400, (-3, -3, -3), (3, 3, 3), 3)
+    points = np.concatenate([thing, slope, cloud])
+    rows = np.arange(len(points)) < len(thing)
+    assert up_from_ground_plane(gaussians_at(points), rows) is None

@@ -31,6 +31,7 @@ from gaussian_trimmer.decomposition.filling import fill_hole, without_what_shows
 from gaussian_trimmer.decomposition.ghosts import clean_background
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
+from gaussian_trimmer.decomposition.underside import find_underside, reaching_into_ground
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
@@ -38,7 +39,7 @@ from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_around
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_around, small_views_from
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -60,6 +61,10 @@ _MAX_WIDTH = 4.0
 """Largest standard deviation of a Gaussian of the object, in object radii."""
 _HEIGHTS = (12.0, 45.0)
 """Pitches in degrees of the small views that look for what stands in the object's place."""
+_LOW = 8.0
+"""Pitch in degrees of those that look for what hangs below the object."""
+_TINY = 160
+"""Their size in pixels."""
 _AROUND, _SMALL = 5, 256
 """Their number at each pitch, and their size in pixels."""
 _VISIBLE = 0.5
@@ -118,7 +123,7 @@ def trim(
     clock = _Clock(_logged(progress))
     known = training_cameras(cameras)
     with clock("plan"):
-        scope = _plan(scene, selection, config, renderer, cameras, view_cameras)
+        scope = _plan(scene, selection, config, cameras, view_cameras)
         wrong = find_wrong_input(scene, selection, scope.bounds, known)
         doubt = "" if wrong else doubts_about_up(scene, selection, scope.up)
     if wrong:
@@ -207,7 +212,7 @@ class _Decomposition:
 
 
 def _plan(
-    scene: Gaussians, selection: BoolArray, config: TrimConfig, renderer: Renderer, cameras: CameraSet | None,
+    scene: Gaussians, selection: BoolArray, config: TrimConfig, cameras: CameraSet | None,
     views: Sequence[Camera] | None,
 ) -> _Scope:  # fmt: skip
     """Up vector, cameras, and the object with the Gaussians around it."""
@@ -219,7 +224,7 @@ def _plan(
     if views:
         planned = list(views)
     elif not cameras_that_see(known, bounds):
-        plan = limit_yaw_to_observed(local, coarse, up.direction, config.plan, renderer)
+        plan = limit_yaw_to_observed(scene, selection, bounds, config.plan)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
     return _Scope(up, bounds, planned, rows, local, coarse)
@@ -277,6 +282,8 @@ def _decompose(
             wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
             wrong |= find_large_halo(alone, inside[rows], widths)
             keep[rows[wrong]] = False
+            if plane is not None:
+                keep &= ~_underside(scope, keep, plane, renderer)
     if not keep.any():
         return _Decomposition(keep, np.zeros(0, np.int64), None, None)
     with clock("split"):
@@ -296,6 +303,13 @@ def _support_plane(scope: _Scope, keep: BoolArray, seen: FloatArray, config: Tri
     """The plane that the object stands on, if there is one."""
     positions = scope.local.means / np.float32(scope.bounds.radius)
     return find_support_plane(positions, keep, seen.astype(np.float64), scope.bounds, config.label_crf.support_plane)
+
+
+def _underside(scope: _Scope, keep: BoolArray, plane: SupportPlane, renderer: Renderer) -> BoolArray:
+    """What hangs below the object, as it is seen from just above the plane, (L,)."""
+    cameras = small_views_from(scope.cameras, scope.bounds, _LOW, _TINY)
+    in_ground = reaching_into_ground(scope.local, keep, scope.bounds, plane)
+    return find_underside(scope.local, keep, in_ground, cameras, renderer)
 
 
 def _with_splits_at_support_plane(

@@ -1,8 +1,8 @@
 """The directions from which an object was observed, for scenes without cameras.
 
 Training keeps the space between the cameras and what they saw free; behind the object of a forward-facing capture the
-scene is full of haze and the backs of other objects. So an object that is visible without obstruction from all around
-was photographed from all around, and one that is visible from one side was photographed from the middle of that side.
+scene is full of haze and of what stands there. So where all that blocks the view of an object is on one side of it, it
+was photographed from the other side; what stands around it here and there, as on a table, was looked past.
 """
 
 from __future__ import annotations
@@ -12,56 +12,71 @@ from dataclasses import replace
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
-_PROBES = 8
-_PROBE_SIZE = 96
-_FREE = 0.85
-_BLOCKED = 0.75
-_BLOCKED_SHARE = 0.25
+_YAWS = 16
+"""Sectors of the circle around the object in which it is asked how freely the object is seen."""
+_PITCHES_DEGREES = (20.0, 40.0)
+"""Height of these sectors. Lower ones are blocked by whatever lies beside the object, from higher ones one looks over
+everything."""
+_NEAR, _FAR = 1.1, 12.0
+"""Distances from the object's centre, in object radii, between which things block the view of it."""
+_SAMPLE = 100_000
+"""Gaussians that are looked at, evenly spaced in the scene's order if there are more."""
+_ONE_SIDED = 0.165
+"""Length of the mean direction in which the object is seen freely, as a part of a unit vector, from which on it was
+photographed from one side: 0 if it is free or blocked all around, 0.32 if it is blocked over half of the circle."""
+_FREE = 0.5
+"""Share of a view that is not blocked from which on the object counts as seen from there."""
+_MIDDLE = 0.4
+"""Share of the free arc, in its middle, from which the object is looked at."""
 _FACING_PITCH_DEGREES = 10.0
 
 
-def limit_yaw_to_observed(
-    local: Gaussians, selection: BoolArray, up: Float64Array, config: PlanConfig, renderer: Renderer
-) -> PlanConfig:
-    """The plan limited to the middle half of the directions from which the object is unobstructed, at a low pitch.
+def limit_yaw_to_observed(scene: Gaussians, selection: BoolArray, bounds: Bounds, config: PlanConfig) -> PlanConfig:
+    """The plan limited to the middle of the directions from which the object is unobstructed, at a low pitch.
 
-    The plan is returned unchanged if the object is unobstructed all around, or if it gives yaw or pitch itself.
+    The plan is returned unchanged if the object is not blocked on one side, or if it gives yaw or pitch itself.
 
     Args:
-        local: the coarse object and the Gaussians around it.
+        scene: all N Gaussians.
         selection: which of them are the object, (N,).
-        up: up vector, (3,).
+        bounds: the object's; their third axis is up.
         config: the plan so far.
-        renderer: renders small pictures from all around.
     """
     if config.yaw_range_degrees is not None or config.pitch_degrees is not None or config.framing == "paper":
         return config
-    isolated = local.select(selection)
-    probes, _ = plan_cameras(isolated, up, replace(config, views=_PROBES, size=_PROBE_SIZE))
-    labels = selection.astype(np.float32)[:, None]
-    shown = np.array([renderer.blend_values(local, camera, labels).sum() for camera in probes])
-    ones = np.ones((len(isolated), 1), np.float32)
-    whole = np.array([renderer.blend_values(isolated, camera, ones).sum() for camera in probes])
-    free = shown / np.maximum(whole, 1e-9)
-    if np.mean(free < _BLOCKED * free.max()) < _BLOCKED_SHARE:
+    free = _free_shares(scene, selection, bounds)
+    mean = np.mean(free * np.exp(2j * np.pi * (np.arange(_YAWS) + 0.5) / _YAWS))
+    if abs(mean) < _ONE_SIDED:
         return config
-    first, length = _longest_arc(free >= _FREE * free.max())
-    step = 360.0 / _PROBES
-    middle, half_span = (first + (length - 1) / 2) * step, length * step / 4
+    middle = float(np.degrees(np.angle(mean)))
+    half_span = _MIDDLE * 180.0 * float(np.mean(free > _FREE))
     return replace(
         config, yaw_range_degrees=(middle - half_span, middle + half_span), pitch_degrees=_FACING_PITCH_DEGREES
     )
 
 
-def _longest_arc(flags: BoolArray) -> tuple[int, int]:
-    """Start and length of the longest run of True on a circle.
+def _free_shares(scene: Gaussians, selection: BoolArray, bounds: Bounds) -> Float64Array:
+    """How freely the object is seen in each sector around it, from 0 to 1, (_YAWS,).
 
-    >>> _longest_arc(np.array([True, False, False, True, True]))
-    (3, 3)
+    A sector is filled by the solid angles of the Gaussians in it, as if they lay there at random: what they leave free
+    falls off exponentially with their sum.
     """
-    n = len(flags)
-    runs = [(start, next((k for k in range(n) if not flags[(start + k) % n]), n)) for start in range(n)]
-    return max(runs, key=lambda run: run[1])
+    offset = scene.means - bounds.centre.astype(np.float32)
+    squared = np.einsum("ni,ni->n", offset, offset)
+    near, far = (_NEAR * bounds.radius) ** 2, (_FAR * bounds.radius) ** 2
+    rows = np.flatnonzero(~selection & (squared > near) & (squared < far))
+    step = -(-len(rows) // _SAMPLE) or 1
+    rows = rows[::step]
+    x, y, z = (offset[rows] @ bounds.axes.T).T
+    low, high = np.sin(np.radians(_PITCHES_DEGREES))
+    height = z / np.sqrt(squared[rows])
+    within = (height > low) & (height < high)
+    rows, x, y = rows[within], x[within], y[within]
+    deviations = np.sort(scene.log_scales[rows].astype(np.float64), axis=1)
+    angles = np.pi * np.exp(deviations[:, 1] + deviations[:, 2]) / squared[rows] * scene.select(rows).opacities
+    sectors = np.floor((np.arctan2(y, x) / (2 * np.pi)) * _YAWS).astype(np.int64) % _YAWS
+    filled = step * np.bincount(sectors, np.minimum(angles, 1.0), _YAWS)
+    return np.asarray(np.exp(-filled / (2 * np.pi / _YAWS * (high - low))))

@@ -30,10 +30,16 @@ _PLANES_AT_ONCE = 64
 _POINTS_AT_ONCE = 1 << 14
 _THICKNESS = 0.01
 """Distance of inliers from the plane, relative to the robust radius of what is searched."""
-_REACH = 3.0
-"""The object's support plane is searched within this many robust radii of it."""
+_REACHES = (3.0, 6.0, 12.0, np.inf)
+"""The object's support plane is searched within so many robust radii of it, farther out only if there is none nearer:
+below a part of an object there is none."""
 _MIN_SHARE = 0.15
 """Smallest share of inliers: clouds without a plane reach 0.1 by chance."""
+_MIN_NEAR_SHARE, _MIN_SLANTED_SHARE = 0.2, 0.3
+"""The same close to the object, where farther ones may be better, and farther out for planes that do not lie along the
+axes, where more is no ground."""
+_LYING = 0.1
+"""Median distance from the plane, in robust radii of the object, up to which an object lies in it: a rug, a board."""
 _MIN_POINTS = 50
 _AXIS_BONUS = 1.25
 _AXIS_COSINE = np.cos(np.radians(20))
@@ -118,16 +124,38 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     """Normal of the plane that most Gaussians lie on, towards what stands on it, or None where there is no plane.
 
     RANSAC over at most 20 000 centres drawn by opacity, then least squares on the inliers; the same every time. With
-    `object_rows` (N,) only the object's surroundings are searched, and planes that touch it from one side are
-    preferred; without, the side with more Gaussians is up.
+    `object_rows` (N,) the object's surroundings are searched, at first the nearest ones, and planes that touch it from
+    one side are preferred; without, or if it lies in the plane, the side with more Gaussians is up.
     """
-    rng = np.random.default_rng(0)
-    object_points = None
+    rng, everything = np.random.default_rng(0), np.ones(len(gaussians), np.bool_)
     if object_rows is None or not object_rows.any():
-        points = _draw(gaussians, np.ones(len(gaussians), np.bool_), _SAMPLE, rng)
-    else:
-        object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
-        points = _draw(gaussians, _surroundings(gaussians, object_rows, object_points), _SAMPLE, rng)
+        return _up_from_points(_draw(gaussians, everything, _SAMPLE, rng), None, _MIN_SHARE, _MIN_NEAR_SHARE, rng)
+    object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
+    distances, searched = _distances(gaussians.means, np.median(object_points, axis=0)), 0
+    radius = float(np.quantile(distances[object_rows], 0.9))
+    for reach in _REACHES:
+        near = ~object_rows & (distances < reach * radius)
+        if not near.any() or np.count_nonzero(near) == searched:
+            continue
+        least = (_MIN_NEAR_SHARE, _MIN_NEAR_SHARE) if reach == _REACHES[0] else (_MIN_SHARE, _MIN_SLANTED_SHARE)
+        found = _up_from_points(_draw(gaussians, near, _SAMPLE, rng), object_points, *least, rng)
+        if found is not None:
+            return found
+        searched = int(np.count_nonzero(near))
+    if object_rows.all():
+        return None
+    # The object may be the ground itself.
+    return _up_from_points(_draw(gaussians, everything, _SAMPLE, rng), None, _MIN_SHARE, _MIN_SLANTED_SHARE, rng)
+
+
+def _up_from_points(
+    points: Float64Array,
+    object_points: Float64Array | None,
+    min_share: float,
+    min_slanted_share: float,
+    rng: np.random.Generator,
+) -> UpVector | None:
+    """Normal of the plane that most points lie on, if enough do."""
     if len(points) < _MIN_POINTS:
         return None
     tolerance = _THICKNESS * _robust_radius(points)
@@ -137,11 +165,29 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     plane = _refined(plane, points, tolerance)
     heights = plane.heights(points)
     share = float((abs(heights) < tolerance).mean())
-    if share < _MIN_SHARE:
+    if share < (min_share if _along_axis(plane.normal[None])[0] else min_slanted_share):
         return None
-    standing = heights[abs(heights) >= tolerance] if object_points is None else plane.heights(object_points)
-    up = plane.normal if (standing > 0).sum() >= (standing < 0).sum() else -plane.normal
+    up = plane.normal if _stands_above(plane, heights[abs(heights) >= tolerance], object_points) else -plane.normal
     return UpVector(up, "ground plane", share)
+
+
+def _stands_above(plane: _Plane, others: Float64Array, object_points: Float64Array | None) -> bool:
+    """Whether what stands on a plane is on the side of its normal: the object, or most others if it lies in the plane.
+
+    Args:
+        others: heights of those points that are not in the plane, (P,).
+    """
+    heights = others
+    if object_points is not None:
+        standing = plane.heights(object_points)
+        if np.median(abs(standing)) > _LYING * _robust_radius(object_points):
+            heights = standing
+    return bool((heights > 0).sum() >= (heights < 0).sum())
+
+
+def _along_axis(normals: Float64Array) -> BoolArray:
+    """Which normals (P, 3) lie along y or z, as up does in nearly all tools, (P,)."""
+    return np.asarray(abs(normals[:, 1:]).max(axis=1) > _AXIS_COSINE)
 
 
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
@@ -151,13 +197,6 @@ def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Gener
     size = min(size, len(candidates))
     chosen = rng.choice(candidates, size, replace=False, p=weights / weights.sum()) if size else candidates
     return np.asarray(gaussians.means[chosen], np.float64)
-
-
-def _surroundings(gaussians: Gaussians, object_rows: BoolArray, object_points: Float64Array) -> BoolArray:
-    """The surroundings of an object, (N,): the Gaussians near it, or all but the object if too few are near."""
-    distances = _distances(gaussians.means, np.median(object_points, axis=0))
-    near = ~object_rows & (distances < _REACH * np.quantile(distances[object_rows], 0.9))
-    return np.asarray(near if near.sum() >= _MIN_POINTS else ~object_rows)
 
 
 def _distances(points: FloatArray, centre: Float64Array) -> Float64Array:
@@ -226,7 +265,7 @@ def _inlier_shares(
         rows = slice(start, start + _PLANES_AT_ONCE)
         heights = normals[rows] @ columns - offsets[rows, None]
         counts[rows] = np.count_nonzero(np.abs(heights, out=heights) < tolerance, axis=1)
-    bonus = np.where(abs(normals[:, 1:]).max(axis=1) > _AXIS_COSINE, _AXIS_BONUS, 1.0)
+    bonus = np.where(_along_axis(normals), _AXIS_BONUS, 1.0)
     return np.asarray(bonus * counts / len(points))
 
 

@@ -102,6 +102,26 @@ def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[flo
     return cameras
 
 
+def small_views_from(cameras: Sequence[Camera], bounds: Bounds, pitch_degrees: float, size: int) -> list[Camera]:
+    """Small views of an object from the yaws and distances of other cameras, all at one height.
+
+    Args:
+        cameras: those that give yaws, distances and fields of view.
+        bounds: the object's bounds, whose centre the views face.
+        pitch_degrees: the height, as an angle above the horizon.
+        size: width and height of the views in pixels.
+    """
+    views, pitch = [], np.radians(pitch_degrees)
+    for camera in cameras:
+        offset = bounds.axes @ (camera.centre - bounds.centre)
+        level = offset[:2] / max(float(np.linalg.norm(offset[:2])), 1e-12) * np.cos(pitch)
+        direction = np.append(level, np.sin(pitch)) @ bounds.axes
+        pose = look_at(bounds.centre + np.linalg.norm(offset) * direction, bounds.centre, bounds.axes[2])
+        fov = 2 * np.arctan(max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]) / 2)
+        views.append(Camera(pose, intrinsics(fov, size, size), size, size, near=camera.near))
+    return views
+
+
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
     """Yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi

@@ -1,0 +1,84 @@
+"""What hangs below an object: Gaussians in the ground that show only once the object is alone.
+
+The views that judge an object look down at it, and what lies in the ground below its foot is within its silhouette
+there. From just above the ground it hangs out below: a dark smear, grey spikes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.support_plane import SupportPlane
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.views import HALF
+
+_ROUNDS = 3
+"""What hangs below may hide more of its kind."""
+_REACH = 2.0
+"""Standard deviations that a Gaussian is taken to reach down."""
+_DEEP = 2.0
+"""Depth below the middle of the plane, relative to half of its thickness, from which on that is deep."""
+_MIN_SHOWN = 1e-3
+"""Blend weight in pixels, summed over the views, below which nothing is noticed."""
+
+
+def reaching_into_ground(gaussians: Gaussians, keep: BoolArray, bounds: Bounds, plane: SupportPlane) -> BoolArray:
+    """Which Gaussians of an object (N,) reach deep below the plane that it stands on, (N,)."""
+    up, part = bounds.axes[2], gaussians.select(keep)
+    deviations = np.sqrt(np.einsum("i,nij,j->n", up, part.covariances(), up))
+    lowest = (part.means - bounds.centre) @ up - _REACH * deviations
+    reaching = keep.copy()
+    reaching[keep] = lowest < (plane.height - _DEEP * plane.thickness) * bounds.radius
+    return reaching
+
+
+def find_underside(
+    gaussians: Gaussians, keep: BoolArray, in_ground: BoolArray, cameras: Sequence[Camera], renderer: Renderer
+) -> BoolArray:
+    """Which Gaussians of an object are in the ground and show mostly below the object once it is alone, (N,).
+
+    What the scene shows of a Gaussian beside the object is not counted against it, as in `evidence.find_halo`; and what
+    shows more of the object, alone or in the scene, than hangs out of it stays.
+
+    Args:
+        gaussians: the object and the Gaussians around it, N of them.
+        keep: which of them are the object, (N,).
+        in_ground: which of the object's reach deep into the ground, (N,).
+        cameras: views from just above the ground.
+        renderer: draws the scene, and the object by itself.
+    """
+    hanging = np.zeros(len(keep), np.bool_)
+    if not in_ground.any() or not (keep & ~in_ground).any():
+        return hanging
+    labelled = _coloured(gaussians, keep)
+    visible = [renderer.render(labelled, camera).rgb[..., 0] > HALF for camera in cameras]
+    seen_outside, seen_inside = _weights(labelled, cameras, visible, renderer)
+    for _ in range(_ROUNDS):
+        rows = np.flatnonzero(keep & ~hanging)
+        outside, inside = _weights(gaussians.select(rows), cameras, visible, renderer)
+        uncovered = outside - seen_outside[rows]
+        found = in_ground[rows] & (uncovered > _MIN_SHOWN) & (uncovered > np.maximum(inside, seen_inside[rows]))
+        if not found.any():
+            break
+        hanging[rows[found]] = True
+    return hanging
+
+
+def _weights(
+    part: Gaussians, cameras: Sequence[Camera], visible: Sequence[BoolArray], renderer: Renderer
+) -> tuple[FloatArray, FloatArray]:
+    """Blend weights outside and inside what is visible of the object, summed over the views, (N,) each."""
+    views = zip(cameras, visible, strict=True)
+    outside, inside = np.sum([renderer.blend_weights(part, c, mask.astype(np.uint8), 2) for c, mask in views], axis=0).T
+    return outside, inside
+
+
+def _coloured(gaussians: Gaussians, keep: BoolArray) -> Gaussians:
+    """The Gaussians, white those of the object and black the others, so that a picture is the object's share."""
+    colours = np.repeat(np.where(keep, 0.5, -0.5)[:, None] / SH_C0, 3, axis=1)
+    return gaussians.replace(sh_dc=colours.astype(np.float32), sh_rest=np.zeros((len(keep), 3, 0), np.float32))
