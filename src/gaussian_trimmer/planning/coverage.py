@@ -31,7 +31,8 @@ _FREE = 0.5
 """Share of a view that is not blocked from which on the object counts as seen from there."""
 _MIDDLE = 0.4
 """Share of the free arc, in its middle, from which the object is looked at."""
-_FACING_PITCH_DEGREES = 10.0
+_FACING_PITCHES_DEGREES = 30.0, 10.0
+"""Height from which the flattest of things is looked at then, and what is as tall as it is wide."""
 
 
 def limit_yaw_to_observed(scene: Gaussians, selection: BoolArray, bounds: Bounds, config: PlanConfig) -> PlanConfig:
@@ -53,9 +54,9 @@ def limit_yaw_to_observed(scene: Gaussians, selection: BoolArray, bounds: Bounds
         return config
     middle = float(np.degrees(np.angle(mean)))
     half_span = _MIDDLE * 180.0 * float(np.mean(free > _FREE))
-    return replace(
-        config, yaw_range_degrees=(middle - half_span, middle + half_span), pitch_degrees=_FACING_PITCH_DEGREES
-    )
+    level, upright = _FACING_PITCHES_DEGREES
+    pitch = level + (upright - level) * min(1.0, bounds.half_extents[2] / bounds.half_extents[:2].max())
+    return replace(config, yaw_range_degrees=(middle - half_span, middle + half_span), pitch_degrees=float(pitch))
 
 
 def _free_shares(scene: Gaussians, selection: BoolArray, bounds: Bounds) -> Float64Array:
