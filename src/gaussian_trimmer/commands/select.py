@@ -21,7 +21,7 @@ from tyro.conf import Positional, arg
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_file, atomic_folder
 from gaussian_trimmer.atomic.manifest import MANIFEST
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
@@ -140,10 +140,12 @@ class Select(TrimSettings):
         )  # fmt: skip
 
     def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
-        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         found = formats.find_scene(self.scene)
         if found != self.scene:
             console.print(f"{self.scene}: reading {found}")
+        cameras = None
+        if self.cameras:
+            cameras = read_cameras_of(found, self.cameras, trust_paths=self.trust_paths, say=console.print)
         return formats.read(found), cameras
 
     def _check(self) -> None:

@@ -15,7 +15,7 @@ from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
 from gaussian_trimmer.commands.mark_options import MarkOptions
@@ -216,7 +216,7 @@ class Trim(TrimSettings):
     def suffix(self) -> str:
         """Ending of the splat files that are written."""
         if self.format is None:
-            return formats.format_suffix(formats.find_scene(self.scene))
+            return formats.written_suffix(formats.find_scene(self.scene))
         return suffix_of(self.format)
 
     def folder(self) -> Path:
@@ -241,9 +241,16 @@ class Trim(TrimSettings):
             console.print(f"{self.scene}: reading {found}")
         return formats.read(found)
 
+    def read_cameras(self, console: Console) -> CameraSet | None:
+        """The training cameras, if they are given, in the coordinates of the scene."""
+        if self.cameras is None:
+            return None
+        scene = formats.find_scene(self.scene)
+        return read_cameras_of(scene, self.cameras, trust_paths=self.trust_paths, say=console.print)
+
     def _read(self, console: Console) -> Loaded:
         scene = self.read_scene(console)
-        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
+        cameras = self.read_cameras(console)
         marks = self.mark_options.marks()
         if marks:
             given = [] if self.selection is None else [FromFile(self.selection, self.selection_options)]

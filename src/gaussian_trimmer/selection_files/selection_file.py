@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats import FORMATS
+from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.reading import file_bytes, is_file, reading
-from gaussian_trimmer.selection_files import torch_files
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
@@ -120,12 +119,12 @@ def _open(path: Path, n: int | None) -> SelectionFile:
         return SelectionFile(path, read_npz(path, _archive_limit(n)))
     if suffix in TEXT_SUFFIXES:
         return SelectionFile(path, {"": _read_numbers(path)}, is_list=True)
+    if has_splats(path):
+        return SelectionFile(path, rows=read_splat_rows(path))
     if suffix == ".json":
         return SelectionFile(path, {"": _read_json(path)}, is_list=True)
     if suffix in torch_files.SUFFIXES:
         return _read_torch(path)
-    if path.name.lower().endswith(tuple(FORMATS)):
-        return SelectionFile(path, rows=read_splat_rows(path))
     raise InputError(
         f"'{path.name}' is no known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks of "
         "images are no selection: lift them to the scene with 'gaussian-trimmer select'.)"
