@@ -15,6 +15,8 @@ from gaussian_trimmer.errors import InputError, printable, shown
 from gaussian_trimmer.formats.losses import losses
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.reading import is_file, is_folder
+from gaussian_trimmer.selecting.marks import KINDS, Marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.classifier import classifier_of
@@ -52,6 +54,8 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     name = path.name.lower()
     if is_folder(path):
         lines = describe_folder(path, trust_paths=trust_paths)
+    elif is_marks_file(path):
+        lines = describe_marks(read_marks(path))
     elif formats.has_splats(path):
         lines = describe_splats(path)
     elif path.suffix.lower() == ".json" or name in _COLMAP_FILES:
@@ -109,6 +113,18 @@ def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
     if gaussians.extras:
         yield f"extra columns: {list_names(gaussians.extras)}"
         yield from _offers_of_columns(gaussians.extras)
+
+
+def describe_marks(marks: Marks) -> Iterator[str]:
+    """Lines on marks that were saved."""
+    names = {kind: name for name, kind in KINDS.items()}
+    yield f"marks: {len(marks.marks)}, in a scene of {marks.scene_size or 'unknown'} Gaussians"
+    for number, mark in enumerate(marks.marks[:_LISTED], 1):
+        effect = getattr(mark, "effect", None)
+        yield f"{number}. {names[type(mark)]}{f', {effect}' if effect else ''}"
+    if len(marks.marks) > _LISTED:
+        yield f"and {len(marks.marks) - _LISTED} more"
+    yield "selects: give the file as SELECTION of trim, or to select --marks"
 
 
 def describe_selection(file: SelectionFile) -> Iterator[str]:

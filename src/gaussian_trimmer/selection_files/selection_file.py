@@ -141,8 +141,13 @@ def _read_numbers(path: Path) -> NDArray[Any]:
 
     What stands behind a '#' in its line is left out, and so is a first line of words, the header of a table.
     """
-    text = re.sub(rb"#[^\r\n]*", b"", file_bytes(path, _MAX_TEXT_BYTES).removeprefix(b"\xef\xbb\xbf")).lstrip()
+    text = re.sub(rb"#[^\r\n]*", b"", _utf_8(file_bytes(path, _MAX_TEXT_BYTES), path)).lstrip()
     if header := _HEADER.match(text):
+        columns = header[0].translate(_SEPARATORS).split()
+        if len(columns) > 1 and len(text[header.end() :].split(b"\n", 1)[0].translate(_SEPARATORS).split()) > 1:
+            raise InputError(
+                f"'{path}' is a table of {len(columns)} columns; give the row numbers alone, one in each line."
+            )
         text = text[header.end() :]
     text = text.translate(_SEPARATORS)
     parts = [np.zeros(0, np.int64)]
@@ -156,6 +161,16 @@ def _read_numbers(path: Path) -> NDArray[Any]:
     except (ValueError, OverflowError) as error:
         raise InputError(f"'{path}' is no list of whole numbers: {shown(str(error))}.") from error
     return np.concatenate(parts)
+
+
+def _utf_8(data: bytes, path: Path) -> bytes:
+    """Text without a byte order mark; that of Windows' shell has two bytes for each character."""
+    if data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+        return data.removeprefix(b"\xef\xbb\xbf")
+    try:
+        return data.decode("utf-16").encode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"'{path}' is no list of whole numbers: it begins as UTF-16 and is damaged.") from error
 
 
 def _whole(word: bytes) -> int:
