@@ -116,15 +116,36 @@ def trim(
     check_magnitudes(scene)
     excluded = mask_of_excluded(selection, excluded, len(scene))
     selection = mask_of_selection(selection, len(scene))
+    return trim_checked(
+        scene, selection, excluded, config, renderer, segmenter, cameras, view_cameras=view_cameras, progress=progress
+    )
+
+
+@dataclass(frozen=True)
+class KnownUp:
+    """The up vector of a scene, which several of its objects have in common."""
+
+    up: UpVector
+    doubt: str
+    """What speaks against it, a sentence; empty if nothing does."""
+
+
+def trim_checked(
+    scene: Gaussians, selection: BoolArray, excluded: BoolArray, config: TrimConfig, renderer: Renderer | str,
+    segmenter: Segmenter | str, cameras: CameraSet | None, *, view_cameras: Sequence[Camera] | None = None,
+    known_up: KnownUp | None = None, progress: Progress = lambda stage: None,
+) -> TrimResult:  # fmt: skip
+    """`trim` after its arguments were checked; `known_up` is not looked for again."""
     given_renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
     clock = _Clock(_logged(progress))
     known = training_cameras(cameras)
     with clock("plan"):
-        scope = _plan(scene, selection, excluded & ~selection, config, renderer, cameras, view_cameras)
+        up = known_up.up if known_up else find_up(scene, cameras, config.up, selection)
+        scope = _plan(scene, selection, excluded & ~selection, up, config, renderer, cameras, view_cameras)
         wrong = find_wrong_input(scene, selection, scope.bounds, known)
-        doubt = "" if wrong else doubts_about_up(scene, selection, scope.up)
+        doubt = known_up.doubt if known_up else "" if wrong else doubts_about_up(scene, selection, up)
     if wrong:
         _LOG.info("not trimmed: %s", wrong)
         return TrimResult(
@@ -214,11 +235,10 @@ class _Decomposition:
 
 
 def _plan(
-    scene: Gaussians, selection: BoolArray, excluded: BoolArray, config: TrimConfig, renderer: Renderer,
-    cameras: CameraSet | None, views: Sequence[Camera] | None,
+    scene: Gaussians, selection: BoolArray, excluded: BoolArray, up: UpVector, config: TrimConfig,
+    renderer: Renderer, cameras: CameraSet | None, views: Sequence[Camera] | None,
 ) -> _Scope:  # fmt: skip
-    """Up vector, cameras, and the object with the Gaussians around it."""
-    up = find_up(scene, cameras, config.up, selection)
+    """Cameras, and the object with the Gaussians around it."""
     known = training_cameras(cameras)
     planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, known)
     rows, coarse = _surroundings(scene, selection, bounds, config.context_radius)
@@ -331,10 +351,15 @@ def _clean(
 ) -> tuple[_Decomposition, IntArray]:
     """The decomposition with what the background must not have, and the rows of the scene that nobody gets."""
     plane = _support_plane(scope, parts.keep, visible, config)
-    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    cameras = small_views(scope.bounds)
     cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
     joins = cleaning.to_object if config.evidence.recover else cleaning.to_object & scope.coarse
     return replace(parts, keep=parts.keep | (joins & ~scope.excluded)), scope.rows[cleaning.dropped]
+
+
+def small_views(bounds: Bounds) -> list[Camera]:
+    """Views from all sides that look for what stands in an object's place."""
+    return small_views_around(bounds, _AROUND, _HEIGHTS, _SMALL)
 
 
 def _fill(
@@ -348,7 +373,7 @@ def _fill(
     left = ~np.isin(scope.rows, dropped)
     surface = plane.on_surface & ~parts.keep & left & (visible > _VISIBLE)
     filled = fill_hole(scope.local, parts.keep, surface, scope.bounds, plane, renderer)
-    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    cameras = small_views(scope.bounds)
     return without_what_shows(filled, scope.local.select(left), parts.keep[left], cameras, renderer)
 
 

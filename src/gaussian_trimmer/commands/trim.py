@@ -181,7 +181,7 @@ class Trim(TrimSettings):
         remaining = read_remaining(self.remaining, scene) if self.remaining else None
         if remaining is not None:
             scene, selection = remaining.scene, remaining.of_original(selection, "the selection")
-            excluded = None if excluded is None else excluded[remaining.rows]
+            excluded = remaining.filled if excluded is None else excluded[remaining.rows] | remaining.filled
         seconds = {"read": time.perf_counter() - start}
         config, renderer, segmenter = self.settings(), get_renderer(self.renderer), self.make_segmenter()
         views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None

@@ -53,7 +53,7 @@ def trim_labels(command: Trim, console: Console) -> None:
         result = trim_objects(
             remaining.scene if remaining else original, objects, config=command.settings(),
             renderer=get_renderer(command.renderer), segmenter=command.make_segmenter(), cameras=cameras,
-            progress=stage,
+            excluded=remaining.filled if remaining else None, progress=stage,
         )  # fmt: skip
         stage("write")
         report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining))
@@ -66,6 +66,8 @@ def trim_labels(command: Trim, console: Console) -> None:
         f"{counts['objects']} objects with {counts['in_objects']:,} Gaussians, {counts['contested']:,} of them "
         f"contested; time {time.perf_counter() - start:.1f} s"
     )
+    if counts["dropped"]:
+        console.print(f"cleaned    {counts['dropped']:,} left out of the background that the objects had hidden")
     console.print(f"object_ID{suffix}, background{suffix}, objects.png and the rest are in {folder}.")
 
 
