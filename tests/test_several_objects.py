@@ -204,7 +204,7 @@ def test_filled_and_dropped_results_can_be_gone_on_from(files, tmp_path):
     # As if a hole had been filled and something dropped: a Gaussian more without a row, and one less.
     arrays = dict(np.load(tmp_path / "a" / "labels.npz"))
     background = formats.read(tmp_path / "a" / "background.ply")
-    near = int(np.argmin(np.linalg.norm(background.means - (toy.CENTRE + SHIFT + (0, 0, toy.RADIUS)), axis=1)))
+    near = int(np.argmin(np.linalg.norm(background.means - (-2.5, 2.5, 0), axis=1)))  # on the floor, in full view
     made = np.append(np.delete(np.arange(len(background)), 0), near)
     formats.write(background.select(made), tmp_path / "a" / "background.ply")
     n_object = int(arrays["n_object"])

@@ -227,7 +227,7 @@ def find_dropped(
             return find_support_plane(positions, ours, seen.astype(np.float64), bounds, config.label_crf.support_plane)
 
         ghosts = hidden_by_several(
-            local, owner[rows] != _NOBODY, ours, bounds, plane_below, small_views(bounds)[::2], renderer
+            local, owner[rows] != _NOBODY, ours, bounds, plane_below, small_views(bounds)[::3], renderer
         )
         dropped[rows[ghosts]] = True
     return dropped

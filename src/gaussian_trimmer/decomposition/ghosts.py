@@ -238,7 +238,8 @@ def _droppable(
     """
     rows = np.flatnonzero(ghosts)
     rows = rows[np.argsort((visible.astype(np.float64) ** 2 / np.maximum(shown, 1e-9))[rows], kind="stable")]
-    before = [_over_black_and_white(gaussians, camera, renderer) for camera in cameras] if len(rows) else []
+    looked_from = cameras if len(rows) else []
+    before = [(camera, _over_black_and_white(gaussians, camera, renderer)) for camera in looked_from]
 
     def without(count: int) -> BoolArray:
         dropped = np.zeros(len(ghosts), np.bool_)
@@ -247,9 +248,10 @@ def _droppable(
 
     def looks_the_same(count: int) -> bool:
         rest = gaussians.select(~without(count))
-        for camera, pictures in zip(cameras, before, strict=True):
+        for place, (camera, pictures) in enumerate(before):
             difference = pictures - _over_black_and_white(rest, camera, renderer)
             if np.mean(difference**2, axis=(1, 2, 3), dtype=np.float64).max() > 10 ** (-_MIN_PSNR / 10):
+                before.insert(0, before.pop(place))  # what shows it here will show it again
                 return False
         return True
 
