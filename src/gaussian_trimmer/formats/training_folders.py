@@ -47,8 +47,8 @@ def latest_splats(folder: Path) -> Path:
         if steps:
             return max(steps)[1]
     raise InputError(
-        f"The folder '{folder}' holds no splat file, no point_cloud/iteration_* and no {_CHECKPOINTS}/step-*.ckpt; "
-        "give the folder of a training or a splat file."
+        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_* or {_CHECKPOINTS}/step-*.ckpt; give "
+        "the folder of a training or a splat file."
     )
 
 
