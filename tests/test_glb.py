@@ -5,10 +5,11 @@ import struct
 
 import numpy as np
 import pytest
-from format_samples import error, rotation_error, round_trip, sample, splat_transform
+from format_samples import ATTRIBUTES, error, rotation_error, round_trip, sample, splat_transform
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.half_turns import half_turn
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -64,6 +65,11 @@ def changed(tmp_path, change):
     return tmp_path / "b.glb"
 
 
+def compressed(document, how, entry):
+    extension = document["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"]
+    extension["extensions"] = {f"KHR_gaussian_splatting_compression_{how}": entry}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -76,12 +82,10 @@ def changed(tmp_path, change):
         (lambda d: d["accessors"][2].update(count=4), "has 4 values for 5"),
         (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("KHR_gaussian_splatting:SCALE"), "has no KHR"),
         (lambda d: d["meshes"][0]["primitives"][0].pop("attributes"), "has no attributes"),
-        (
-            lambda d: d["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"].update(
-                extensions={"KHR_gaussian_splatting_compression_spz": {"bufferView": 0}}
-            ),
-            "compressed as SPZ",
-        ),
+        (lambda d: compressed(d, "spz", {"bufferView": 99}), "no buffer view"),
+        (lambda d: compressed(d, "spz_2", {}), "no buffer view"),
+        (lambda d: compressed(d, "spz", {"bufferView": 0}), "no .spz file"),
+        (lambda d: compressed(d, "lgsc", {"bufferView": 0}), "compressed by KHR_gaussian_splatting_compression_lgsc"),
     ],
 )
 def test_damaged_files(tmp_path, change, message):
@@ -97,6 +101,28 @@ def test_normalised_integers_are_read(tmp_path):
     opacities = formats.read(changed(tmp_path, as_bytes)).opacities
     data = sample(5, 1).opacities.astype("<f4").tobytes()[:5]
     np.testing.assert_allclose(opacities, np.frombuffer(data, np.uint8) / 255, atol=2e-6)
+
+
+@pytest.mark.parametrize("how", ["spz", "spz_2"])
+def test_gaussians_packed_as_spz_are_read(tmp_path, how):
+    """What is packed has the axes of the .spz specification, which lie half a turn about x from a PLY's."""
+    gaussians = sample(30, 2)
+    formats.write(half_turn(gaussians, "x"), tmp_path / "a.spz")
+    data = (tmp_path / "a.spz").read_bytes()
+    primitive = {"attributes": {"POSITION": 0}, "mode": 0, "extensions": {"KHR_gaussian_splatting": {}}}
+    document = {
+        "asset": {"version": "2.0"}, "meshes": [{"primitives": [primitive]}], "accessors": [{"count": 30}],
+        "buffers": [{"byteLength": len(data)}], "bufferViews": [{"buffer": 0, "byteLength": len(data)}],
+    }  # fmt: skip
+    compressed(document, how, {"bufferView": 0})
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    header = struct.pack("<4sIII4s", b"glTF", 2, 28 + len(text) + len(data), len(text), b"JSON")
+    (tmp_path / "a.glb").write_bytes(header + text + struct.pack("<I4s", len(data), b"BIN\0") + data)
+    found, direct = formats.read(tmp_path / "a.glb"), half_turn(formats.read(tmp_path / "a.spz"), "x")
+    for name in ATTRIBUTES:
+        np.testing.assert_array_equal(getattr(found, name), getattr(direct, name))
+    assert error(found, gaussians, "means") < 1e-5
 
 
 @pytest.mark.parametrize("keep", [0, 3, 19, 40, 400, -8])

@@ -312,3 +312,22 @@ def test_labels_of_a_trim_select_its_object(tmp_path):
     np.savez(tmp_path / "wrong.npz", **{**arrays, "n_object": np.int64(-3)})
     with pytest.raises(InputError, match="is damaged"):
         select(tmp_path / "wrong.npz")
+
+
+def test_text_of_windows_is_read(tmp_path: Path) -> None:
+    scene = make_scene()
+    (tmp_path / "a.txt").write_bytes("5\r\n7\r\n".encode("utf-16"))
+    assert np.flatnonzero(load_selection(tmp_path / "a.txt", scene)).tolist() == [5, 7]
+    (tmp_path / "a.txt").write_bytes(b"\xff\xfe5\x00\x00\xd8")
+    with pytest.raises(InputError, match="damaged"):
+        load_selection(tmp_path / "a.txt", scene)
+
+
+def test_tables_are_no_lists(tmp_path: Path) -> None:
+    """The other columns of a table must not be taken for row numbers."""
+    scene = make_scene()
+    (tmp_path / "a.csv").write_text("index,x,y\n5,1,2\n7,3,4\n")
+    with pytest.raises(InputError, match="a table of 3 columns"):
+        load_selection(tmp_path / "a.csv", scene)
+    (tmp_path / "a.csv").write_text("rows of the mug\n5\n7\n")
+    assert np.flatnonzero(load_selection(tmp_path / "a.csv", scene)).tolist() == [5, 7]

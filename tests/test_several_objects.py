@@ -1,6 +1,7 @@
 """Several objects of one scene: each as it would be alone, none with a Gaussian of another, and what is written."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from command_line import SMALL, run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import BoundaryConfig, SplitConfig
+from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.result import RowLabel
@@ -56,7 +57,7 @@ def result():
 def check_complementary(result):
     """Every row is in one object, in the background, or split between one object and the background."""
     owners = [np.unique(part.source_index) for part in result.objects]
-    together = np.concatenate([*owners, result.background_rows])
+    together = np.concatenate([*owners, result.background_rows, result.dropped])
     assert len(np.unique(together)) == len(together) == len(result.scene)
     split = np.concatenate([part.source_index[part.label == RowLabel.SPLIT_INSIDE] for part in result.objects])
     assert set(result.outside_source) <= set(split)
@@ -144,7 +145,8 @@ def test_what_remains_keeps_the_rows_of_the_original(files, tmp_path, capsys):
     assert not (first & second).any()
     assert toy.jaccard(second, SECOND) > 0.95
     left = formats.read(tmp_path / "b" / "background.ply")
-    rows = np.flatnonzero(~first & ~second)
+    gone = np.concatenate([np.load(tmp_path / name / "labels.npz")["dropped"] for name in "ab"])
+    rows = np.setdiff1d(np.flatnonzero(~first & ~second), gone)
     assert np.array_equal(np.sort(left.means, axis=0), np.sort(SCENE.means[rows], axis=0))
     labels = ["--labels", files / "labels.npy", "--objects", 7, "--remaining", tmp_path / "a", "--up", 0, 0, 1]
     assert run("trim", scene, *labels, *SMALL, "--output", tmp_path / "c", "--quiet") == 0
@@ -173,3 +175,51 @@ def test_folders_of_trainings(files, tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="holds no splat file"):
         gt.read(tmp_path / "empty")
+
+
+def hollow():
+    """The scene with dark Gaussians inside both balls, which only the balls hide."""
+    inside = toy.gaussians(toy.CENTRE + 0.3 * np.random.default_rng(1).normal(size=(60, 3)), (0.05,) * 3, (0.05,) * 3)
+    inner = [inside, inside.replace(means=inside.means + SHIFT)]
+    return concatenate([SCENE, *inner]), np.arange(len(SCENE) + 120) >= len(SCENE)
+
+
+def test_what_the_objects_hid_leaves_the_common_background():
+    scene, dark = hollow()
+    shells = {number: np.concatenate([truth, np.zeros(120, np.bool_)]) for number, truth in ((3, FIRST), (7, SECOND))}
+    config = toy.small_config(evidence=EvidenceConfig(recover=False))
+    clean = trim_objects(scene, shells, config=config)
+    exact = trim_objects(scene, shells, config=replace(config, background="exact"))
+    check_complementary(clean)
+    assert not len(exact.dropped)
+    assert dark[exact.background_rows].sum() == 120
+    assert dark[clean.dropped].sum() > 40 and dark[clean.dropped].mean() > 0.9
+    for one, other in zip(clean.objects, exact.objects, strict=True):
+        assert np.array_equal(one.source_index, other.source_index)
+
+
+def test_filled_and_dropped_results_can_be_gone_on_from(files, tmp_path):
+    command = ["trim", files / "scene.ply", files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--quiet"]
+    assert run(*command, "--selection.object-id", 3, "--output", tmp_path / "a") == 0
+    # As if a hole had been filled and something dropped: a Gaussian more without a row, and one less.
+    arrays = dict(np.load(tmp_path / "a" / "labels.npz"))
+    background = formats.read(tmp_path / "a" / "background.ply")
+    near = int(np.argmin(np.linalg.norm(background.means - (-2.5, 2.5, 0), axis=1)))  # on the floor, in full view
+    made = np.append(np.delete(np.arange(len(background)), 0), near)
+    formats.write(background.select(made), tmp_path / "a" / "background.ply")
+    n_object = int(arrays["n_object"])
+    arrays["dropped"] = np.append(arrays["dropped"], arrays["source_index"][n_object])
+    arrays["source_index"] = np.append(np.delete(arrays["source_index"], n_object), -1)
+    arrays["label"] = np.append(np.delete(arrays["label"], n_object), RowLabel.FILLED)
+    np.savez(tmp_path / "a" / "labels.npz", **arrays)
+    for more in (["--selection.object-id", 7], None):
+        folder = tmp_path / ("b" if more else "c")
+        given = [*command, *more] if more else [
+            "trim", files / "scene.ply", "--labels", files / "labels.npy", "--objects", 7, "--up", 0, 0, 1, *SMALL,
+            "--quiet",
+        ]  # fmt: skip
+        assert run(*given, "--remaining", tmp_path / "a", "--output", folder) == 0
+        found = np.load(folder / "labels.npz")
+        (place,) = np.flatnonzero(found["source_index"] == -1)
+        assert place >= int(found["n_object"]) and found["label"][place] == RowLabel.FILLED
+        assert toy.jaccard(gt.read_selection(folder / "labels.npz", SCENE), SECOND) > 0.9

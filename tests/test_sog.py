@@ -236,3 +236,44 @@ def test_real_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(gaussians, name))
     visible = gaussians.opacities > 1e-3
     np.testing.assert_array_equal(again.sh_dc[visible], gaussians.sh_dc[visible])
+
+
+class TestUnbundled:
+    """The files of a SOG in a folder of their own."""
+
+    def unpacked(self, folder: Path) -> Path:
+        formats.write(sample(300, 2), folder / "a.sog")
+        (folder / "sog").mkdir()
+        for name, data in members(folder / "a.sog").items():
+            (folder / "sog" / name).write_bytes(data)
+        return folder / "sog"
+
+    def test_it_is_what_it_is_bundled(self, tmp_path: Path) -> None:
+        folder, bundled = self.unpacked(tmp_path), formats.read(tmp_path / "a.sog")
+        for path in (folder, folder / "meta.json"):
+            found = formats.read(path)
+            for name in ATTRIBUTES:
+                np.testing.assert_array_equal(getattr(found, name), getattr(bundled, name))
+        assert formats.written_suffix(folder / "meta.json") == ".sog"
+        with pytest.raises(InputError, match="only read"):
+            formats.write(bundled, folder / "meta.json")
+
+    def test_missing_and_foreign_textures_are_refused(self, tmp_path: Path) -> None:
+        folder = self.unpacked(tmp_path)
+        (folder / "quats.webp").rename(tmp_path / "quats.webp")
+        with pytest.raises(InputError, match=r"no texture 'quats\.webp'"):
+            formats.read(folder)
+        (folder / "quats.webp").symlink_to(tmp_path / "quats.webp")
+        with pytest.raises(InputError, match=r"no texture 'quats\.webp'"):
+            formats.read(folder)
+        text = (folder / "meta.json").read_text()
+        (folder / "meta.json").write_text(text.replace("quats.webp", "../quats.webp"))
+        with pytest.raises(InputError, match="no texture"):
+            formats.read(folder)
+
+    def test_lies_about_the_count_are_found(self, tmp_path: Path) -> None:
+        folder = self.unpacked(tmp_path)
+        text = (folder / "meta.json").read_text()
+        (folder / "meta.json").write_text(text.replace('"count": 300', '"count": 30000000', 1))
+        with pytest.raises(InputError, match="announces 30000000"):
+            formats.read(folder)

@@ -14,10 +14,10 @@ from fuzz.torch_archives import Raw, named, storage, tensor, torch_file
 from selection_builders import make_scene, rows_mask
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.torch_files import as_array, load
+from gaussian_trimmer.formats.torch_structure import StructureError, parse_structure
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.checkpoint_files import read_checkpoint
-from gaussian_trimmer.selection_files.torch_files import as_array, load
-from gaussian_trimmer.selection_files.torch_structure import StructureError, parse_structure
 
 N = 12
 SCENE = make_scene(N)

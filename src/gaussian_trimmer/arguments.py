@@ -68,6 +68,24 @@ def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
     return mask
 
 
+def mask_of_excluded(selection: Any, excluded: Any, n: int) -> BoolArray:
+    """Which of n Gaussians may not join the object (N,): those that are given, or that a selection's marks removed.
+
+    Raises:
+        InputError: they are no n booleans.
+    """
+    if excluded is None:
+        excluded = getattr(selection, "excluded", None)
+    if excluded is None:
+        return np.zeros(n, np.bool_)
+    mask = np.asarray(excluded)
+    if mask.dtype != np.bool_ or mask.shape != (n,):
+        raise InputError(
+            f"What is excluded has shape {mask.shape} and type {mask.dtype}; {n} booleans are needed, one a Gaussian."
+        )
+    return mask
+
+
 def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
     lowest, highest = int(values.min()), int(values.max())
     on = 255 if highest == 255 else 1

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.arguments import check_scene, mask_of_selection, settings
+from gaussian_trimmer.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import (
     CONTEXT_RADIUS,
@@ -87,6 +87,7 @@ def trim(
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
     up: str | ArrayLike | None = None,
+    excluded: ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> TrimResult:
     """Sharpen a rough selection of one object. Each stage is also logged to "gaussian_trimmer" when it begins.
@@ -104,6 +105,8 @@ def trim(
         view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
             given masks.
         up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
+        excluded: booleans (N,), which Gaussians never become part of the object unless they are selected; by default
+            what marks removed, if the selection was made by `select`.
         progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
             one they are at, as in "segment 2 of 5".
 
@@ -116,16 +119,38 @@ def trim(
     config = settings(config, views, up, view_cameras)
     check_config(config)
     check_magnitudes(scene)
+    excluded = mask_of_excluded(selection, excluded, len(scene))
     selection = mask_of_selection(selection, len(scene))
+    return trim_checked(
+        scene, selection, excluded, config, renderer, segmenter, cameras, view_cameras=view_cameras, progress=progress
+    )
+
+
+@dataclass(frozen=True)
+class KnownUp:
+    """The up vector of a scene, which several of its objects have in common."""
+
+    up: UpVector
+    doubt: str
+    """What speaks against it, a sentence; empty if nothing does."""
+
+
+def trim_checked(
+    scene: Gaussians, selection: BoolArray, excluded: BoolArray, config: TrimConfig, renderer: Renderer | str,
+    segmenter: Segmenter | str, cameras: CameraSet | None, *, view_cameras: Sequence[Camera] | None = None,
+    known_up: KnownUp | None = None, progress: Progress = lambda stage: None,
+) -> TrimResult:  # fmt: skip
+    """`trim` after its arguments were checked; `known_up` is not looked for again."""
     given_renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
     clock = _Clock(_logged(progress))
     known = training_cameras(cameras)
     with clock("plan"):
-        scope = _plan(scene, selection, config, cameras, view_cameras)
+        up = known_up.up if known_up else find_up(scene, cameras, config.up, selection)
+        scope = _plan(scene, selection, excluded & ~selection, up, config, cameras, view_cameras)
         wrong = find_wrong_input(scene, selection, scope.bounds, known)
-        doubt = "" if wrong else doubts_about_up(scene, selection, scope.up)
+        doubt = known_up.doubt if known_up else "" if wrong else doubts_about_up(scene, selection, up)
     if wrong:
         _LOG.info("not trimmed: %s", wrong)
         return TrimResult(
@@ -138,6 +163,7 @@ def trim(
         visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
     with clock("correct"):
         probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
+        probability[scope.excluded] = 0
     with clock("render"):
         unsegmented = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
     if hasattr(given_segmenter, "report_to"):
@@ -195,6 +221,8 @@ class _Scope:
     """Those Gaussians."""
     coarse: BoolArray
     """Which of them are selected, without floaters far from the object, (L,)."""
+    excluded: BoolArray
+    """Which of them may not become part of the object, (L,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,11 +240,10 @@ class _Decomposition:
 
 
 def _plan(
-    scene: Gaussians, selection: BoolArray, config: TrimConfig, cameras: CameraSet | None,
-    views: Sequence[Camera] | None,
+    scene: Gaussians, selection: BoolArray, excluded: BoolArray, up: UpVector, config: TrimConfig,
+    cameras: CameraSet | None, views: Sequence[Camera] | None,
 ) -> _Scope:  # fmt: skip
-    """Up vector, cameras, and the object with the Gaussians around it."""
-    up = find_up(scene, cameras, config.up, selection)
+    """Cameras, and the object with the Gaussians around it."""
     known = training_cameras(cameras)
     planned, bounds = plan_cameras(scene.select(selection), up.direction, config.plan, known)
     rows, coarse = _surroundings(scene, selection, bounds, config.context_radius)
@@ -227,7 +254,7 @@ def _plan(
         plan = limit_yaw_to_observed(scene, selection, bounds, config.plan)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(coarse), up.direction, plan)
-    return _Scope(up, bounds, planned, rows, local, coarse)
+    return _Scope(up, bounds, planned, rows, local, coarse, excluded[rows])
 
 
 def _surroundings(
@@ -323,6 +350,8 @@ def _with_splits_at_support_plane(
     rows, inner, outer = split_at_support_plane(
         scope.local, parts.keep, seen, plane, scope.bounds, accepted, renderer, config.split.at_support_plane
     )
+    allowed = ~scope.excluded[rows]
+    rows, inner, outer = rows[allowed], inner.select(allowed), outer.select(allowed)
     keep = parts.keep.copy()
     keep[rows] = True
     # These come first, since they have outer parts under every rule.
@@ -336,10 +365,15 @@ def _clean(
 ) -> tuple[_Decomposition, IntArray]:
     """The decomposition with what the background must not have, and the rows of the scene that nobody gets."""
     plane = _support_plane(scope, parts.keep, visible, config)
-    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    cameras = small_views(scope.bounds)
     cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
     joins = cleaning.to_object if config.evidence.recover else cleaning.to_object & scope.coarse
-    return replace(parts, keep=parts.keep | joins), scope.rows[cleaning.dropped]
+    return replace(parts, keep=parts.keep | (joins & ~scope.excluded)), scope.rows[cleaning.dropped]
+
+
+def small_views(bounds: Bounds) -> list[Camera]:
+    """Views from all sides that look for what stands in an object's place."""
+    return small_views_around(bounds, _AROUND, _HEIGHTS, _SMALL)
 
 
 def _fill(
@@ -353,7 +387,7 @@ def _fill(
     left = ~np.isin(scope.rows, dropped)
     surface = plane.on_surface & ~parts.keep & left & (visible > _VISIBLE)
     filled = fill_hole(scope.local, parts.keep, surface, scope.bounds, plane, renderer)
-    cameras = small_views_around(scope.bounds, _AROUND, _HEIGHTS, _SMALL)
+    cameras = small_views(scope.bounds)
     return without_what_shows(filled, scope.local.select(left), parts.keep[left], cameras, renderer)
 
 

@@ -1,7 +1,8 @@
 """Several objects of one scene, trimmed one after the other and shared out: no Gaussian belongs to two of them.
 
 Each object is trimmed as it would be alone. Where two of them claim a Gaussian, the one whose selection had it keeps
-it, and else the one that most of its nearest neighbours belong to. The background is what no object has.
+it, and else the one that most of its nearest neighbours belong to. The background is what no object has, but for what
+only the objects hid.
 """
 
 from __future__ import annotations
@@ -15,16 +16,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.arguments import mask_of_selection
+from gaussian_trimmer.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.config import CONTEXT_RADIUS, TrimConfig, check_config
+from gaussian_trimmer.decomposition.ghosts import hidden_by_several
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
+from gaussian_trimmer.pipeline import KnownUp, small_views, trim_checked
+from gaussian_trimmer.planning.diagnosis import doubts_about_up
+from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
+from gaussian_trimmer.plugin_checks import CheckedRenderer
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
 from gaussian_trimmer.views import TrimmedView
 
@@ -73,8 +80,10 @@ class ObjectsResult:
     """Scene row of each of these."""
     contested: int
     """Number of Gaussians that several objects claimed."""
+    dropped: IntArray
+    """Scene rows, ascending, of what showed only once the objects were gone: no part has them."""
     seconds: dict[str, float]
-    """Time taken by each object, by its id, and by sharing out."""
+    """Time taken by each object, by its id, by sharing out, and by cleaning the background."""
     used_renderer: Renderer
     """What draws the pictures that are saved."""
 
@@ -125,6 +134,7 @@ def trim_objects(
     renderer: Renderer | str = DEFAULT_RENDERER,
     segmenter: Segmenter | str = DEFAULT_SEGMENTER,
     cameras: CameraSet | None = None,
+    excluded: ArrayLike | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> ObjectsResult:
     """Sharpen rough selections of several objects of one scene, which share no Gaussian afterwards.
@@ -132,10 +142,11 @@ def trim_objects(
     Args:
         scene: all N Gaussians.
         objects: the rough selections by the objects' ids, each as `trim` takes it. They may overlap.
-        config: settings of all stages; the common background keeps every Gaussian, whatever `background` says.
+        config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
         cameras: the cameras that the scene was trained with, if known.
+        excluded: booleans (N,), which Gaussians become part of no object unless they are selected.
         progress: called with the id of each object, as text, when its turn comes.
 
     Raises:
@@ -146,27 +157,80 @@ def trim_objects(
     config = config or TrimConfig()
     if config.fill:
         raise InputError("The holes of several objects cannot be filled; trim them one by one, or leave --fill out.")
-    config = replace(config, background="exact")
+    check_scene(scene, cameras)
+    config = settings(config, None, None, None)
+    check_config(config)
+    check_magnitudes(scene)
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
     masks = {int(number): mask_of_selection(selection, len(scene)) for number, selection in objects.items()}
+    known_up = _common_up(scene, np.any(list(masks.values()), axis=0), config, cameras)
+    alone, kept_out = replace(config, background="exact"), mask_of_excluded(None, excluded, len(scene))
     claims, seconds = [], {}
     for number, mask in masks.items():
         progress(f"object {number}")
         start = time.perf_counter()
-        result = trim(scene, mask, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras)
+        result = trim_checked(scene, mask, kept_out, alone, renderer, segmenter, cameras, known_up=known_up)
         claims.append(_claim(number, result))
         seconds[f"object {number}"] = time.perf_counter() - start
     progress("share out")
     start = time.perf_counter()
     owner, contested = share_out(scene, [claim.trimmed for claim in claims])
     kept = [_without_lost(claim, owner == place) for place, claim in enumerate(claims)]
-    rows = np.flatnonzero(owner == _NOBODY)
     seconds["share out"] = time.perf_counter() - start
+    dropped = np.zeros(len(scene), np.bool_)
+    if config.background == "clean":
+        progress("clean")
+        start = time.perf_counter()
+        dropped = find_dropped(scene, [claim.trimmed for claim in kept], owner, config, CheckedRenderer(renderer))
+        seconds["clean"] = time.perf_counter() - start
     return ObjectsResult(
-        scene, tuple(claim.trimmed for claim in kept), rows, concatenate([claim.outside for claim in kept]),
-        np.concatenate([claim.outside_source for claim in kept]), contested, seconds, renderer,
+        scene, tuple(claim.trimmed for claim in kept), np.flatnonzero((owner == _NOBODY) & ~dropped),
+        concatenate([claim.outside for claim in kept]), np.concatenate([claim.outside_source for claim in kept]),
+        contested, np.flatnonzero(dropped), seconds, renderer,
     )  # fmt: skip
+
+
+def _common_up(scene: Gaussians, selected: BoolArray, config: TrimConfig, cameras: CameraSet | None) -> KnownUp | None:
+    """The up vector of the whole scene; None where each object must find the plane that it stands on."""
+    up = find_up(scene, cameras, config.up, selected)
+    return KnownUp(up, doubts_about_up(scene, selected, up)) if up.source in KNOWN_SOURCES else None
+
+
+def find_dropped(
+    scene: Gaussians, objects: Sequence[TrimmedObject], owner: IntArray, config: TrimConfig, renderer: Renderer
+) -> BoolArray:
+    """Which Gaussians of nobody showed only once the objects were gone, (N,).
+
+    Args:
+        scene: all N Gaussians.
+        objects: the objects, trimmed.
+        owner: place in the list of the object that has each Gaussian, -1 for none, (N,).
+        config: settings of all stages.
+        renderer: draws the scene.
+    """
+    dropped = np.zeros(len(scene), np.bool_)
+    for place, part in enumerate(objects):
+        own = owner == place
+        if part.refused or not own.any():
+            continue
+        bounds = part.bounds
+        distances = np.linalg.norm(scene.means - bounds.centre.astype(np.float32), axis=1)
+        rows = np.flatnonzero(own | (distances < max(config.context_radius, CONTEXT_RADIUS) * bounds.radius))
+        rows = rows[~dropped[rows]]
+        local, ours = scene.select(rows), own[rows]
+        positions = local.means / np.float32(bounds.radius)
+
+        def plane_below(
+            seen: FloatArray, positions: FloatArray = positions, ours: BoolArray = ours, bounds: Bounds = bounds
+        ) -> SupportPlane | None:
+            return find_support_plane(positions, ours, seen.astype(np.float64), bounds, config.label_crf.support_plane)
+
+        ghosts = hidden_by_several(
+            local, owner[rows] != _NOBODY, ours, bounds, plane_below, small_views(bounds)[::3], renderer
+        )
+        dropped[rows[ghosts]] = True
+    return dropped
 
 
 def share_out(scene: Gaussians, objects: Sequence[TrimmedObject]) -> tuple[IntArray, int]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, printable
@@ -95,13 +95,41 @@ def _splat_readers() -> dict[str, Reader]:
         ".splat": [written(".splat", SCENE), written(".splat", gaussians(3))],
         ".spz": [written(".spz", SCENE), written(".spz", gaussians(9, 3)), *_other_spz()],
         ".sog": [written(".sog", SCENE), written(".sog", gaussians(200, 0)), _sog_version_1()],
-        ".glb": [written(".glb", SCENE), written(".glb", gaussians(9, 3))],
+        ".glb": [written(".glb", SCENE), written(".glb", gaussians(9, 3)), _packed_glb()],
+        ".ckpt": [_nerfstudio(SCENE), _nerfstudio(gaussians(9, 0))],
         ".ksplat": [written(".ksplat", SCENE), _ksplat(1, 1), _ksplat(2, 2), _ksplat(1, 0)],
     }
-    return {
+    readers = {
         suffix[1:]: Reader([{f"a{suffix}": data} for data in samples], _read_splats)
         for suffix, samples in contents.items()
     }
+    return {**readers, "unbundled sog": Reader([_unbundled(SCENE), _unbundled(gaussians(200, 0))], _read_splats)}
+
+
+def _unbundled(scene: Gaussians) -> Files:
+    with zipfile.ZipFile(io.BytesIO(written(".sog", scene))) as archive:
+        return {name: archive.read(name) for name in ("meta.json", *sorted({*archive.namelist()} - {"meta.json"}))}
+
+
+def _packed_glb() -> bytes:
+    """Gaussians that are packed as .spz."""
+    data = written(".spz", gaussians(9, 2))
+    packed = {"extensions": {"KHR_gaussian_splatting_compression_spz_2": {"bufferView": 0}}}
+    document = {
+        "meshes": [{"primitives": [{"extensions": {"KHR_gaussian_splatting": packed}}]}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(data)}],
+    }
+    text = json.dumps(document).encode()
+    header = struct.pack("<4sIII4s", b"glTF", 2, 28 + len(text) + len(data), len(text), b"JSON")
+    return header + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+
+
+def _nerfstudio(scene: Gaussians) -> bytes:
+    state = {
+        "means": scene.means, "scales": scene.log_scales, "quats": scene.quaternions, "features_dc": scene.sh_dc,
+        "features_rest": scene.sh_rest.transpose(0, 2, 1), "opacities": scene.opacity_logits[:, None],
+    }  # fmt: skip
+    return torch_file({"step": 9, "pipeline": {f"_model.gauss_params.{name}": part for name, part in state.items()}})
 
 
 def _read_splats(path: Path) -> Gaussians:
@@ -431,6 +459,7 @@ def _camera_readers() -> dict[str, Reader]:
         ],
     }  # fmt: skip
     return {
+        "dataparser_transforms.json": Reader([_training_world(_pose(1)[:3], _pose(2)[:3])], _read_cameras_of_training),
         "transforms.json": Reader(
             [
                 {"transforms.json": json.dumps(transforms).encode()},
@@ -444,6 +473,23 @@ def _camera_readers() -> dict[str, Reader]:
         "colmap binary": Reader([_colmap_binary(model) for model in (1, 0, 2, 4)], _read_cameras),
         "colmap text": Reader([_colmap_text()], _read_cameras),
     }
+
+
+def _training_world(turn: list[list[float]], applied: list[list[float]]) -> Files:
+    dataset = {
+        "w": 64, "h": 48, "fl_x": 50.0, "applied_transform": applied, "applied_scale": 2.0,
+        "frames": [{"file_path": "a.png", "transform_matrix": _pose(3)}],
+    }  # fmt: skip
+    training = {"transform": turn, "scale": 0.5}
+    return {
+        "dataparser_transforms.json": json.dumps(training).encode(), "transforms.json": json.dumps(dataset).encode()
+    }  # fmt: skip
+
+
+def _read_cameras_of_training(path: Path) -> Any:
+    found = read_cameras_of(path.parent, path.parent / "transforms.json")
+    assert all(np.isfinite(camera.world_to_camera).all() for camera in found.cameras)
+    return found
 
 
 def _read_cameras(path: Path) -> Any:

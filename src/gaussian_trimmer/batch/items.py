@@ -64,7 +64,7 @@ class Item:
         Raises:
             InputError: no format has that name.
         """
-        return formats.format_suffix(self.scene) if self.format is None else suffix_of(self.format)
+        return formats.written_suffix(self.scene) if self.format is None else suffix_of(self.format)
 
 
 def check_items(items: Iterable[Item]) -> list[Item]:

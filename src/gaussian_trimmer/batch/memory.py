@@ -15,8 +15,12 @@ PROCESS_BYTES = 400 << 20
 """What a worker takes without a scene: the interpreter, libraries, compiled kernels, pictures of views."""
 BYTES_PER_SCENE_BYTE = 3.5
 """What a trim takes at most, beside that, for each byte of the scene as arrays; measured, see docs/scale.md."""
-_EXPANSION = {".ply": 1.0, ".compressed.ply": 4.0, ".splat": 2.0, ".ksplat": 4.0, ".spz": 12.0, ".sog": 48.0}
-"""Bytes of a scene's arrays for each byte of its file, at most, in files as programs write them."""
+_EXPANSION = {
+    ".ply": 1.0, ".compressed.ply": 4.0, ".splat": 2.0, ".ksplat": 4.0, ".spz": 12.0, ".sog": 48.0,
+    ".glb": 1.2, "meta.json": 48.0, ".ckpt": 1.0,
+}  # fmt: skip
+"""Bytes of a scene's arrays for each byte of its file, at most, in files as programs write them; a .glb with plain
+attributes."""
 SHARE_OF_FREE = 0.8
 """Of the memory that is free when a batch begins, what it may take if nobody says how much."""
 _CGROUP = (("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
@@ -34,6 +38,8 @@ def scene_need(scene: str, size: int) -> float:
     3500.0
     """
     suffix = formats.format_suffix(scene)
+    if suffix == "meta.json":  # the Gaussians are in the textures beside it
+        size = sum(path.stat().st_size for path in Path(scene).parent.glob("*.webp")) or size
     if suffix == ".ply" and Path(scene).is_file():
         with suppress(InputError, OSError):  # Whoever reads the scene will say what is wrong with it.
             suffix = ".compressed.ply" if is_compressed(read_header(Path(scene))) else ".ply"

@@ -25,7 +25,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.batch.fingerprints import digest_of_cameras, digest_of_file, fingerprint
 from gaussian_trimmer.batch.items import Item, item_of_json, options_kind
 from gaussian_trimmer.batch.storage import ITEM, Store, local_copy
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -51,7 +51,7 @@ class SceneWorker:
         self._path = Path()
         self._state: tuple[int, ...] = ()
         self._scene: Gaussians | None = None
-        self._cameras: dict[tuple[str, bool], CameraSet] = {}
+        self._cameras: dict[tuple[str, bool, Path], CameraSet] = {}
         self._digests: dict[str, str] = {}
         self._items: dict[str, tuple[Item, str]] = {}
         """The items of the scene by name, with their fingerprints."""
@@ -193,10 +193,11 @@ class SceneWorker:
 
     def _camera_set(self, item: Item) -> CameraSet:
         assert item.cameras is not None
-        key = item.cameras, item.trust_paths
+        scene = Path(item.scene)
+        key = item.cameras, item.trust_paths, scene.parent
         if key not in self._cameras:
             with local_copy(item.cameras) as path:
-                self._cameras[key] = read_camera_set(path, trust_paths=item.trust_paths)
+                self._cameras[key] = read_cameras_of(scene, path, trust_paths=item.trust_paths)
         return self._cameras[key]
 
 

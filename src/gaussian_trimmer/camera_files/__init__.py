@@ -9,23 +9,47 @@
 
 Poses are given in the frame that the file uses. The `applied_transform` of a transforms.json is already contained in
 its matrices and is not undone. Trainers that recentre and rescale the poses once more (nerfstudio's dataparser does)
-export a splat that no longer fits them.
+leave a splat that no longer fits them: `read_cameras_of` brings cameras to a scene in the folder of such a training.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gaussian_trimmer.camera_files.colmap import read_colmap_frames
 from gaussian_trimmer.camera_files.frames import DISTORTION_TOLERANCE
 from gaussian_trimmer.camera_files.json_files import read_json_frames
+from gaussian_trimmer.camera_files.nerfstudio_world import dataparser_file, in_training_world
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.reading import is_file, is_folder, reading
 
-__all__ = ["DISTORTION_TOLERANCE", "read_camera_set"]
+__all__ = ["DISTORTION_TOLERANCE", "read_camera_set", "read_cameras_of"]
+
+
+def read_cameras_of(
+    scene: Path, path: str | Path, *, trust_paths: bool = False, say: Callable[[str], None] = lambda note: None
+) -> CameraSet:
+    """The cameras that a scene was trained with, in its coordinates; otherwise as `read_camera_set`.
+
+    Args:
+        scene: file or folder of the scene. In the folder of a nerfstudio training, the cameras of the dataset are
+            brought to the coordinates of the training.
+        path: file or folder of the cameras.
+        trust_paths: as for `read_camera_set`.
+        say: called with what was done to the cameras, if anything.
+
+    Raises:
+        InputError: as for `read_camera_set`, or what the training says of its coordinates is damaged.
+    """
+    found = read_camera_set(path, trust_paths=trust_paths)
+    dataparser = dataparser_file(scene)
+    if dataparser is None:
+        return found
+    say(f"{path}: brought to the coordinates of the training by {dataparser}")
+    return in_training_world(found, dataparser, Path(path))
 
 
 def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet:

@@ -11,7 +11,7 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
 from gaussian_trimmer.errors import InputError, shown
@@ -103,7 +103,7 @@ class Evaluate:
 
     def _measure(self, console: Console) -> Findings:
         scene = formats.read(self.scene)
-        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
+        cameras = read_cameras_of(self.scene, self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
         found, views = views_in(cameras, self.masks, self.images, self.ignore)
         after = read_result(self.result, scene, self.selection_options)
         before = self._before(after, scene)

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
+from gaussian_trimmer.formats.losses import losses
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.reading import is_file, is_folder
+from gaussian_trimmer.selecting.marks import KINDS, Marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.classifier import classifier_of
@@ -49,16 +52,48 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     if not (is_file(path) or is_folder(path)):
         raise InputError(f"There is no file or folder '{path}'.")
     name = path.name.lower()
-    if is_folder(path) or path.suffix.lower() == ".json" or name in _COLMAP_FILES:
+    if is_folder(path):
+        lines = describe_folder(path, trust_paths=trust_paths)
+    elif is_marks_file(path):
+        lines = describe_marks(read_marks(path))
+    elif formats.has_splats(path):
+        lines = describe_splats(path)
+    elif path.suffix.lower() == ".json" or name in _COLMAP_FILES:
         lines = describe_cameras(path, trust_paths=trust_paths)
-    elif name.endswith(tuple(formats.FORMATS)):
-        lines = describe_gaussians(formats.read(path))
     elif name.endswith(SUFFIXES):
         lines = describe_selection(open_selection(path))
     else:
         known = ", ".join((*formats.FORMATS, *SUFFIXES, ".json"))
         raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
+
+
+def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
+    """Lines on the scene that a folder of a training holds, or else on its cameras.
+
+    Raises:
+        InputError: it holds neither.
+    """
+    try:
+        scene = formats.find_scene(path)
+    except InputError as no_scene:
+        try:
+            yield from describe_cameras(path, trust_paths=trust_paths)
+        except InputError as no_cameras:
+            raise InputError(f"{no_scene} {no_cameras}") from no_cameras
+    else:
+        yield f"scene: {scene.relative_to(path)}"
+        yield from describe_splats(scene)
+
+
+def describe_splats(path: Path) -> Iterator[str]:
+    """Lines on a splat file, and on what its Gaussians would lose in other formats."""
+    gaussians = formats.read(path)
+    yield from describe_gaussians(gaussians)
+    own = formats.format_suffix(path)
+    for suffix, lost in losses(gaussians).items():
+        if suffix != own:
+            yield f"as {suffix}: {lost or 'loses nothing'}"
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
@@ -78,6 +113,18 @@ def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
     if gaussians.extras:
         yield f"extra columns: {list_names(gaussians.extras)}"
         yield from _offers_of_columns(gaussians.extras)
+
+
+def describe_marks(marks: Marks) -> Iterator[str]:
+    """Lines on marks that were saved."""
+    names = {kind: name for name, kind in KINDS.items()}
+    yield f"marks: {len(marks.marks)}, in a scene of {marks.scene_size or 'unknown'} Gaussians"
+    for number, mark in enumerate(marks.marks[:_LISTED], 1):
+        effect = getattr(mark, "effect", None)
+        yield f"{number}. {names[type(mark)]}{f', {effect}' if effect else ''}"
+    if len(marks.marks) > _LISTED:
+        yield f"and {len(marks.marks) - _LISTED} more"
+    yield "selects: give the file as SELECTION of trim, or to select --marks"
 
 
 def describe_selection(file: SelectionFile) -> Iterator[str]:

@@ -21,9 +21,14 @@ class Remaining:
     scene: Gaussians
     """What is left, with the outer parts of split Gaussians, (R,)."""
     rows: IntArray
-    """Row in the original scene of each, (R,)."""
+    """Row in the original scene of each, (R,); -1 for what fills a hole, and is in no selection."""
     n_scene: int
     """Number of Gaussians of the original scene, N."""
+
+    @property
+    def filled(self) -> BoolArray:
+        """Which of the Gaussians the earlier trim made to fill a hole, (R,); they stay in the background."""
+        return self.rows < 0
 
     def of_original(self, selection: BoolArray, what: str) -> BoolArray:
         """What is left of a selection of the original scene (N,), as one of the remaining Gaussians (R,).
@@ -31,7 +36,7 @@ class Remaining:
         Raises:
             InputError: nothing is left of it.
         """
-        left = selection[self.rows]
+        left = selection[self.rows] & ~self.filled
         if not left.any():
             raise InputError(f"Nothing is left of {what}: the earlier trim gave all of it to its objects.")
         return left
@@ -51,8 +56,6 @@ def read_remaining(folder: Path, original: Gaussians) -> Remaining:
     file = open_selection(labels, len(original))
     trimmed.rows_of_objects(file, len(original))  # checks that it belongs to the scene
     rows = np.asarray(file.arrays[trimmed.SOURCE][int(file.arrays[trimmed.OBJECTS].reshape(-1)[0]) :], np.int64)
-    if (rows < 0).any():
-        raise InputError(f"The background in '{folder}' holds Gaussians that fill a hole; trim again without --fill.")
     scene = formats.read(found[0])
     if len(scene) != len(rows):
         raise InputError(

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shlex
-import zlib
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,9 +14,9 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import atomic_file, atomic_folder
+from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.atomic.manifest import MANIFEST
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
@@ -35,9 +30,10 @@ from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_mas
 from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
-from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, read_marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
-from gaussian_trimmer.selecting.select import Selection, select, settle_marks
+from gaussian_trimmer.selecting.saved_selection import is_own_selection, save_array, save_selection
+from gaussian_trimmer.selecting.select import select, settle_marks
 from gaussian_trimmer.settings import Range, Share, check_settings
 
 _LISTING = "select --list-views"
@@ -109,7 +105,7 @@ class Select(TrimSettings):
             labels, how = self._label(scene, cameras)
             if not labels.any():
                 raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
-            _save(labels, self.output)
+            save_array(labels, self.output)
             console.print(f"{self.output}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
             return Loaded(scene, labels != 0, cameras)
         up = find_up(scene, cameras, self.config.up)
@@ -121,7 +117,7 @@ class Select(TrimSettings):
         console.print(
             f"{self.output}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {', '.join(made.ways)}"
         )
-        return Loaded(scene, made.mask, cameras, made.marks)
+        return Loaded(scene, made.mask, cameras, made.marks, made.excluded)
 
     def _settled(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""
@@ -132,18 +128,15 @@ class Select(TrimSettings):
         settled = settle_marks(scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.cameras)
         if self.marks is None:
             return settled
-        earlier = read_marks(self.marks)
-        places = earlier.photographed_from or settled.photographed_from
-        return replace(
-            earlier, marks=earlier.marks + settled.marks, photographed_from=places,
-            cameras=self.cameras or earlier.cameras,
-        )  # fmt: skip
+        return read_marks(self.marks).followed_by(settled, self.cameras)
 
     def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
-        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
         found = formats.find_scene(self.scene)
         if found != self.scene:
             console.print(f"{self.scene}: reading {found}")
+        cameras = None
+        if self.cameras:
+            cameras = read_cameras_of(found, self.cameras, trust_paths=self.trust_paths, say=console.print)
         return formats.read(found), cameras
 
     def _check(self) -> None:
@@ -232,41 +225,3 @@ class Select(TrimSettings):
         else:
             parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
         return shlex.join([*parts, *self._common_options()])
-
-
-def save_selection(selection: Selection, path: Path) -> None:
-    """Write a selection and, beside it, its marks; what was there before stays as `.before.json`.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    marks_path = path.with_suffix(".json")
-    if is_marks_file(marks_path):
-        with atomic_file(path.with_suffix(".before.json")) as part:
-            part.write_bytes(marks_path.read_bytes())
-    checksum = _save(selection.mask, path)
-    contents = marks_as_json(selection.marks, marks_path.parent)
-    contents["selection"] = {"file": path.name, "crc32": checksum, "selected": int(np.count_nonzero(selection.mask))}
-    with atomic_file(marks_path) as part:
-        part.write_text(json.dumps(contents, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def is_own_selection(path: Path) -> bool:
-    """Whether a selection is as this program wrote it, by the checksum in the marks beside it."""
-    marks_path = path.with_suffix(".json")
-    if not (os.path.lexists(path) and path.is_file() and is_marks_file(marks_path)):
-        return False
-    with suppress(OSError, ValueError, RecursionError):
-        noted = json.loads(marks_path.read_bytes()).get("selection")
-        return isinstance(noted, dict) and noted.get("crc32") == zlib.crc32(path.read_bytes())
-    return False
-
-
-def _save(selection: NDArray[Any], path: Path) -> int:
-    """Write an .npy file and return its checksum; `np.save` does not notice everywhere that a disk is full, but memory
-    has room."""
-    buffer = BytesIO()
-    np.save(buffer, selection, allow_pickle=False)
-    with atomic_file(path) as part:
-        part.write_bytes(buffer.getbuffer())
-    return zlib.crc32(buffer.getbuffer())

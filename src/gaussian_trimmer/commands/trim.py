@@ -15,7 +15,7 @@ from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.atomic import atomic_folder
-from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
 from gaussian_trimmer.commands.mark_options import MarkOptions
@@ -42,9 +42,11 @@ from gaussian_trimmer.segmentation.segmenters import (
 )
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import FromFile, Marks
-from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, write_marks
+from gaussian_trimmer.selecting.saved_selection import excluded_from
 from gaussian_trimmer.selecting.select import select, settle_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.settings import check_settings
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
@@ -70,6 +72,8 @@ class Loaded(NamedTuple):
     cameras: CameraSet | None
     marks: Marks | None = None
     """The marks that the selection was made by, if it was."""
+    excluded: BoolArray | None = None
+    """What those marks removed, (N,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +127,8 @@ class Trim(TrimSettings):
     scene: Positional[Path]
     """Splat file of the scene, or of the object alone; or the folder of a training."""
     selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
-    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, or a file
-    that a segmentation method saved."""
+    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, a file that a
+    segmentation method saved, or marks that were saved as .json."""
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
     """Folder for the results."""
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
@@ -172,11 +176,12 @@ class Trim(TrimSettings):
         """Trim and write the results to a folder; returns the report."""
         start = time.perf_counter()
         stage("read")
-        scene, selection, cameras, marks = loaded or self._read(console)
+        scene, selection, cameras, marks, excluded = loaded or self._read(console)
         self._refuse_whole_scene(selection)
         remaining = read_remaining(self.remaining, scene) if self.remaining else None
         if remaining is not None:
             scene, selection = remaining.scene, remaining.of_original(selection, "the selection")
+            excluded = remaining.filled if excluded is None else excluded[remaining.rows] | remaining.filled
         seconds = {"read": time.perf_counter() - start}
         config, renderer, segmenter = self.settings(), get_renderer(self.renderer), self.make_segmenter()
         views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
@@ -187,7 +192,7 @@ class Trim(TrimSettings):
             console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
         result = trim(
             scene, selection, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras,
-            view_cameras=views, progress=stage,
+            view_cameras=views, excluded=excluded, progress=stage,
         )  # fmt: skip
         stage("write")
         if marks is not None:
@@ -216,7 +221,7 @@ class Trim(TrimSettings):
     def suffix(self) -> str:
         """Ending of the splat files that are written."""
         if self.format is None:
-            return formats.format_suffix(formats.find_scene(self.scene))
+            return formats.written_suffix(formats.find_scene(self.scene))
         return suffix_of(self.format)
 
     def folder(self) -> Path:
@@ -241,20 +246,43 @@ class Trim(TrimSettings):
             console.print(f"{self.scene}: reading {found}")
         return formats.read(found)
 
+    def read_cameras(self, console: Console) -> CameraSet | None:
+        """The training cameras, if they are given, in the coordinates of the scene."""
+        if self.cameras is None:
+            return None
+        scene = formats.find_scene(self.scene)
+        return read_cameras_of(scene, self.cameras, trust_paths=self.trust_paths, say=console.print)
+
     def _read(self, console: Console) -> Loaded:
         scene = self.read_scene(console)
-        cameras = read_camera_set(self.cameras, trust_paths=self.trust_paths) if self.cameras else None
-        marks = self.mark_options.marks()
-        if marks:
-            given = [] if self.selection is None else [FromFile(self.selection, self.selection_options)]
-            settled = settle_marks(
-                scene, [*given, *marks], cameras=cameras, up=self.config.up, camera_path=self.cameras
-            )
-            made = select(scene, settled, cameras=cameras, renderer=self.renderer)
-            return Loaded(scene, made.mask, cameras, made.marks)
+        cameras = self.read_cameras(console)
+        marks = self._marks(scene, cameras)
+        if marks is not None:
+            made = select(scene, marks, cameras=cameras, renderer=self.renderer)
+            return Loaded(scene, made.mask, cameras, made.marks, made.excluded)
         if self.selection is None:
             return Loaded(scene, np.ones(len(scene), np.bool_), cameras)
-        return Loaded(scene, load_selection(self.selection, scene, self.selection_options, console.print), cameras)
+        selection = load_selection(self.selection, scene, self.selection_options, console.print)
+        excluded = excluded_from(self.selection, len(scene))
+        if excluded is not None and excluded.any():
+            beside = self.selection.with_suffix(".json")
+            console.print(f"{beside}: the {np.count_nonzero(excluded):,} Gaussians that its marks removed stay out")
+        return Loaded(scene, selection, cameras, None, excluded)
+
+    def _marks(self, scene: Gaussians, cameras: CameraSet | None) -> Marks | None:
+        """The marks of the command, after those of SELECTION if that is a file of marks; None if there are none."""
+        further = self.mark_options.marks()
+        earlier = read_marks(self.selection) if self.selection is not None and is_marks_file(self.selection) else None
+        if earlier is not None and (unused := sorted(self.selection_options.given())):
+            raise InputError(
+                f"'{self.selection}' holds marks, which have no use for {flag(unused[0])}; leave that out."
+            )
+        if earlier is None and not further:
+            return None
+        if self.selection is not None and earlier is None:
+            further = [FromFile(self.selection, self.selection_options), *further]
+        settled = settle_marks(scene, further, cameras=cameras, up=self.config.up, camera_path=self.cameras)
+        return settled if earlier is None else earlier.followed_by(settled, self.cameras)
 
     def _refuse_whole_scene(self, selection: BoolArray) -> None:
         if self.selection is not None and selection.all():

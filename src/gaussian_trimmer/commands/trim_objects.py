@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer.atomic import atomic_folder
-from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import progress_over_stages
 from gaussian_trimmer.commands.remaining import Remaining, read_remaining
@@ -46,9 +45,7 @@ def trim_labels(command: Trim, console: Console) -> None:
     with results as part, progress_over_stages(console) as stage:
         stage("read")
         original = command.read_scene(console)
-        cameras = None
-        if command.cameras:
-            cameras = read_camera_set(command.cameras, trust_paths=command.trust_paths)
+        cameras = command.read_cameras(console)
         objects = _objects(command, original, cameras)
         remaining = read_remaining(command.remaining, original) if command.remaining else None
         if remaining is not None:
@@ -56,7 +53,7 @@ def trim_labels(command: Trim, console: Console) -> None:
         result = trim_objects(
             remaining.scene if remaining else original, objects, config=command.settings(),
             renderer=get_renderer(command.renderer), segmenter=command.make_segmenter(), cameras=cameras,
-            progress=stage,
+            excluded=remaining.filled if remaining else None, progress=stage,
         )  # fmt: skip
         stage("write")
         report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining))
@@ -69,6 +66,8 @@ def trim_labels(command: Trim, console: Console) -> None:
         f"{counts['objects']} objects with {counts['in_objects']:,} Gaussians, {counts['contested']:,} of them "
         f"contested; time {time.perf_counter() - start:.1f} s"
     )
+    if counts["dropped"]:
+        console.print(f"cleaned    {counts['dropped']:,} left out of the background that the objects had hidden")
     console.print(f"object_ID{suffix}, background{suffix}, objects.png and the rest are in {folder}.")
 
 

@@ -12,7 +12,7 @@ Nearly all that is near a crumb belongs to the object, so the crumb does too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +93,7 @@ def clean_background(
     # Whether something is hidden is asked in all views; what it shows then, in every other one of them.
     cameras, silhouettes, share = cameras[::2], silhouettes[::2], len(cameras[::2]) / len(cameras)
     seen *= np.float32(share)
-    where = _Place(gaussians, keep, seen.sum(axis=1), bounds, plane)
+    where = _Place(gaussians, keep, keep, seen.sum(axis=1), bounds, plane)
     ghosts, shown = _find_ghosts(gaussians, keep, seen, where, cameras, silhouettes, renderer)
     crumbs = _find_crumbs(gaussians, keep, ghosts, seen, where)
     joins = crumbs
@@ -101,22 +101,49 @@ def clean_background(
         both = _weights(gaussians, keep | ghosts | crumbs, cameras, silhouettes, renderer).sum(axis=1)
         # What lies in the ground would show below the object, where no view looks.
         joins = crumbs | (ghosts & where.above & (both <= _HARMLESS * shown))
-    return Cleaning(
-        joins, _droppable(gaussians, ghosts & ~joins, seen.sum(axis=1) / np.maximum(shown, 1e-9), cameras, renderer)
-    )
+    return Cleaning(joins, _droppable(gaussians, ghosts & ~joins, seen.sum(axis=1), shown, cameras, renderer))
+
+
+def hidden_by_several(
+    gaussians: Gaussians, keep: BoolArray, own: BoolArray, bounds: Bounds,
+    find_plane: Callable[[FloatArray], SupportPlane | None], cameras: Sequence[Camera], renderer: Renderer,
+) -> BoolArray:  # fmt: skip
+    """Which Gaussians of the scene without several objects are only there because one of them hid them, (N,).
+
+    What joins an object in `clean_background` stays where it is, so that objects do not depend on each other.
+
+    Args:
+        gaussians: the object and the Gaussians around it, N of them.
+        keep: which of them are of any object, whole or in part, (N,).
+        own: which of them are of this one, (N,).
+        bounds: its bounds; their third axis is up.
+        find_plane: gives the plane that it stands on, if there is one, by the blend weight that each Gaussian has in
+            the views, (N,).
+        cameras: small views of it from all sides and heights.
+        renderer: draws scene, background and object by themselves.
+    """
+    if keep.all() or not own.any() or not cameras:
+        return np.zeros(len(keep), np.bool_)
+    silhouettes = _silhouettes(gaussians.select(own), cameras, renderer)
+    seen = _weights(gaussians, np.ones(len(keep), np.bool_), cameras, silhouettes, renderer)
+    visible = seen.sum(axis=1)
+    where = _Place(gaussians, keep, own, visible, bounds, find_plane(visible))
+    ghosts, shown = _find_ghosts(gaussians, keep, seen, where, cameras, silhouettes, renderer)
+    return _droppable(gaussians, ghosts, visible, shown, cameras, renderer)
 
 
 class _Place:
     """Where the Gaussians lie relative to the object and the ground that it stands on."""
 
     def __init__(
-        self, gaussians: Gaussians, keep: BoolArray, seen: FloatArray, bounds: Bounds, plane: SupportPlane | None
-    ) -> None:
+        self, gaussians: Gaussians, keep: BoolArray, own: BoolArray, seen: FloatArray, bounds: Bounds,
+        plane: SupportPlane | None,
+    ) -> None:  # fmt: skip
         local = (gaussians.means - bounds.centre) @ bounds.axes.T
         margin = _MARGIN * bounds.radius
         beside = (np.abs(local[:, :2]) <= bounds.half_extents[:2] + margin).all(axis=1)
         # The bounds are robust ones, so a thin top rises above them.
-        top = max(bounds.half_extents[2], float(local[keep, 2].max(initial=0.0))) + margin
+        top = max(bounds.half_extents[2], float(local[own, 2].max(initial=0.0))) + margin
         ground = -bounds.half_extents[2] if plane is None else (plane.height + plane.thickness) * bounds.radius
         self.above = beside & (local[:, 2] < top) & (local[:, 2] > ground)
         """Which ones lie where the object was, above the ground, (N,)."""
@@ -194,13 +221,25 @@ def _weights(
     return total
 
 
+def _over_black_and_white(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
+    """A picture before two backgrounds, (2, H, W, 3): what lies farther away is not drawn, and may have any colour."""
+    drawn = renderer.render(gaussians, camera)
+    return np.asarray(np.clip([drawn.rgb, drawn.rgb + (1 - drawn.alpha)[..., None]], 0, 1))
+
+
 def _droppable(
-    gaussians: Gaussians, ghosts: BoolArray, visible: FloatArray, cameras: Sequence[Camera], renderer: Renderer
-) -> BoolArray:
-    """The ghosts without which the whole scene still looks as it did, those by how little of each it shows, (N,)."""
+    gaussians: Gaussians, ghosts: BoolArray, visible: FloatArray, shown: FloatArray, cameras: Sequence[Camera],
+    renderer: Renderer,
+) -> BoolArray:  # fmt: skip
+    """The ghosts without which the whole scene still looks as it did, (N,).
+
+    Those go first that cost the scene least for what they spoil of the background: the error grows with the square of
+    the blend weight in the scene, `visible` (N,), and the gain with that in the background alone, `shown` (N,).
+    """
     rows = np.flatnonzero(ghosts)
-    rows = rows[np.argsort(visible[rows], kind="stable")]
-    before = [np.clip(renderer.render(gaussians, camera).rgb, 0, 1) for camera in cameras] if len(rows) else []
+    rows = rows[np.argsort((visible.astype(np.float64) ** 2 / np.maximum(shown, 1e-9))[rows], kind="stable")]
+    looked_from = cameras if len(rows) else []
+    before = [(camera, _over_black_and_white(gaussians, camera, renderer)) for camera in looked_from]
 
     def without(count: int) -> BoolArray:
         dropped = np.zeros(len(ghosts), np.bool_)
@@ -209,9 +248,12 @@ def _droppable(
 
     def looks_the_same(count: int) -> bool:
         rest = gaussians.select(~without(count))
-        after = (np.clip(renderer.render(rest, camera).rgb, 0, 1) for camera in cameras)
-        errors = [float(np.mean((a - b) ** 2, dtype=np.float64)) for a, b in zip(before, after, strict=True)]
-        return max(errors) <= 10 ** (-_MIN_PSNR / 10)
+        for place, (camera, pictures) in enumerate(before):
+            difference = pictures - _over_black_and_white(rest, camera, renderer)
+            if np.mean(difference**2, axis=(1, 2, 3), dtype=np.float64).max() > 10 ** (-_MIN_PSNR / 10):
+                before.insert(0, before.pop(place))  # what shows it here will show it again
+                return False
+        return True
 
     if not len(rows) or looks_the_same(len(rows)):
         return ghosts

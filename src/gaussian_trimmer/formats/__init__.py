@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
@@ -21,10 +22,13 @@ FORMATS = {
     ".ksplat": "gaussian_trimmer.formats.ksplat",
     ".glb": "gaussian_trimmer.formats.glb",
 }
+READ_ONLY = {"meta.json": "gaussian_trimmer.formats.sog", ".ckpt": "gaussian_trimmer.formats.nerfstudio"}
+"""Ends of names that can be read but not written."""
+_WRITTEN_INSTEAD = {"meta.json": ".sog", ".ckpt": ".ply"}
 
 
 def format_suffix(path: str | Path) -> str:
-    """The known suffix that a file's name ends with.
+    """The known suffix that a file's name ends with, of a format that can be read.
 
     Raises:
         InputError: the name ends with no known suffix.
@@ -33,10 +37,37 @@ def format_suffix(path: str | Path) -> str:
     '.ply'
     """
     name = Path(path).name
-    for suffix in sorted(FORMATS, key=len, reverse=True):
-        if name.lower().endswith(suffix):
+    for suffix in sorted(FORMATS | READ_ONLY, key=len, reverse=True):
+        if is_named(name, suffix):
             return suffix
-    raise InputError(f"'{name}' is no known splat format; known endings: {', '.join(FORMATS)}.")
+    raise InputError(f"'{name}' is no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.")
+
+
+def is_named(name: str, suffix: str) -> bool:
+    """Whether a file's name is that of a format: it ends with the suffix, or is it where that has no dot before it.
+
+    >>> is_named("a.SOG", ".sog"), is_named("Meta.json", "meta.json"), is_named("lod-meta.json", "meta.json")
+    (True, True, False)
+    """
+    return name.lower().endswith(suffix) if suffix.startswith(".") else name.lower() == suffix
+
+
+def has_splats(path: Path) -> bool:
+    """Whether a file is, by its name, one of splats."""
+    return any(is_named(path.name, suffix) for suffix in FORMATS | READ_ONLY)
+
+
+def written_suffix(path: str | Path) -> str:
+    """The suffix in which results of a scene file are written: its own, or the nearest that can be.
+
+    Raises:
+        InputError: the name ends with no known suffix.
+
+    >>> written_suffix("a.spz"), written_suffix("step-000029999.ckpt")
+    ('.spz', '.ply')
+    """
+    suffix = format_suffix(path)
+    return _WRITTEN_INSTEAD.get(suffix, suffix)
 
 
 def find_scene(path: Path) -> Path:
@@ -70,15 +101,20 @@ def read(path: str | Path) -> Gaussians:
     return gaussians
 
 
-def write(gaussians: Gaussians, path: str | Path) -> None:
+def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:
     """Write a splat file in the format that its name asks for; the file appears whole or not at all.
 
     What the format cannot hold is left out or rounded, as docs/formats.md states; rows keep their order.
 
+    Args:
+        gaussians: what to write.
+        path: where.
+        options: passed on to the format's own `write`: `extras` of .ply, `version` of .spz.
+
     Raises:
         InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
     """
-    _module(format_suffix(path)).write(gaussians, Path(path))
+    _writable(path).write(gaussians, Path(path), **options)
 
 
 def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: str | Path) -> None:
@@ -89,34 +125,47 @@ def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, pa
     Raises:
         InputError: as for `write`.
     """
-    module = _module(format_suffix(path))
+    module = _writable(path)
     if hasattr(module, "write_selected"):
         module.write_selected(gaussians, rows, appended, Path(path))
     else:
         module.write(concatenate([gaussians.select(rows), appended]), Path(path))
 
 
-def convert(source: str | Path, target: str | Path, *, sort: bool = False) -> Gaussians:
+def convert(source: str | Path, target: str | Path, *, sort: bool = False, **options: Any) -> Gaussians:
     """Read one splat file and write another; returns what was written, before the target's format rounded it.
 
     With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and
-    a compressed PLY far more precise; selections of the source then do not fit the target.
+    a compressed PLY far more precise; selections of the source then do not fit the target. Options are those of
+    `write`.
 
     Raises:
         InputError: the source cannot be read or the target cannot be written.
     """
-    format_suffix(target)  # a wrong name is found before the work
+    _writable(target)  # a wrong name is found before the work
     gaussians = read(source)
     if sort:
         from gaussian_trimmer.formats.morton import morton_order
 
         gaussians = gaussians.select(morton_order(gaussians.means))
-    write(gaussians, target)
+    write(gaussians, target, **options)
     return gaussians
 
 
 def _module(suffix: str) -> ModuleType:
-    return import_module(FORMATS[suffix])
+    return import_module((FORMATS | READ_ONLY)[suffix])
+
+
+def _writable(path: str | Path) -> ModuleType:
+    """The module that writes a file of this name.
+
+    Raises:
+        InputError: no format has that name, or it can only be read.
+    """
+    suffix = format_suffix(path)
+    if suffix in READ_ONLY:
+        raise InputError(f"'{Path(path).name}' is of a format that is only read; write one of {', '.join(FORMATS)}.")
+    return _module(suffix)
 
 
 def _kind_of_ply(path: Path) -> str:

@@ -21,18 +21,23 @@ _FREE_COUNT = 1 << 16
 _BYTES_PER_GAUSSIAN = 4
 
 
-def check_count(count: int, path: Path) -> None:
+def check_count(count: int, path: Path, size: int | None = None) -> None:
     """Refuse a count of Gaussians that a compressed file of this size cannot hold, before memory is taken for it.
 
     Centres are noise to a compressor: real files spend five bytes and more on a Gaussian. Four bytes each, beyond a
     first 65,536 that cost little, let every real file pass and bound what a crafted one can make us allocate.
+
+    Args:
+        count: what the file announces.
+        path: the file.
+        size: bytes that hold the Gaussians, where that is not the file's own size.
 
     Raises:
         InputError: the count is zero or beyond what the file's size allows.
     """
     if count <= 0:
         raise InputError(f"'{path}' holds zero Gaussians.")
-    size = path.stat().st_size
+    size = path.stat().st_size if size is None else size
     if count > _FREE_COUNT + size // _BYTES_PER_GAUSSIAN:
         raise InputError(f"'{path}' is damaged: it announces {count} Gaussians in a file of {size} bytes.")
 

@@ -2,7 +2,8 @@
 
 The extension's axes are glTF's, left, up, front; those of a splat PLY are right, down, front. The scene is turned about
 z between the two, as the field's converters do. Rotations are (x, y, z, w), scales linear, opacities from 0 to 1. What
-is written has all attributes as floats; what is read may have them as integers that are normalised.
+is written has all attributes as floats; what is read may have them as integers that are normalised, or altogether as
+an .spz (KHR_gaussian_splatting_compression_spz and _spz_2), which here follows its specification: right, up, back.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer import __version__
 from gaussian_trimmer.atomic import atomic_file
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.formats import spz
 from gaussian_trimmer.formats.checks import check_values
+from gaussian_trimmer.formats.half_turns import half_turn
 from gaussian_trimmer.formats.packing import linear_scales, log_scales_of
 from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, logit
 from gaussian_trimmer.reading import file_bytes
 
 EXTENSION = "KHR_gaussian_splatting"
-_SPZ = f"{EXTENSION}_compression_spz"
+_SPZ = (f"{EXTENSION}_compression_spz", f"{EXTENSION}_compression_spz_2")
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _MAX_HEADER = 1 << 24
 _POINTS, _FLOAT, _VERTICES = 0, 5126, 34962
@@ -33,29 +36,36 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COEFFICIENTS = (1, 3, 5, 7)
 """Number of coefficients of each degree of spherical harmonics."""
-_AXIS_SIGNS = np.array([-1, -1, 1], np.float32)
-"""What a turn by 180 degrees about z does to a vector, and to the vector part of a quaternion."""
-_SH_SIGNS = np.array([-1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1], np.float32)
-"""What the same turn does to the harmonics y, z, x, xy, yz, z2, xz, x2-y2, ... of degrees 1 to 3."""
 
 
 def read(path: Path) -> Gaussians:
     """The Gaussians of the first primitive with the extension, rows in file order.
 
     Raises:
-        InputError: the file cannot be read, is no .glb, is damaged, holds no Gaussians, or has them compressed.
+        InputError: the file cannot be read, is no .glb, is damaged, holds no Gaussians, or has them compressed in a way
+            that is not known.
     """
     document, binary = _chunks(file_bytes(path), path)
-    primitive = _primitive(document, path)
+    primitive, packed = _primitive(document, path)
+    table = _Table(document, binary, path)
+    if packed is not None:
+        gaussians = half_turn(spz.decode(table.bytes_of(packed), path), "x")
+    else:
+        gaussians = half_turn(_from_attributes(table, primitive, path), "z")
+    check_values(gaussians, path)
+    return gaussians
+
+
+def _from_attributes(table: _Table, primitive: dict[str, Any], path: Path) -> Gaussians:
+    """The Gaussians of a primitive's attributes, in its own axes."""
     attributes = primitive.get("attributes")
     if not isinstance(attributes, dict):
         raise _damaged(path, "its primitive has no attributes")
-    table = _Table(document, binary, path)
     means = table.values(attributes, "POSITION", 3)
     n = len(means)
     if n == 0:
         raise InputError(f"'{path}' holds zero Gaussians.")
-    scales, turned, opacities = (
+    scales, rotations, opacities = (
         table.values(attributes, f"{EXTENSION}:{name}", width, n)
         for name, width in (("SCALE", 3), ("ROTATION", 4), ("OPACITY", 1))
     )
@@ -67,20 +77,14 @@ def read(path: Path) -> Gaussians:
     rest = [values for degree in coefficients[1:] for values in degree]
     if len(rest) not in (0, 3, 8, 15):
         raise _damaged(path, "degrees of its spherical harmonics are left out")
-    with np.errstate(invalid="ignore"):  # what is not finite is refused below
-        sh_rest = np.stack(rest, axis=2) * _SH_SIGNS[: len(rest)] if rest else np.zeros((n, 3, 0), np.float32)
-    quaternions = np.roll(turned, 1, axis=1)
-    quaternions[:, 1:] *= _AXIS_SIGNS
-    gaussians = Gaussians(
-        means=means * _AXIS_SIGNS,
+    return Gaussians(
+        means=means,
         log_scales=log_scales_of(scales, path),
-        quaternions=quaternions,
+        quaternions=np.roll(rotations, 1, axis=1),
         opacity_logits=logit(np.clip(opacities[:, 0].astype(np.float64), 0, 1)).astype(np.float32),
         sh_dc=coefficients[0][0],
-        sh_rest=np.ascontiguousarray(sh_rest, np.float32),
+        sh_rest=np.stack(rest, axis=2) if rest else np.zeros((n, 3, 0), np.float32),
     )
-    check_values(gaussians, path)
-    return gaussians
 
 
 def write(gaussians: Gaussians, path: Path) -> None:
@@ -91,21 +95,20 @@ def write(gaussians: Gaussians, path: Path) -> None:
     """
     if len(gaussians) == 0:
         raise InputError(f"Cannot write '{path}': a .glb file cannot hold zero Gaussians.")
+    gaussians = half_turn(gaussians, "z")
     unit = gaussians.quaternions / np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
-    unit[:, 1:] *= _AXIS_SIGNS
     columns: dict[str, FloatArray] = {
-        "POSITION": gaussians.means * _AXIS_SIGNS,
+        "POSITION": gaussians.means,
         "COLOR_0": np.column_stack([np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1), gaussians.opacities]),
         f"{EXTENSION}:ROTATION": np.roll(unit, -1, axis=1),
         f"{EXTENSION}:SCALE": linear_scales(gaussians),
         f"{EXTENSION}:OPACITY": gaussians.opacities[:, None],
         f"{EXTENSION}:SH_DEGREE_0_COEF_0": gaussians.sh_dc,
     }
-    sh = gaussians.sh_rest * _SH_SIGNS[: gaussians.sh_rest.shape[2]]
     start = 0
     for degree, number in enumerate(_COEFFICIENTS[1 : gaussians.sh_degree + 1], 1):
         for k in range(number):
-            columns[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{k}"] = sh[:, :, start + k]
+            columns[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{k}"] = gaussians.sh_rest[:, :, start + k]
         start += number
     data = [np.ascontiguousarray(column, "<f4") for column in columns.values()]
     header = _header(columns, data)
@@ -169,19 +172,27 @@ def _chunks(data: bytes, path: Path) -> tuple[dict[str, Any], memoryview]:
     return document, binary
 
 
-def _primitive(document: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The first primitive with the extension."""
+def _primitive(document: dict[str, Any], path: Path) -> tuple[dict[str, Any], Any]:
+    """The first primitive with the extension, and the number of the buffer view of its .spz, or None."""
     for mesh in _list(document, "meshes"):
         for primitive in _list(mesh, "primitives"):
             extensions = primitive.get("extensions") if isinstance(primitive, dict) else None
             if isinstance(extensions, dict) and isinstance(found := extensions.get(EXTENSION), dict):
-                if _SPZ in str(found.get("extensions", "")) or _SPZ in extensions:
-                    raise InputError(
-                        f"'{path}' holds Gaussians compressed as SPZ, which cannot be read; convert it with "
-                        f"splat-transform: 'splat-transform {path.name} scene.ply'."
-                    )
-                return dict(primitive)
+                return dict(primitive), _packed({**extensions, **_dict(found, "extensions")}, path)
     raise InputError(f"'{path}' holds no Gaussians: no primitive has the extension {EXTENSION}.")
+
+
+def _packed(extensions: dict[str, Any], path: Path) -> Any:
+    """The buffer view of the .spz of a primitive with these extensions, or None where it has plain attributes."""
+    for name in _SPZ:
+        if name in extensions:
+            return _dict(extensions, name).get("bufferView", -1)
+    if other := sorted(name for name in extensions if name.startswith(f"{EXTENSION}_compression")):
+        raise InputError(
+            f"'{path}' holds Gaussians that are compressed by {shown(other[0])}, which cannot be read; export it again "
+            "with plain attributes or as .ply."
+        )
+    return None
 
 
 class _Table:
@@ -216,6 +227,14 @@ class _Table:
             values = np.maximum(values / np.float32(np.iinfo(kind).max), -1)
         return values
 
+    def bytes_of(self, number: Any) -> bytes:
+        """The contents of a buffer view."""
+        view = self._entry(self._views, number, "its .spz has no buffer view")
+        start, size = view.get("byteOffset", 0), view.get("byteLength", 0)
+        if not all(map(_is_count, (start, size))) or view.get("buffer", 0) != 0 or start + size > len(self._binary):
+            raise _damaged(self._path, "its .spz goes beyond the end of its data")
+        return bytes(self._binary[start : start + size])
+
     def _entry(self, entries: list[Any], number: Any, what: str) -> dict[str, Any]:
         if not _is_count(number) or number >= len(entries) or not isinstance(entries[number], dict):
             raise _damaged(self._path, what)
@@ -226,6 +245,11 @@ class _Table:
 def _list(entry: Any, name: str) -> list[Any]:
     found = entry.get(name) if isinstance(entry, dict) else None
     return found if isinstance(found, list) else []
+
+
+def _dict(entry: dict[str, Any], name: str) -> dict[str, Any]:
+    found = entry.get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def _is_count(value: Any) -> bool:

@@ -1,12 +1,13 @@
 """PlayCanvas' SOG: a zip of lossless WebP textures, a pixel a Gaussian, and a meta.json that says what bytes mean.
 
-Textures are filled row by row in the order of the Gaussians.
+Textures are filled row by row in the order of the Gaussians. Unbundled, the same files lie in a folder.
 """
 
 from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats.checks import check_values
+from gaussian_trimmer.formats.checks import check_count, check_values
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.packing import (
     ByteArray,
@@ -29,8 +30,11 @@ from gaussian_trimmer.formats.sog_meta import SogMeta, parse_meta
 from gaussian_trimmer.formats.webp import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.picture_headers import webp_size
+from gaussian_trimmer.reading import file_bytes, is_file, reading
 from gaussian_trimmer.zip_members import member_bytes, open_archive
 
+META = "meta.json"
+"""What the file is called that says what the textures mean."""
 _COEFFICIENTS = (3, 8, 15)
 _PALETTE_SIZE = 1 << 16
 _PALETTE_COLUMNS = 64
@@ -42,16 +46,49 @@ _FIRST_TAG = 252
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a .sog file of version 1 or 2, rows in texture order.
+    """The Gaussians of a SOG of version 1 or 2, rows in texture order.
+
+    Args:
+        path: a .sog file, or the meta.json of an unbundled one, whose textures lie in the same folder.
 
     Raises:
-        InputError: the file cannot be read, is no SOG, is damaged, or announces more than its size can hold.
+        InputError: a file cannot be read, is no SOG, is damaged, or announces more than the sizes of the files can
+            hold.
     """
-    with open_archive(path, ".sog file") as archive:
-        meta = parse_meta(member_bytes(archive, "meta.json", _MAX_META_BYTES, path), path)
-        gaussians = _decode(archive, meta, path)
+    if path.name.lower() == META:
+        meta = parse_meta(file_bytes(path, _MAX_META_BYTES), path)
+        textures = [_beside(path, name) for names in meta.files.values() for name in names]
+        size = sum(texture.stat().st_size for texture in textures)
+        check_count(meta.count, path, size)
+        gaussians = _decode(lambda name: _texture_beside(path, name, size), meta, path)
+    else:
+        with open_archive(path, ".sog file") as archive:
+            meta = parse_meta(member_bytes(archive, META, _MAX_META_BYTES, path), path)
+            check_count(meta.count, path)
+            most = path.stat().st_size
+            gaussians = _decode(lambda name: member_bytes(archive, name, most, path), meta, path)
     check_values(gaussians, path)
     return gaussians
+
+
+def _beside(path: Path, name: str) -> Path:
+    """A texture in the folder of a meta.json.
+
+    Raises:
+        InputError: the name leads elsewhere, or there is no such file.
+    """
+    texture = path.parent / name
+    if name != texture.name or texture.is_symlink() or not is_file(texture):
+        raise InputError(
+            f"There is no texture '{shown(name)}' beside '{path}'; an unbundled SOG needs all files of its folder."
+        )
+    return texture
+
+
+def _texture_beside(path: Path, name: str, most: int) -> bytes:
+    texture = _beside(path, name)
+    with reading(texture):
+        return file_bytes(texture, most)
 
 
 def write(gaussians: Gaussians, path: Path) -> None:
@@ -69,13 +106,14 @@ def write(gaussians: Gaussians, path: Path) -> None:
     with atomic_file(path) as part, zipfile.ZipFile(part, "w") as archive:
         for name, texture in textures.items():
             archive.writestr(zipfile.ZipInfo(name), encode_webp(texture))
-        archive.writestr(zipfile.ZipInfo("meta.json"), json.dumps(meta), zipfile.ZIP_DEFLATED)
+        archive.writestr(zipfile.ZipInfo(META), json.dumps(meta), zipfile.ZIP_DEFLATED)
 
 
-def _decode(archive: zipfile.ZipFile, meta: SogMeta, path: Path) -> Gaussians:
+def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaussians:
+    """The Gaussians of a meta.json and of textures, whose files' contents are given by name."""
     n = meta.count
     textures = {
-        name: [_read_texture(archive, file, _most_pixels(n, name), path) for file in files[:2]]
+        name: [_read_texture(contents(file), file, _most_pixels(n, name), path) for file in files[:2]]
         for name, files in meta.files.items()
     }
     pixels = {
@@ -126,9 +164,8 @@ def _most_pixels(n: int, name: str) -> int:
     return 2 * n + (_PALETTE_SIZE * max(_COEFFICIENTS) if name == "shN" else _FREE_PIXELS)
 
 
-def _read_texture(archive: zipfile.ZipFile, name: str, most_pixels: int, path: Path) -> ByteArray:
+def _read_texture(data: bytes, name: str, most_pixels: int, path: Path) -> ByteArray:
     """Pixels (H, W, 4) in the order red, green, blue, alpha; at most so many."""
-    data = member_bytes(archive, name, path.stat().st_size, path)
     name = shown(name)
     width, height = webp_size(data) or (0, 0)
     if width * height > most_pixels:

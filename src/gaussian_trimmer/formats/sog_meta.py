@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.packing import from_levels, opacity_logits_of
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
 
@@ -44,7 +43,7 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
     """What the meta.json of a SOG file of version 1 or 2 says.
 
     Raises:
-        InputError: it is not that of a SOG, or announces more Gaussians than the file's size can hold.
+        InputError: it is not that of a SOG.
     """
     try:
         meta = json.loads(data)
@@ -59,7 +58,6 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
             tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {shown(repr(error))}.") from error
-    check_count(count, path)
     return SogMeta(count, mins, maxs, *tables, files)
 
 

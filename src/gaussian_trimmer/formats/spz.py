@@ -1,8 +1,7 @@
 """Niantic's .spz: attribute after attribute in bytes, compressed with gzip (versions 2 and 3) or zstd (version 4).
 
-The format's axes are right, up, back, those of a splat PLY right, down, front. The field's converters turn the scene
-about x between the two, so we do: y and z of centres and rotations change sign, and the coefficients of every
-harmonic that is odd in y z.
+Numbers are those of the file, whatever its axes: the specification says right, up, back, but what Niantic's own
+ply_to_spz, splat-transform and SuperSplat write from a splat PLY has the PLY's axes, and nothing in the file tells.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +38,7 @@ _MAGIC = b"NGSP"
 _COEFFICIENTS = (0, 3, 8, 15, 24)
 _MAX_FRACTIONAL_BITS = 24
 _COLOUR_SCALE = 0.15
-_AXIS_SIGNS = np.array([1, -1, -1], np.float32)
-"""What a turn by 180 degrees about x does to a vector, and to the vector part of a quaternion."""
-_SH_SIGNS = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
-"""What the same turn does to the harmonics y, z, x, xy, yz, z2, xz, x2-y2, ... of degrees 1 to 3."""
+_VERSION_4_HEADER = 32
 
 
 @dataclass(frozen=True)
@@ -69,32 +65,66 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, is no .spz, is damaged or truncated, or zstd is needed and missing.
     """
-    data = file_bytes(path)
-    try:
-        header, parts = _read_plain(io.BytesIO(data), path) if data[:4] == _MAGIC else _read_gzip(data, path)
-    except zlib.error as error:
-        raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
-    gaussians = _decode(header, [np.frombuffer(part, np.uint8).reshape(header.count, -1) for part in parts])
+    gaussians = decode(file_bytes(path), path)
     check_values(gaussians, path)
     return gaussians
 
 
-def write(gaussians: Gaussians, path: Path) -> None:
-    """Write an .spz file of version 3 in the given order, coefficients in all 8 bits, centres as fine as they fit.
+def decode(data: bytes, path: Path) -> Gaussians:
+    """The Gaussians of the contents of an .spz file, whose values are not yet checked.
+
+    Args:
+        data: what begins with 'NGSP' or is compressed by gzip.
+        path: the file that holds it, for messages and as a bound on what it can hold.
 
     Raises:
-        InputError: there are no Gaussians, or a centre lies beyond what 24 bits hold.
+        InputError: as for `read`.
     """
+    try:
+        header, parts = _read_plain(io.BytesIO(data), path) if data[:4] == _MAGIC else _read_gzip(data, path)
+    except zlib.error as error:
+        raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
+    return _decode(header, [np.frombuffer(part, np.uint8).reshape(header.count, -1) for part in parts])
+
+
+def write(gaussians: Gaussians, path: Path, *, version: Literal[3, 4] = 3) -> None:
+    """Write an .spz file in the given order, coefficients in all 8 bits, centres as fine as they fit.
+
+    Args:
+        gaussians: what to write.
+        path: where.
+        version: 3, which everything reads, or 4, which is smaller by some percent and needs zstd as `read` does.
+
+    Raises:
+        InputError: there are no Gaussians, a centre lies beyond what 24 bits hold, there is no such version, or zstd is
+            needed and missing.
+    """
+    if version not in (3, 4):
+        raise InputError(f"An .spz file of version {version} cannot be written; versions 3 and 4 can.")
     if len(gaussians) == 0:
         raise InputError(f"Cannot write '{path}': an .spz file cannot hold zero Gaussians.")
     reach = float(np.abs(gaussians.means).max())
     bits = min(_MAX_FRACTIONAL_BITS - 1, int(np.floor(np.log2((2**23 - 1) / max(reach, 1e-6)))))
     if bits < 0:
         raise InputError(f"Cannot write '{path}': .spz holds coordinates up to 8388607, not {reach:g}.")
-    header = _HEADER.pack(_MAGIC, 3, len(gaussians), gaussians.sh_degree, bits, 0, 0)
-    payload = b"".join([header, *(part.tobytes() for part in _encode(gaussians, bits))])
+    parts = [part.tobytes() for part in _encode(gaussians, bits)]
+    streams = sum(map(bool, parts)) if version == 4 else 0
+    header = _HEADER.pack(_MAGIC, version, len(gaussians), gaussians.sh_degree, bits, 0, streams)
+    if version == 3:
+        contents = gzip.compress(b"".join([header, *parts]), compresslevel=6, mtime=0)
+    else:
+        contents = header + _with_table(parts)
     with atomic_file(path) as part:
-        part.write_bytes(gzip.compress(payload, compresslevel=6, mtime=0))
+        part.write_bytes(contents)
+
+
+def _with_table(parts: list[bytes]) -> bytes:
+    """What follows the header in version 4: where the table is, the table, and a zstd stream for each attribute."""
+    zstd = _zstd()
+    found = [part for part in parts if part]
+    packed = [zstd.compress(part) for part in found]
+    table = b"".join(struct.pack("<QQ", len(data), len(part)) for data, part in zip(packed, found, strict=True))
+    return struct.pack("<I12x", _VERSION_4_HEADER) + table + b"".join(packed)
 
 
 def _read_gzip(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
@@ -163,7 +193,7 @@ def _zstd() -> Any:
             return import_module(name)
         except ImportError:
             continue
-    raise InputError("Reading .spz version 4 needs zstd: pip install backports.zstd, or save the file as version 3.")
+    raise InputError("Version 4 of .spz needs zstd: pip install backports.zstd, or use version 3.")
 
 
 def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
@@ -173,32 +203,28 @@ def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
     low, middle, high = centres.reshape(n, 3, 3).transpose(2, 0, 1).astype(np.int32)
     fixed = (low | middle << 8 | high << 16) << 8 >> 8  # the shifts extend the sign of 24 bits
     quaternions = _first_three(rotations) if header.version == 2 else _smallest_three(rotations)
-    quaternions[:, 1:] *= _AXIS_SIGNS
-    k = min(_COEFFICIENTS[header.sh_degree], len(_SH_SIGNS))
+    k = min(_COEFFICIENTS[header.sh_degree], _COEFFICIENTS[3])
     sh = coefficients.reshape(n, -1, 3)[:, :k].transpose(0, 2, 1)
     return Gaussians(
-        means=np.ldexp(fixed, -header.fractional_bits).astype(np.float32) * _AXIS_SIGNS,
+        means=np.ldexp(fixed, -header.fractional_bits).astype(np.float32),
         log_scales=scales.astype(np.float32) / 16.0 - 10.0,
         quaternions=quaternions,
         opacity_logits=opacity_logits_of(opacities[:, 0]),
         sh_dc=((colours / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32),
-        sh_rest=(sh.astype(np.float32) - 128.0) / 128.0 * _SH_SIGNS[:k],
+        sh_rest=(sh.astype(np.float32) - 128.0) / 128.0,
     )
 
 
 def _encode(gaussians: Gaussians, fractional_bits: int) -> list[NDArray[Any]]:
     """The attributes' bytes in the order of the file."""
-    turned = gaussians.quaternions.copy()
-    turned[:, 1:] *= _AXIS_SIGNS
-    fixed = np.rint(np.ldexp(gaussians.means.astype(np.float64) * _AXIS_SIGNS, fractional_bits)).astype("<i4")
-    sh = gaussians.sh_rest * _SH_SIGNS[: gaussians.sh_rest.shape[2]]
+    fixed = np.rint(np.ldexp(gaussians.means.astype(np.float64), fractional_bits)).astype("<i4")
     return [
         np.ascontiguousarray(fixed).view(np.uint8).reshape(len(fixed), 3, 4)[..., :3],
         opacity_bytes(gaussians),
         to_levels(gaussians.sh_dc, -0.5 / _COLOUR_SCALE, 0.5 / _COLOUR_SCALE, 8).astype(np.uint8),
         to_levels(gaussians.log_scales, -10.0, 255 / 16 - 10.0, 8).astype(np.uint8),
-        _pack_smallest_three(turned),
-        np.clip(np.rint(sh.transpose(0, 2, 1) * 128.0 + 128.0), 0, 255).astype(np.uint8),
+        _pack_smallest_three(gaussians.quaternions),
+        np.clip(np.rint(gaussians.sh_rest.transpose(0, 2, 1) * 128.0 + 128.0), 0, 255).astype(np.uint8),
     ]
 
 

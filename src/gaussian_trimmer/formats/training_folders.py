@@ -1,7 +1,8 @@
 """Folders that trainings leave: which of their files holds the scene.
 
 - Inria's code and those built on it, as Gaussian Grouping: `point_cloud/iteration_<i>/point_cloud.ply`
-- nerfstudio: an export, `splat.ply` or `point_cloud.ply`; its own checkpoints hold no splat file
+- nerfstudio: an export, `splat.ply` or `point_cloud.ply`, or else `nerfstudio_models/step-<i>.ckpt`
+- an unbundled SOG: `meta.json` and its textures
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ _ITERATION = re.compile(r"iteration_(\d{1,12})")
 _NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
 _ENDINGS = (".ply", ".splat", ".spz", ".sog", ".ksplat", ".glb")
 _CHECKPOINTS = "nerfstudio_models"
+_STEP = re.compile(r"step-(\d{1,12})\.ckpt")
 
 
 def latest_splats(folder: Path) -> Path:
@@ -40,14 +42,13 @@ def latest_splats(folder: Path) -> Path:
     if splats:
         names = ", ".join(sorted(path.name for path in splats)[:8])
         raise InputError(f"The folder '{folder}' holds several splat files ({names}); give one of them.")
-    if any(path.name == _CHECKPOINTS for path in _entries(folder)):
-        raise InputError(
-            f"'{folder}' is a training of nerfstudio without splats; write them with 'ns-export gaussian-splat "
-            f"--load-config {folder}/config.yml --output-dir {folder}', then give the folder again."
-        )
+    for place in (folder / _CHECKPOINTS, folder):
+        steps = [(int(found[1]), path) for path in _entries(place) if (found := _STEP.fullmatch(path.name))]
+        if steps:
+            return max(steps)[1]
     raise InputError(
-        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_*; give the folder of a training or a "
-        "splat file."
+        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_* or {_CHECKPOINTS}/step-*.ckpt; give "
+        "the folder of a training or a splat file."
     )
 
 

@@ -14,7 +14,7 @@ from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.gaussians import Gaussians, IntArray
 from gaussian_trimmer.output.pictures import Picture, captioned, close_up, draw_cells, write_picture
-from gaussian_trimmer.output.report import LABEL_NAMES
+from gaussian_trimmer.output.report import LABEL_NAMES, dropped_of, in_original, labels_of
 from gaussian_trimmer.several_objects import ObjectsResult
 
 _CELL = 240
@@ -50,12 +50,13 @@ def write_objects(
         formats.write_selected(
             result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
         )
-    source = result.source_index if rows is None else rows[result.source_index]
+    source = in_original(result.source_index, rows)
     buffer = BytesIO()
     np.savez(
         buffer,
         source_index=source.astype(np.int32),
-        label=result.label,
+        label=labels_of(result.label, source),
+        dropped=dropped_of(result.dropped, rows),
         n_object=np.int64(sum(len(part.gaussians) for part in result.objects)),
         object_ids=np.array([part.id for part in result.objects], np.int64),
         object_rows=np.array([len(part.gaussians) for part in result.objects], np.int64),
@@ -82,6 +83,7 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any]) -> dict[s
             "in_objects": sum(len(part.gaussians) for part in result.objects),
             "background": len(result.background_rows) + len(result.outside_parts),
             "contested": result.contested,
+            "dropped": len(result.dropped),
             "refused": sum(bool(part.refused) for part in result.objects),
         },
         "objects": [

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
@@ -57,14 +58,15 @@ def write_results(
     formats.write(result.object, folder / f"object{suffix}")
     if background and len(result.source_index) > len(result.object):
         formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
+    source = in_original(result.source_index, rows)
     with atomic_file(folder / "labels.npz") as part, part.open("wb") as file:
         np.savez(
             file,
-            source_index=_in_original(result.source_index, rows).astype(np.int32),
-            label=result.label,
+            source_index=source.astype(np.int32),
+            label=labels_of(result.label, source),
             n_object=np.int64(len(result.object)),
-            dropped=_in_original(result.dropped, rows).astype(np.int32),
-            selected=_in_original(np.flatnonzero(selection), rows).astype(np.int32),
+            dropped=dropped_of(result.dropped, rows),
+            selected=in_original(np.flatnonzero(selection), rows).astype(np.int32),
             label_names=np.array(LABEL_NAMES),
             n_scene=np.int64(len(result.scene) if n_scene is None else n_scene),
         )
@@ -144,7 +146,18 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
     }
 
 
-def _in_original(found: IntArray, rows: IntArray | None) -> IntArray:
+def labels_of(label: NDArray[np.uint8], source: IntArray) -> NDArray[np.uint8]:
+    """Labels of output rows; what an earlier trim filled in has no row in the original scene, and stays filled."""
+    return np.where(source < 0, RowLabel.FILLED, label).astype(np.uint8)
+
+
+def dropped_of(dropped: IntArray, rows: IntArray | None) -> NDArray[np.int32]:
+    """Rows of the original scene that were dropped; of what an earlier trim filled in there is none."""
+    found = in_original(dropped, rows)
+    return found[found >= 0].astype(np.int32)
+
+
+def in_original(found: IntArray, rows: IntArray | None) -> IntArray:
     """Rows of the original scene for rows of the result's scene; -1, of what is new, stays."""
     return found if rows is None else np.where(found < 0, found, rows[found])
 

@@ -15,7 +15,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
-from gaussian_trimmer.planning.up_vector import UpVector, up_from_ground_plane
+from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
 
 _NEIGHBOURS = 8
 _ASKED = 500
@@ -33,8 +33,6 @@ _COARSE_STEP = 0.5
 _MAX_TILT_DEGREES = 30.0
 _MIN_GROUND = 0.2
 """Confidence in a ground plane from which on it can disagree with an up vector."""
-_CHECKED_SOURCES = ("given", "camera file", "camera axes")
-"""Where up vectors come from that a ground plane can contradict; other sources are the plane, or worse than it."""
 
 
 def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cameras: Sequence[Camera]) -> str:
@@ -57,7 +55,7 @@ def doubts_about_up(scene: Gaussians, selection: BoolArray, up: UpVector) -> str
         selection: the coarse object, (N,).
         up: the vector, and how it is known.
     """
-    if up.source not in _CHECKED_SOURCES:
+    if up.source not in KNOWN_SOURCES:
         return ""
     ground = up_from_ground_plane(scene, selection)
     if ground is None or ground.confidence < _MIN_GROUND:

@@ -68,6 +68,10 @@ class _Plane:
         return np.asarray(points @ self.normal - self.offset)
 
 
+KNOWN_SOURCES = ("given", "camera file", "camera axes")
+"""Where up vectors come from that a ground plane can contradict; other sources are the plane, or worse than it."""
+
+
 def find_up(
     gaussians: Gaussians,
     cameras: CameraSet | None = None,

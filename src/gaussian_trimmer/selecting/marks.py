@@ -6,7 +6,7 @@ means itself. `select` makes the selection, `write_marks` and `read_marks` keep 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -157,3 +157,15 @@ class Marks:
     """Number of Gaussians of the scene that the marks were made in, if known."""
     cameras: Path | None = field(default=None)
     """File or folder of the cameras of the pictures, which masks need."""
+
+    def followed_by(self, further: Marks, cameras: Path | None = None) -> Marks:
+        """These marks and then further ones, with what these depend on.
+
+        Args:
+            further: marks in the same scene; theirs is what these do not say.
+            cameras: where the cameras are now, if they are given anew.
+        """
+        return replace(
+            self, marks=self.marks + further.marks,
+            photographed_from=self.photographed_from or further.photographed_from, cameras=cameras or self.cameras,
+        )  # fmt: skip

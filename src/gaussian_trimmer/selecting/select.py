@@ -43,7 +43,7 @@ from gaussian_trimmer.selecting.marks import (
     View,
     Viewpoint,
 )
-from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, write_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
 from gaussian_trimmer.selecting.overview import drawn_rows, plan_overview
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
@@ -70,6 +70,8 @@ class Selection:
     """The marks, with everything that their meaning depends on."""
     ways: tuple[str, ...]
     """How each mark was understood."""
+    excluded: BoolArray
+    """What marks removed and none selected again, which a trim does not take in, (N,)."""
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The mask, for NumPy."""
@@ -89,7 +91,14 @@ class _State:
     """The selection so far, and what was said about places in it."""
 
     mask: BoolArray
+    excluded: BoolArray
     seeds: list[Seed] = field(default_factory=list)
+
+    def combine(self, found: BoolArray, effect: Effect) -> None:
+        """Take in what a mark means, (N,); what one removes is excluded whether or not it was selected."""
+        self.mask = combined(self.mask, found, effect)
+        if effect == "remove":
+            self.excluded = self.excluded | found
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +153,16 @@ def select(
         cameras = read_camera_set(marks.cameras)
     seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
     context = _Scene(scene, np.array(marks.up), seen_from, cameras, renderer, model)
-    state, ways = _State(np.zeros(len(scene), np.bool_)), []
+    nothing = np.zeros(len(scene), np.bool_)
+    state, ways = _State(nothing, nothing), []
     for number, mark in enumerate(marks.marks, 1):
         ways.append(_apply(context, state, mark, number))
+        state.excluded = state.excluded & ~state.mask
     if not state.mask.any():
         raise InputError(
             "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
         )
-    return Selection(state.mask, marks, tuple(ways))
+    return Selection(state.mask, marks, tuple(ways), state.excluded)
 
 
 def settle_marks(
@@ -214,23 +225,22 @@ def _apply(context: _Scene, state: _State, mark: Mark, number: int) -> str:
     """Change the state by one mark; returns how it was understood."""
     if not state.mask.any() and getattr(mark, "effect", "remove") != "add":
         raise InputError(f"Mark {number} changes a selection, but nothing is selected before it; begin with others.")
-    means, scene = context.gaussians.means, context.gaussians
+    means = context.gaussians.means
     match mark:
         case Click():
             return _apply_click(context, state, mark)
         case Box():
             return _apply_box(context, state, mark)
         case Box3D() | Sphere() | Plane():
-            state.mask = combined(state.mask, inside_shape(means, mark, context.up), mark.effect)
+            state.combine(inside_shape(means, mark, context.up), mark.effect)
             return {Box3D: "a 3D box", Sphere: "a sphere", Plane: "what lies above a plane"}[type(mark)]
         case FromFile():
-            notes: list[str] = []
-            found = load_selection(mark.path, scene, mark.options, notes.append)
-            state.mask = combined(state.mask, found, mark.effect)
+            found, notes = _from_file(context, mark)
+            state.combine(found, mark.effect)
             return "; ".join([f"'{mark.path.name}'", *notes])
         case FromMasks():
             found, n = _lift(context, mark)
-            state.mask = combined(state.mask, found, mark.effect)
+            state.combine(found, mark.effect)
             return f"{n} masks"
         case Grow():
             state.mask = grown(means, state.mask, mark.spacings)
@@ -258,7 +268,7 @@ def _apply_click(context: _Scene, state: _State, mark: Click) -> str:
     pixel, small = (mark.x, mark.y), small_view(view.camera)
     if not state.mask.any() or mark.effect == "intersect":
         pick = _understood(context, drawn, view.camera, [pixel])
-        state.mask = combined(state.mask, _in_scene(pick.selection, rows, len(state.mask)), mark.effect)
+        state.combine(_in_scene(pick.selection, rows, len(state.mask)), mark.effect)
         return WAYS[pick.ways[0]]
     target = look_at_pixel(drawn, view.camera, *pixel, context.renderer)
     adds = mark.effect == "add"
@@ -268,7 +278,7 @@ def _apply_click(context: _Scene, state: _State, mark: Click) -> str:
         rest = np.count_nonzero(mask & ~piece)
         is_beside = not adds and ours > _MOST * np.count_nonzero(piece) and rest > _BESIDE * np.count_nonzero(piece)
         if is_new or is_beside:
-            state.mask = combined(state.mask, _in_scene(piece, rows, len(state.mask)), mark.effect)
+            state.combine(_in_scene(piece, rows, len(state.mask)), mark.effect)
             return WAYS["piece"]
     shares = context.renderer.blend_values(drawn, small, mask.astype(np.float32)[:, None])[..., 0]
     x, y = mark.x * small.width // view.camera.width, mark.y * small.height // view.camera.height
@@ -278,8 +288,9 @@ def _apply_click(context: _Scene, state: _State, mark: Click) -> str:
         raise InputError(f"The click at ({mark.x}, {mark.y}) {verb} what is {already}; click where something is wrong.")
     seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small), adds)
     correction = move_boundary(drawn, small, mask, seed, state.seeds, context.up, context.renderer, context.seen_from)
-    state.mask = state.mask.copy()
+    before, state.mask = state.mask, state.mask.copy()
     state.mask[rows] = correction.selection
+    state.excluded = state.excluded | (before & ~state.mask)
     state.seeds.append(correction.seed)
     return WAYS["region"]
 
@@ -293,9 +304,9 @@ def _apply_box(context: _Scene, state: _State, mark: Box) -> str:
         pixels, depths = view.camera.project(context.gaussians.means.astype(np.float64))
         low, high = np.array(box[:2]), np.array(box[2:])
         found = np.asarray((depths > 0) & (pixels >= low).all(axis=1) & (pixels < high).all(axis=1))
-        state.mask = combined(state.mask, found, mark.effect)
+        state.combine(found & state.mask, mark.effect)
         return WAYS["frame"]
-    state.mask = combined(state.mask, found, mark.effect)
+    state.combine(found, mark.effect)
     return WAYS[pick.ways[0]]
 
 
@@ -331,6 +342,20 @@ def _in_scene(part: BoolArray, rows: IntArray, n: int) -> BoolArray:
     mask = np.zeros(n, np.bool_)
     mask[rows[part]] = True
     return mask
+
+
+def _from_file(context: _Scene, mark: FromFile) -> tuple[BoolArray, list[str]]:
+    """What a selection file, or a file of marks, selects, (N,), and what should be known of how it was understood."""
+    if is_marks_file(mark.path):
+        marks = read_marks(mark.path)
+        if any(isinstance(inner, FromFile) and is_marks_file(inner.path) for inner in marks.marks):
+            raise InputError(
+                f"'{mark.path}' holds marks that are of files of marks again; save what they select instead."
+            )
+        made = select(context.gaussians, marks, cameras=context.cameras, renderer=context.renderer, model=context.model)
+        return made.mask, [f"{len(marks.marks)} marks"]
+    notes: list[str] = []
+    return load_selection(mark.path, context.gaussians, mark.options, notes.append), notes
 
 
 def _lift(context: _Scene, mark: FromMasks) -> tuple[BoolArray, int]:

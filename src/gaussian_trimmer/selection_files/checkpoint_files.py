@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
+from gaussian_trimmer.formats.torch_files import TorchFile
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.reading import is_file, reading
-from gaussian_trimmer.selection_files import torch_files
-from gaussian_trimmer.selection_files.torch_files import TorchFile
 
 PLAIN_LENGTH = 12
 EXTENDED_LENGTH = 13

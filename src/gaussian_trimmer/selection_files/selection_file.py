@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats import FORMATS
+from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.reading import file_bytes, is_file, reading
-from gaussian_trimmer.selection_files import torch_files
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
@@ -120,12 +119,12 @@ def _open(path: Path, n: int | None) -> SelectionFile:
         return SelectionFile(path, read_npz(path, _archive_limit(n)))
     if suffix in TEXT_SUFFIXES:
         return SelectionFile(path, {"": _read_numbers(path)}, is_list=True)
+    if has_splats(path):
+        return SelectionFile(path, rows=read_splat_rows(path))
     if suffix == ".json":
         return SelectionFile(path, {"": _read_json(path)}, is_list=True)
     if suffix in torch_files.SUFFIXES:
         return _read_torch(path)
-    if path.name.lower().endswith(tuple(FORMATS)):
-        return SelectionFile(path, rows=read_splat_rows(path))
     raise InputError(
         f"'{path.name}' is no known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks of "
         "images are no selection: lift them to the scene with 'gaussian-trimmer select'.)"
@@ -142,8 +141,13 @@ def _read_numbers(path: Path) -> NDArray[Any]:
 
     What stands behind a '#' in its line is left out, and so is a first line of words, the header of a table.
     """
-    text = re.sub(rb"#[^\r\n]*", b"", file_bytes(path, _MAX_TEXT_BYTES).removeprefix(b"\xef\xbb\xbf")).lstrip()
+    text = re.sub(rb"#[^\r\n]*", b"", _utf_8(file_bytes(path, _MAX_TEXT_BYTES), path)).lstrip()
     if header := _HEADER.match(text):
+        columns = header[0].translate(_SEPARATORS).split()
+        if len(columns) > 1 and len(text[header.end() :].split(b"\n", 1)[0].translate(_SEPARATORS).split()) > 1:
+            raise InputError(
+                f"'{path}' is a table of {len(columns)} columns; give the row numbers alone, one in each line."
+            )
         text = text[header.end() :]
     text = text.translate(_SEPARATORS)
     parts = [np.zeros(0, np.int64)]
@@ -157,6 +161,16 @@ def _read_numbers(path: Path) -> NDArray[Any]:
     except (ValueError, OverflowError) as error:
         raise InputError(f"'{path}' is no list of whole numbers: {shown(str(error))}.") from error
     return np.concatenate(parts)
+
+
+def _utf_8(data: bytes, path: Path) -> bytes:
+    """Text without a byte order mark; that of Windows' shell has two bytes for each character."""
+    if data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+        return data.removeprefix(b"\xef\xbb\xbf")
+    try:
+        return data.decode("utf-16").encode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"'{path}' is no list of whole numbers: it begins as UTF-16 and is damaged.") from error
 
 
 def _whole(word: bytes) -> int:

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.reading import read_into
-from gaussian_trimmer.selection_files.torch_structure import (
+from gaussian_trimmer.formats.torch_structure import (
     OtherTensor,
     StructureError,
     TensorEntry,
     TorchObject,
     parse_structure,
 )
+from gaussian_trimmer.reading import read_into
 from gaussian_trimmer.zip_members import member_bytes, open_archive
 
 SUFFIXES = (".pt", ".pth")

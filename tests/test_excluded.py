@@ -1,0 +1,99 @@
+"""What marks removed stays out of the object, however much it looks like part of it."""
+
+import json
+
+import numpy as np
+import pytest
+import toy
+from command_line import run
+
+import gaussian_trimmer as gt
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.selecting.marks import FromFile, Sphere
+from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
+
+SCENE, TRUTH = toy.ball_on_floor()
+BALL = Sphere((0, 0, 1), 1.1)
+PATCH = Sphere((0, -1, 1), 0.6, effect="remove")
+IN_PATCH = np.linalg.norm(SCENE.means - (0, -1, 1), axis=1) <= 0.6
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_pixels_need_one_thread():
+    with toy.one_thread():
+        yield
+
+
+def ball_without_its_patch():
+    return gt.select(SCENE, [BALL, PATCH], up=toy.UP)
+
+
+def trimmed(selection, **options):
+    return gt.trim(SCENE, selection, config=toy.small_config(), up=toy.UP, **options).object_mask
+
+
+def test_the_last_mark_on_a_gaussian_decides():
+    again = gt.select(SCENE, [BALL, PATCH, Sphere((0, -1, 1), 0.3)], up=toy.UP)
+    assert np.array_equal(ball_without_its_patch().excluded, IN_PATCH)
+    assert np.array_equal(again.excluded, IN_PATCH & ~again.mask) and again.excluded.sum() < IN_PATCH.sum()
+
+
+def test_what_a_mark_removed_is_not_recovered():
+    selection = ball_without_its_patch()
+    assert trimmed(selection.mask)[IN_PATCH].sum() > 20  # the trimmer sees that the patch belongs to the ball
+    assert not trimmed(selection)[IN_PATCH].any()
+    assert not trimmed(selection.mask, excluded=IN_PATCH)[IN_PATCH].any()
+
+
+def test_what_is_selected_cannot_be_excluded():
+    ball = TRUTH & (SCENE.means[:, 2] > 0.1)
+    assert np.array_equal(trimmed(ball, excluded=np.ones(len(SCENE), bool)) & ball, trimmed(ball) & ball)
+
+
+def test_exclusions_must_fit_the_scene():
+    with pytest.raises(InputError, match="booleans are needed"):
+        trimmed(TRUTH, excluded=np.arange(3))
+
+
+def test_saved_selections_remember_what_was_removed(tmp_path):
+    selection = ball_without_its_patch()
+    save_selection(selection, tmp_path / "a.npy")
+    assert np.array_equal(excluded_from(tmp_path / "a.npy", len(SCENE)), IN_PATCH)
+    assert excluded_from(tmp_path / "a.npy", len(SCENE) + 8) is None  # another scene
+    np.save(tmp_path / "a.npy", TRUTH)
+    assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None  # changed since
+
+
+@pytest.mark.parametrize("packed", ["", "A", "AAAA", 7, None, "eJz7/////wAK+gX+" * 1000])
+def test_damaged_notes_are_passed_over(tmp_path, packed):
+    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
+    document = json.loads((tmp_path / "a.json").read_text())
+    document["selection"]["excluded"] = packed
+    (tmp_path / "a.json").write_text(json.dumps(document, indent=1))
+    assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None
+
+
+@pytest.mark.parametrize("how", ["npy", "json", "trim"])
+def test_every_way_from_marks_to_a_trim_keeps_to_them(tmp_path, monkeypatch, how):
+    monkeypatch.chdir(tmp_path)
+    formats.write(SCENE, tmp_path / "scene.ply")
+    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
+    common = ["--up", 0, 0, 1, "--plan.size", 96, "--output"]
+    if how == "trim":
+        marks = ["--sphere", 0, 0, 1, 1.1, "--remove-sphere", 0, -1, 1, 0.6]
+        assert run("select", "scene.ply", *marks, *common, "b.npy", "--trim", "out") == 0
+    else:
+        assert run("trim", "scene.ply", f"a.{how}", *common, "out") == 0
+    labels = np.load(tmp_path / "out" / "labels.npz")
+    rows = labels["source_index"][: int(labels["n_object"])]
+    assert len(rows) > 100 and not IN_PATCH[rows].any()
+
+
+def test_files_of_marks_are_selections(tmp_path):
+    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
+    found = gt.select(SCENE, [FromFile(tmp_path / "a.json")], up=toy.UP)
+    assert np.array_equal(found.mask, ball_without_its_patch().mask)
+    found.save_marks(tmp_path / "b.json")
+    with pytest.raises(InputError, match="marks that are of files of marks"):
+        gt.select(SCENE, [FromFile(tmp_path / "b.json")], up=toy.UP)
