@@ -29,11 +29,14 @@ from gaussian_trimmer.decomposition.contact import split_at_support_plane
 from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_large_halo, find_outsiders
 from gaussian_trimmer.decomposition.filling import fill_hole, without_what_shows
 from gaussian_trimmer.decomposition.ghosts import clean_background
+from gaussian_trimmer.decomposition.refinement import refine
+from gaussian_trimmer.decomposition.soft_coverage import resized_mask
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
+from gaussian_trimmer.planning.close_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
@@ -68,6 +71,8 @@ _NOT_FILLED = "No flat surface with a hole was found below the object, so nothin
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
+_Rows = tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]
+"""Object, outer parts, and source row and label of every output row."""
 _LOG = logging.getLogger("gaussian_trimmer")
 
 
@@ -152,6 +157,11 @@ def trim(
             parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
+    fitted = np.zeros(0, np.bool_)
+    if parts is not None and not refused and config.refine == "fit":
+        with clock("refine"):
+            trusted = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
+            rows, fitted = _refine(scope, rows, dropped, trusted, known, bool(view_cameras), config)
     filled, doubts = None, [doubt] if doubt else []
     if parts is not None and not refused and config.fill:
         with clock("fill"):
@@ -163,7 +173,7 @@ def trim(
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
         segmenter.name, description_of(given_segmenter), selection, config, given_renderer, tuple(known), dropped,
-        filled, tuple(doubts),
+        filled, fitted, tuple(doubts),
     )  # fmt: skip
 
 
@@ -326,6 +336,33 @@ def _clean(
     cleaning = clean_background(scope.local, parts.keep, scope.bounds, plane, cameras, renderer)
     joins = cleaning.to_object if config.evidence.recover else cleaning.to_object & scope.coarse
     return replace(parts, keep=parts.keep | joins), scope.rows[cleaning.dropped]
+
+
+def _refine(
+    scope: _Scope, rows: _Rows, dropped: IntArray, trusted: Sequence[TrimmedView], known: Sequence[Camera],
+    given: bool, config: TrimConfig,
+) -> tuple[_Rows, BoolArray]:  # fmt: skip
+    """All rows, with the object's boundary fitted, and which rows of the object are, (M,).
+
+    Views with masks that pictures gave are fitted to these, and others to what the labels show.
+    """
+    inner, outer, source, label = rows
+    how, n = config.refinement, len(inner)
+    cameras: list[Camera] = []
+    masks: list[FloatArray | None] = []
+    for trimmed in trusted[:: max(1, len(trusted) // how.views)]:
+        camera, part = close_up_of(trimmed.view.camera, scope.bounds, how.size)
+        cameras.append(camera)
+        masks.append(resized_mask(trimmed.mask[part], camera))
+    if not given:
+        near = views_at_heights(scope.bounds, scope.cameras, known, how.views, how.size)
+        cameras, masks = cameras + near, masks + [None] * len(near)
+    others = ~np.isin(scope.rows, source[:n]) & ~np.isin(scope.rows, dropped)
+    around = concatenate([scope.local.select(others), outer])
+    refined = refine(inner, around, cameras, masks, scope.bounds.radius, how)
+    ours = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
+    source = np.concatenate([source[refined.parent], source[n:]])
+    return (refined.object, outer, source, np.concatenate([ours, label[n:]])), refined.fitted
 
 
 def _fill(
