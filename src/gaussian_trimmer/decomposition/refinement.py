@@ -39,7 +39,7 @@ class RefineConfig:
 
     views: Annotated[int, Range(1, 1000)] = 16
     """Number of small views that they are fitted in."""
-    size: Annotated[int, Range(16, 4096)] = 256
+    size: Annotated[int, Range(16, 4096)] = 192
     """Width and height of these views in pixels."""
     steps: Annotated[int, Range(0, 10000)] = 32
     """Steps of the fit; each looks at two views."""

@@ -20,6 +20,8 @@ _LOWEST, _HIGHEST = 5.0, 75.0
 _BESIDE = 10.0
 """The same around the planned pitch where the views leave a part of the circle out, since then nothing was seen from
 there."""
+_BEYOND = 25.0
+"""How much farther up and down than the training cameras the views may look from, in degrees."""
 _FULL_CIRCLE = np.radians(100)
 """Views without a wider gap between their yaws stand all around the object."""
 _ALONE = np.radians(30)
@@ -46,7 +48,8 @@ def views_at_heights(
     low, high = (_LOWEST, _HIGHEST) if span >= 2 * np.pi else (pitch - _BESIDE, pitch + _BESIDE)
     seen = cameras_that_see(training, bounds)
     if seen:
-        low, high = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98]))
+        low, high = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98])) + (-_BEYOND, _BEYOND)
+        low, high = max(low, -_HIGHEST), min(high, _HIGHEST)
     heights = np.radians(np.clip(pitch + np.array(_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
