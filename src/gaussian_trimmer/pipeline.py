@@ -157,7 +157,7 @@ def trim(
             parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
-    fitted = np.zeros(0, np.bool_)
+    fitted = np.zeros(0, np.int64)
     if parts is not None and not refused and config.refine == "fit":
         with clock("refine"):
             trusted = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
@@ -341,8 +341,8 @@ def _clean(
 def _refine(
     scope: _Scope, rows: _Rows, dropped: IntArray, trusted: Sequence[TrimmedView], known: Sequence[Camera],
     given: bool, config: TrimConfig,
-) -> tuple[_Rows, BoolArray]:  # fmt: skip
-    """All rows, with the object's boundary fitted, and which rows of the object are, (M,).
+) -> tuple[_Rows, IntArray]:  # fmt: skip
+    """All rows, with the object's boundary fitted, and the object's rows that are.
 
     Views with masks that pictures gave are fitted to these, and others to what the labels show.
     """
@@ -362,7 +362,7 @@ def _refine(
     refined = refine(inner, around, cameras, masks, scope.bounds.radius, how)
     ours = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
     source = np.concatenate([source[refined.parent], source[n:]])
-    return (refined.object, outer, source, np.concatenate([ours, label[n:]])), refined.fitted
+    return (refined.object, outer, source, np.concatenate([ours, label[n:]])), np.flatnonzero(refined.fitted)
 
 
 def _fill(

@@ -83,9 +83,8 @@ class TrimResult:
     """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
     filled: Gaussians | None = None
     """New Gaussians of the background, which close the hole that the object left in a surface."""
-    fitted: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
-    """Which rows of the object are not as in the scene because they were fitted to its outline, (M,); empty if none
-    is."""
+    fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 

@@ -21,6 +21,8 @@ _VIEWS_A_STEP = 2
 _ROUNDING = 0.1
 """Difference at a pixel from which on it counts in proportion rather than by its square, so that pixels that no
 Gaussian can mend do not govern the fit."""
+_INVISIBLE = 1 / 255
+"""Difference at a pixel that counts as none."""
 _MEMORY, _SQUARE_MEMORY = 0.8, 0.95
 """What of the mean gradient, and of its mean square, one step hands on to the next."""
 _LAST_STEP = 0.1
@@ -64,8 +66,8 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
     rows = np.flatnonzero(moving)
     if not len(rows) or not targets:
         return gaussians
-    axes = rotation_matrices(gaussians.quaternions[rows]) * np.exp(gaussians.log_scales[rows])[:, None, :]
-    axes = axes.astype(np.float32)
+    axes = rotation_matrices(gaussians.quaternions[rows]).astype(np.float32)
+    axes *= np.exp(gaussians.log_scales[rows])[:, None, :]
     change = np.zeros((len(rows), N_PARAMETERS), np.float32)
     mean, square = np.zeros_like(change), np.zeros_like(change)
     order = _spread(len(targets))
@@ -93,6 +95,7 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
 def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
     drawing = draw(gaussians, target.camera)
     difference = drawing.image - target.picture
+    difference[np.abs(difference) < _INVISIBLE] = 0  # Tiles without any difference are not differentiated.
     return gradients(drawing, target.weight * difference / np.sqrt(difference**2 + np.float32(_ROUNDING**2)), moving)
 
 
@@ -126,4 +129,3 @@ def _spread(n: int) -> list[int]:
     while np.gcd(stride, n) != 1:
         stride += 1
     return [i * stride % n for i in range(n)]
-

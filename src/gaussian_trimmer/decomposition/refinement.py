@@ -20,7 +20,7 @@ from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.soft_coverage import coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
-from gaussian_trimmer.rendering.gradients import draw, weigh
+from gaussian_trimmer.rendering.gradients import Drawing, draw
 from gaussian_trimmer.settings import Range, Share
 
 _SHOWN = 0.02
@@ -83,37 +83,34 @@ def refine(
         config: settings.
     """
     together = concatenate([inner, background])
-    targets = [
-        coverage_target(draw(together, camera), draw(inner, camera), len(inner), radius, mask)
-        for camera, mask in zip(cameras, masks, strict=True)
-    ]
+    targets, wrong = [], np.zeros((len(inner), 2), np.float32)
+    for camera, mask in zip(cameras, masks, strict=True):
+        alone = draw(inner, camera)
+        targets.append(coverage_target(draw(together, camera), alone, len(inner), radius, mask))
+        wrong += _wrong_weight(alone, targets[-1])
     pieces, parent = inner, np.arange(len(inner))
     for _ in range(_CUTS):
-        wrong = _wrong_weight(pieces, targets)
         coarse = _worth_it(wrong, len(targets), config) & (wrong[:, 0] > config.cut_above * len(targets))
+        if not coarse.any():
+            break
         pieces, parent = _cut(pieces, parent, coarse)
-    moving = _worth_it(_wrong_weight(pieces, targets), len(targets), config)
+        wrong = np.sum([_wrong_weight(draw(pieces, target.camera), target) for target in targets], axis=0)
+    moving = _worth_it(wrong, len(targets), config)
     pieces = _sound(fit(pieces, moving, targets, config.steps, _RATE), pieces)
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
 
 
-def _in_reference_pixels(camera: Camera) -> np.float32:
-    return np.float32(_REFERENCE_PIXELS / (camera.width * camera.height))
-
-
-def _wrong_weight(pieces: Gaussians, targets: Sequence[Target]) -> FloatArray:
-    """Blend weight of each Gaussian, in pixels of views of 256 x 256: times what is wrong at a pixel, and all, (N, 2)."""
-    total = np.zeros((len(pieces), 2), np.float32)
-    for target in targets:
-        drawing = draw(pieces, target.camera)
-        wrong = np.abs(drawing.image[3] - target.picture[3]) * target.weight[3]
-        total += weigh(drawing, np.stack([wrong, np.ones_like(wrong)])) * _in_reference_pixels(target.camera)
-    return total
+def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
+    """Blend weight of each Gaussian in pixels of a view of 256 x 256: that at wrong pixels, and all of it, (N, 2)."""
+    wrong = np.abs(alone.image[3] - target.picture[3]) * target.weight[3]
+    scale = _REFERENCE_PIXELS / (target.camera.width * target.camera.height)
+    return alone.weigh(np.stack([wrong, np.ones_like(wrong)])) * np.float32(scale)
 
 
 def _worth_it(wrong: FloatArray, views: int, config: RefineConfig) -> BoolArray:
+    """Which Gaussians show so much at wrong pixels that they are fitted, (N,)."""
     return np.asarray((wrong[:, 0] > config.wrong_share * wrong[:, 1]) & (wrong[:, 0] > _SHOWN * views))
 
 
@@ -130,14 +127,12 @@ def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussi
 
 
 def _sound(fitted: Gaussians, before: Gaussians) -> Gaussians:
-    """The fitted Gaussians, but those with a number that is none as they were before."""
-    fields = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
-    good = np.ones(len(fitted), np.bool_)
-    for name in fields:
-        good &= ~np.isnan(getattr(fitted, name).reshape(len(fitted), -1)).any(axis=1)
-    if good.all():
+    """The fitted Gaussians; those with a number that is none, as they were before."""
+    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
+    columns = {name: getattr(fitted, name) for name in names}
+    broken = np.any([np.isnan(c.reshape(len(fitted), -1)).any(axis=1) for c in columns.values()], axis=0)
+    if not broken.any():
         return fitted
-    return fitted.replace(**{
-        name: np.where(good.reshape(-1, *[1] * (getattr(fitted, name).ndim - 1)), getattr(fitted, name), getattr(before, name))
-        for name in fields
-    })
+    for name, column in columns.items():
+        column[broken] = getattr(before, name)[broken]
+    return fitted.replace(**columns)

@@ -4,7 +4,7 @@ A photograph's pixel belongs to the object, or it does not; only those on its ou
 than that, and what they show near an outline is a guess that has to be sharpened. Two guesses are at hand, which err to
 different sides: the share of the picture that the object's Gaussians have where the whole scene is rendered, S, is too
 small where others shine through or lie before the object's edge; the opacity of the object rendered alone, A, is too
-large where the scene hides what sticks out. Their geometric mean, doubled about one half, is nearer to true coverage than
+large where the scene hides what sticks out. Their geometric mean, made twice as steep, is nearer to true coverage than
 either (docs/experiments.md), and where one of them says nothing is there, nothing is.
 """
 
@@ -58,4 +58,3 @@ def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
     """Coverage of the pixels of a camera's smaller image by a mask, in [0, 1], (H, W)."""
     size = camera.width, camera.height
     return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
-

@@ -56,6 +56,7 @@ def write_objects(
         buffer,
         source_index=source.astype(np.int32),
         label=result.label,
+        fitted=result.fitted.astype(np.int32),
         n_object=np.int64(sum(len(part.gaussians) for part in result.objects)),
         object_ids=np.array([part.id for part in result.objects], np.int64),
         object_rows=np.array([len(part.gaussians) for part in result.objects], np.int64),

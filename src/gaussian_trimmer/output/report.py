@@ -63,6 +63,7 @@ def write_results(
             source_index=_in_original(result.source_index, rows).astype(np.int32),
             label=result.label,
             n_object=np.int64(len(result.object)),
+            fitted=result.fitted.astype(np.int32),
             dropped=_in_original(result.dropped, rows).astype(np.int32),
             selected=_in_original(np.flatnonzero(selection), rows).astype(np.int32),
             label_names=np.array(LABEL_NAMES),
@@ -125,7 +126,8 @@ def describe(
 def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
     """Numbers of Gaussians: of the inputs and outputs, and of what was done to them.
 
-    `kept` and `recovered` are whole Gaussians of the object, `split` those that have a part in it; `pruned` ones left
+    `kept` and `recovered` are whole Gaussians of the object, `split` the parts of split ones in it, `fitted` those
+    of all these whose numbers are not the scene's; `pruned` ones left
     the coarse selection, `floaters` among them for lying far from the object.
     """
     ours, labels = result.label[: len(result.object)], result.label
@@ -134,6 +136,7 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
         "selected": int(np.count_nonzero(selection)),
         "kept": int(np.count_nonzero(ours == RowLabel.KEPT)),
         "split": int(np.count_nonzero(ours == RowLabel.SPLIT_INSIDE)),
+        "fitted": len(result.fitted),
         "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
         "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,

@@ -38,7 +38,7 @@ def views_at_heights(
     Args:
         bounds: the object's.
         planned: views that were planned for it, at least one.
-        training: training cameras, if known: no view is higher or lower than those that see the object.
+        training: training cameras, if known: no view is much higher or lower than those that see the object.
         count: number of views, spread over four heights.
         size: width and height in pixels.
     """
@@ -48,8 +48,8 @@ def views_at_heights(
     low, high = (_LOWEST, _HIGHEST) if span >= 2 * np.pi else (pitch - _BESIDE, pitch + _BESIDE)
     seen = cameras_that_see(training, bounds)
     if seen:
-        low, high = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98])) + (-_BEYOND, _BEYOND)
-        low, high = max(low, -_HIGHEST), min(high, _HIGHEST)
+        lowest, highest = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98]))
+        low, high = max(lowest - _BEYOND, -_HIGHEST), min(highest + _BEYOND, _HIGHEST)
     heights = np.radians(np.clip(pitch + np.array(_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count

@@ -40,7 +40,7 @@ N_SUMS = 9
 """Sums of a pair: h; h z (2); h z z^T (xx, xy, yy); weight times g_C (3)."""
 N_PARAMETERS = 13
 """Derivatives of a Gaussian by its mean (3), log-scales (3), turn about its own axes (3), opacity logit, sh_dc (3)."""
-_FOUR = np.float32(4)
+_FOUR, _SIXTEEN = np.float32(4), np.float32(16)
 
 
 @_parallel
@@ -88,7 +88,12 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
             red, green, blue = colours[i, 0], colours[i, 1], colours[i, 2]
             u0, v0 = -(A * x + B * y), -C * y
             first, last = TILE * spans[pair, 0], TILE * spans[pair, 1]
-            columns, rows, light, behind = column[first:last], row[first:last], transmittance[first:last], farther[first:last]
+            columns, rows, light, behind = (
+                column[first:last],
+                row[first:last],
+                transmittance[first:last],
+                farther[first:last],
+            )
             slope_r, slope_g, slope_b, slope_a = (
                 slope[0, first:last],
                 slope[1, first:last],
@@ -129,8 +134,9 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
                 wr += w_[p] * slope_r[p]
                 wg += w_[p] * slope_g[p]
                 wb += w_[p] * slope_b[p]
+            # Offsets are in quarters of standard deviations here.
             pairs[pair, 0], pairs[pair, 1], pairs[pair, 2] = h, _FOUR * hu, _FOUR * hv
-            pairs[pair, 3], pairs[pair, 4], pairs[pair, 5] = _FOUR * _FOUR * huu, _FOUR * _FOUR * huv, _FOUR * _FOUR * hvv
+            pairs[pair, 3], pairs[pair, 4], pairs[pair, 5] = _SIXTEEN * huu, _SIXTEEN * huv, _SIXTEEN * hvv
             pairs[pair, 6], pairs[pair, 7], pairs[pair, 8] = wr, wg, wb
     return pairs
 
