@@ -129,8 +129,10 @@ def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussi
 def _sound(fitted: Gaussians, before: Gaussians) -> Gaussians:
     """The fitted Gaussians; those with a number that is none, as they were before."""
     names = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
-    columns = {name: getattr(fitted, name) for name in names}
-    broken = np.any([np.isnan(c.reshape(len(fitted), -1)).any(axis=1) for c in columns.values()], axis=0)
+    columns = {name: getattr(fitted, name).copy() for name in names}
+    broken = np.zeros(len(fitted), np.bool_)
+    for column in columns.values():
+        broken |= np.isnan(column).any(axis=tuple(range(1, column.ndim)))
     if not broken.any():
         return fitted
     for name, column in columns.items():
