@@ -36,7 +36,7 @@ from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
-from gaussian_trimmer.planning.close_views import close_up_of, views_at_heights
+from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see

@@ -96,7 +96,9 @@ def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[flo
     return cameras
 
 
-def small_views_from(bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int) -> list[Camera]:
+def small_views_from(
+    bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int, fov_degrees: float = PlanConfig().fov_degrees
+) -> list[Camera]:
     """Small views of an object from given angles, all at the distance at which its bounds fit into each.
 
     Args:
@@ -104,9 +106,9 @@ def small_views_from(bounds: Bounds, yaws: Float64Array, pitches: Float64Array, 
         yaws: angles about up, in radians, (V,).
         pitches: angles above the horizon, in radians, (V,).
         size: width and height of the views in pixels.
+        fov_degrees: field of view; the narrower it is, the farther away they are.
     """
-    config = PlanConfig()
-    fov = np.radians(config.fov_degrees)
+    config, fov = PlanConfig(), np.radians(fov_degrees)
     level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitches)[:, None]
     outward = np.column_stack([level, np.sin(pitches)]) @ bounds.axes
     distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, config.fill)

@@ -1,4 +1,4 @@
-"""Many small views of an object: from several heights between the planned views, or cut out of larger ones."""
+"""Many small views of an object: from several heights in between the planned views, or cut out of larger ones."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.virtual_cameras import small_views_from
 
+_FOV = 20.0
+"""Field of view in degrees. Training cameras are farther away than views that frame an object in a wide lens, and what
+was trained from afar is not right in their perspective: an outline that is fitted in wide views shrinks."""
 _STEPS = (-20.0, 0.0, 20.0, 40.0)
 """Heights of the views above and below the planned ones, in degrees."""
 _LOWEST, _HIGHEST = 5.0, 75.0
@@ -53,7 +56,7 @@ def views_at_heights(
     heights = np.radians(np.clip(pitch + np.array(_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
-    return small_views_from(bounds, places, heights[np.arange(count) % len(heights)], size)
+    return small_views_from(bounds, places, heights[np.arange(count) % len(heights)], size, _FOV)
 
 
 def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tuple[slice, slice]]:
