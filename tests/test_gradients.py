@@ -1,4 +1,4 @@
-"""Derivatives of a view: against finite differences of the float64 reference, and the same for any number of threads."""
+"""Derivatives of a view: those of finite differences of the float64 reference, the same for any number of threads."""
 
 from __future__ import annotations
 
@@ -12,7 +12,21 @@ from gaussian_trimmer.rendering import reference
 from gaussian_trimmer.rendering.gradients import draw, gradients
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
-_NAMES = ("x", "y", "z", "scale 1", "scale 2", "scale 3", "turn 1", "turn 2", "turn 3", "opacity", "red", "green", "blue")
+_NAMES = (
+    "x",
+    "y",
+    "z",
+    "scale 1",
+    "scale 2",
+    "scale 3",
+    "turn 1",
+    "turn 2",
+    "turn 3",
+    "opacity",
+    "red",
+    "green",
+    "blue",
+)
 
 
 def _scene(n: int = 12, seed: int = 3) -> tuple[Gaussians, Camera]:

@@ -146,6 +146,20 @@ def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     assert fit(long, np.array([False]), targets, 5, 0.05) is long
 
 
+def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:
+    cameras = small_views_around(_BOUNDS, 4, (20.0, 50.0), 64)
+    heights = np.linspace(-0.7, 0.7, 60)
+    wire = Gaussians(
+        np.column_stack([0.1 * np.sin(9 * heights), np.zeros(60), heights]), np.full((60, 3), np.log(0.02)),
+        np.tile([1.0, 0, 0, 0], (60, 1)), np.full(60, 4.0), np.zeros((60, 3)), np.zeros((60, 3, 0)),
+    )  # fmt: skip
+    haze = _sphere(40, 0.6, 0.2, 0.4)
+    left = refine(wire, haze, cameras, [None] * len(cameras), 1.0, _CONFIG)
+    assert "three pixels wide" in left.left and not left.fitted.any() and left.object is wire
+    fitted = refine(wire, haze, cameras, [None] * len(cameras), 1.0, RefineConfig(steps=2, max_thin=1))
+    assert fitted.left == "" and fitted.fitted.any()
+
+
 @pytest.mark.parametrize("n", [0, 1])
 def test_objects_of_hardly_any_gaussian_are_no_problem(n: int) -> None:
     few, cameras = _sphere(n, 0.5, 0.2, 0.5), _views(32)

@@ -36,10 +36,10 @@ from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
-from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_around
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
@@ -157,11 +157,12 @@ def trim(
             parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
-    fitted = np.zeros(0, np.int64)
+    fitted, left = np.zeros(0, np.int64), ""
     if parts is not None and not refused and config.refine == "fit":
         with clock("refine"):
             trusted = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
-            rows, fitted = _refine(scope, rows, dropped, trusted, known, bool(view_cameras), config)
+            rows, fitted, left = _refine(scope, rows, dropped, trusted, known, bool(view_cameras), config)
+            _LOG.info("fitted %d of the object's rows%s", len(fitted), f": {left}" if left else "")
     filled, doubts = None, [doubt] if doubt else []
     if parts is not None and not refused and config.fill:
         with clock("fill"):
@@ -173,7 +174,7 @@ def trim(
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
         segmenter.name, description_of(given_segmenter), selection, config, given_renderer, tuple(known), dropped,
-        filled, fitted, tuple(doubts),
+        filled, fitted, left, tuple(doubts),
     )  # fmt: skip
 
 
@@ -341,8 +342,8 @@ def _clean(
 def _refine(
     scope: _Scope, rows: _Rows, dropped: IntArray, trusted: Sequence[TrimmedView], known: Sequence[Camera],
     given: bool, config: TrimConfig,
-) -> tuple[_Rows, IntArray]:  # fmt: skip
-    """All rows, with the object's boundary fitted, and the object's rows that are.
+) -> tuple[_Rows, IntArray, str]:  # fmt: skip
+    """All rows, with the object's boundary fitted, the object's rows that are, and why none is, if the views forbid it.
 
     Views with masks that pictures gave are fitted to these, and others to what the labels show.
     """
@@ -362,7 +363,8 @@ def _refine(
     refined = refine(inner, around, cameras, masks, scope.bounds.radius, how)
     ours = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
     source = np.concatenate([source[refined.parent], source[n:]])
-    return (refined.object, outer, source, np.concatenate([ours, label[n:]])), np.flatnonzero(refined.fitted)
+    labels = np.concatenate([ours, label[n:]])
+    return (refined.object, outer, source, labels), np.flatnonzero(refined.fitted), refined.left
 
 
 def _fill(

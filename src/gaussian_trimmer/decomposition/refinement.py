@@ -17,7 +17,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.fitting import Target, fit
-from gaussian_trimmer.decomposition.soft_coverage import coverage_target
+from gaussian_trimmer.decomposition.soft_coverage import coverage_target, thin_share
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.rendering.gradients import Drawing, draw
@@ -45,6 +45,9 @@ class RefineConfig:
     """Steps of the fit; each looks at two views."""
     wrong_share: Share = 0.02
     """Least share of a Gaussian's blend weight at pixels that are wrong, in the object alone, for it to be fitted."""
+    max_thin: Share = 0.025
+    """Largest share of the object that may be less than three pixels wide in these views, where no masks are known. If
+    more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
     cut_above: Annotated[float, Range(0, 1e6)] = 0.5
     """Blend weight at wrong pixels in each view, in pixels, above which a Gaussian is cut in two along its longest axis
     before the fit; its halves may be cut once more."""
@@ -62,6 +65,8 @@ class Refined:
     """Which of them are parts of a Gaussian that was split, (M,)."""
     fitted: BoolArray
     """Which of them are not as they were, (M,)."""
+    left: str = ""
+    """Why nothing was fitted, if the views do not tell enough; else empty."""
 
 
 def refine(
@@ -83,9 +88,12 @@ def refine(
         config: settings.
     """
     together = concatenate([inner, background])
+    drawings = [draw(inner, camera) for camera in cameras]
+    thin = thin_share(drawings) if all(mask is None for mask in masks) else 0.0
+    if thin > config.max_thin:
+        return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
     targets, wrong = [], np.zeros((len(inner), 2), np.float32)
-    for camera, mask in zip(cameras, masks, strict=True):
-        alone = draw(inner, camera)
+    for camera, mask, alone in zip(cameras, masks, drawings, strict=True):
         targets.append(coverage_target(draw(together, camera), alone, len(inner), radius, mask))
         wrong += _wrong_weight(alone, targets[-1])
     pieces, parent = inner, np.arange(len(inner))
@@ -100,6 +108,11 @@ def refine(
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
+
+
+def _unchanged(inner: Gaussians, reason: str) -> Refined:
+    none = np.zeros(len(inner), np.bool_)
+    return Refined(inner, np.arange(len(inner)), none, none, reason)
 
 
 def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:

@@ -10,6 +10,8 @@ either (docs/experiments.md), and where one of them says nothing is there, nothi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -23,6 +25,8 @@ _SHARPENING = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
 _OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides it instead of touching it."""
+_HIDDEN = 0.25
+"""Share of the object's opacity below which it is hidden, and not only seen through something."""
 _SHOWN = 0.02
 """Opacity from which on the object shows at a pixel."""
 
@@ -41,6 +45,7 @@ def coverage_target(
     """
     opacity = alone.image[3]
     coverage = mask
+    share = np.zeros_like(opacity)
     if coverage is None:
         member = np.zeros((len(together.gaussians), 1), np.float32)
         member[:n_object] = 1
@@ -48,6 +53,7 @@ def coverage_target(
         coverage = np.clip(HALF + _SHARPENING * (np.sqrt(np.maximum(opacity * share, 0)) - HALF), 0, 1)
     scene_depth, object_depth = together.depth, alone.depth
     hidden = (scene_depth > 0) & (scene_depth < object_depth - _OCCLUDER_DISTANCE * radius) & (opacity > _SHOWN)
+    hidden &= share < _HIDDEN * opacity  # Else it is an outline at which something shines through.
     picture = np.concatenate([np.clip(together.image[:3], 0, 1) * coverage, coverage[None]]).astype(np.float32)
     counts = np.where(hidden, np.float32(0), np.float32(1))
     # The three channels of colour count as much together as coverage does.
@@ -58,3 +64,13 @@ def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
     """Coverage of the pixels of a camera's smaller image by a mask, in [0, 1], (H, W)."""
     size = camera.width, camera.height
     return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def thin_share(drawings: Sequence[Drawing]) -> float:
+    """Share of what an object covers in some views that is less than three pixels wide: leaves, wires, spokes."""
+    covered, thick, square = 0, 0, np.ones((3, 3), np.uint8)
+    for drawing in drawings:
+        mask = (drawing.image[3] > HALF).astype(np.uint8)
+        covered += int(mask.sum())
+        thick += int(cv2.morphologyEx(mask, cv2.MORPH_OPEN, square).sum())
+    return 1 - thick / covered if covered else 0.0

@@ -117,6 +117,7 @@ def describe(
         ],
         "checked": checked_sides(result).as_json(),
         "refused": result.refused,
+        "not_fitted": result.not_fitted,
         "warnings": list(result.warnings),
         "counts": count(result, selection),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
