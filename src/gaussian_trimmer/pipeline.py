@@ -160,8 +160,10 @@ def trim(
     fitted, left = np.zeros(0, np.int64), ""
     if parts is not None and not refused and config.refine == "fit":
         with clock("refine"):
-            trusted = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
-            rows, fitted, left = _refine(scope, rows, dropped, trusted, known, bool(view_cameras), config)
+            seen = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
+            rows, fitted, left = _refine(
+                scope, rows, dropped, seen, segmenter.name != DEFAULT_SEGMENTER, bool(view_cameras), known, config
+            )
             _LOG.info("fitted %d of the object's rows%s", len(fitted), f": {left}" if left else "")
     filled, doubts = None, [doubt] if doubt else []
     if parts is not None and not refused and config.fill:
@@ -340,21 +342,22 @@ def _clean(
 
 
 def _refine(
-    scope: _Scope, rows: _Rows, dropped: IntArray, trusted: Sequence[TrimmedView], known: Sequence[Camera],
-    given: bool, config: TrimConfig,
+    scope: _Scope, rows: _Rows, dropped: IntArray, seen: Sequence[TrimmedView], trust: bool, given: bool,
+    known: Sequence[Camera], config: TrimConfig,
 ) -> tuple[_Rows, IntArray, str]:  # fmt: skip
     """All rows, with the object's boundary fitted, the object's rows that are, and why none is, if the views forbid it.
 
-    Views with masks that pictures gave are fitted to these, and others to what the labels show.
+    The views that were `seen` are fitted to their masks if these can be trusted to be more than what labels show, and
+    small views from several heights to that; these are left out where the cameras were given.
     """
     inner, outer, source, label = rows
     how, n = config.refinement, len(inner)
     cameras: list[Camera] = []
     masks: list[FloatArray | None] = []
-    for trimmed in trusted[:: max(1, len(trusted) // how.views)]:
+    for trimmed in seen[:: max(1, len(seen) // how.views)]:
         camera, part = close_up_of(trimmed.view.camera, scope.bounds, how.size)
         cameras.append(camera)
-        masks.append(resized_mask(trimmed.mask[part], camera))
+        masks.append(resized_mask(trimmed.mask[part], camera) if trust else None)
     if not given:
         near = views_at_heights(scope.bounds, scope.cameras, known, how.views, how.size)
         cameras, masks = cameras + near, masks + [None] * len(near)

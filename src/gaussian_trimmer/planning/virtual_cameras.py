@@ -92,11 +92,11 @@ def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[flo
     yaws = [2 * np.pi * (np.arange(count) + 0.5 * i) / count for i in range(len(pitches_degrees))]
     cameras = []
     for around, pitch in zip(yaws, np.radians(pitches_degrees), strict=True):
-        cameras += small_views_from(bounds, around, np.full(count, pitch), size)
+        cameras += small_views_at(bounds, around, np.full(count, pitch), size)
     return cameras
 
 
-def small_views_from(
+def small_views_at(
     bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int, fov_degrees: float = PlanConfig().fov_degrees
 ) -> list[Camera]:
     """Small views of an object from given angles, all at the distance at which its bounds fit into each.
