@@ -11,7 +11,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
-from gaussian_trimmer.planning.virtual_cameras import small_views_at
+from gaussian_trimmer.planning.virtual_cameras import framing_views
 
 _FOV = 20.0
 """Field of view in degrees. Training cameras are farther away than views that frame an object in a wide lens, and what
@@ -56,7 +56,7 @@ def views_at_heights(
     heights = np.radians(np.clip(pitch + np.array(_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
-    return small_views_at(bounds, places, heights[np.arange(count) % len(heights)], size, _FOV)
+    return framing_views(bounds, places, heights[np.arange(count) % len(heights)], size, _FOV)
 
 
 def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tuple[slice, slice]]:

@@ -89,34 +89,17 @@ def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[flo
         pitches_degrees: the heights, as angles above the horizon.
         size: width and height of the views in pixels.
     """
-    yaws = [2 * np.pi * (np.arange(count) + 0.5 * i) / count for i in range(len(pitches_degrees))]
-    cameras = []
-    for around, pitch in zip(yaws, np.radians(pitches_degrees), strict=True):
-        cameras += small_views_at(bounds, around, np.full(count, pitch), size)
+    cameras, config = [], PlanConfig()
+    fov = np.radians(config.fov_degrees)
+    for i, pitch in enumerate(np.radians(pitches_degrees)):
+        yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
+        level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitch)
+        outward = np.column_stack([level, np.full(count, np.sin(pitch))]) @ bounds.axes
+        distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, config.fill)
+        for direction in outward:
+            pose = look_at(bounds.centre + distance * direction, bounds.centre, bounds.axes[2])
+            cameras.append(Camera(pose, intrinsics(fov, size, size), size, size, near=_NEAR * bounds.radius))
     return cameras
-
-
-def small_views_at(
-    bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int, fov_degrees: float = PlanConfig().fov_degrees
-) -> list[Camera]:
-    """Small views of an object from given angles, all at the distance at which its bounds fit into each.
-
-    Args:
-        bounds: the object's bounds, which the views frame.
-        yaws: angles about up, in radians, (V,).
-        pitches: angles above the horizon, in radians, (V,).
-        size: width and height of the views in pixels.
-        fov_degrees: field of view; the narrower it is, the farther away they are.
-    """
-    config, fov = PlanConfig(), np.radians(fov_degrees)
-    level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitches)[:, None]
-    outward = np.column_stack([level, np.sin(pitches)]) @ bounds.axes
-    distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, config.fill)
-    K, near = intrinsics(fov, size, size), _NEAR * bounds.radius
-    return [
-        Camera(look_at(bounds.centre + distance * away, bounds.centre, bounds.axes[2]), K, size, size, near=near)
-        for away in outward
-    ]
 
 
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
@@ -132,6 +115,29 @@ def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camer
     if span >= 2 * np.pi - 1e-6:
         return first + 2 * np.pi * np.arange(config.views) / config.views, pitch
     return first + span * (np.arange(config.views) + 0.5) / config.views, pitch
+
+
+def framing_views(
+    bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int, fov_degrees: float
+) -> list[Camera]:
+    """Small views of an object from given angles, all at the distance at which its bounds fit into each.
+
+    Args:
+        bounds: the object's bounds, which the views frame.
+        yaws: angles about up, in radians, (V,).
+        pitches: angles above the horizon, in radians, (V,).
+        size: width and height of the views in pixels.
+        fov_degrees: field of view; the narrower it is, the farther away they are.
+    """
+    level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitches)[:, None]
+    outward = np.column_stack([level, np.sin(pitches)]) @ bounds.axes
+    fov = np.radians(fov_degrees)
+    distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, PlanConfig().fill)
+    K, near = intrinsics(fov, size, size), _NEAR * bounds.radius
+    return [
+        Camera(look_at(bounds.centre + distance * away, bounds.centre, bounds.axes[2]), K, size, size, near=near)
+        for away in outward
+    ]
 
 
 def _fitting_distance(bounds: Bounds, outward: Float64Array, up: Float64Array, fov: float, fill: float) -> float:
