@@ -45,7 +45,7 @@ class RefineConfig:
     """Steps of the fit; each looks at two views."""
     wrong_share: Share = 0.02
     """Least share of a Gaussian's blend weight at pixels that are wrong, in the object alone, for it to be fitted."""
-    max_thin: Share = 0.025
+    max_thin: Share = 0.035
     """Largest share of the object that may be less than three pixels wide in these views, where no masks are known. If
     more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
     cut_above: Annotated[float, Range(0, 1e6)] = 0.5
