@@ -11,4 +11,6 @@ rough = gt.read_selection(sample.SELECTION, scene)
 result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS))
 
 folder = result.save(Path(tempfile.mkdtemp(prefix="lighthouse-")))
-print(f"{rough.sum()} Gaussians selected, {len(result.object)} after trimming; see {folder / 'before_after.png'}.")
+print(
+    f"{rough.sum()} Gaussians selected, {result.object_mask.sum()} after trimming; see {folder / 'before_after.png'}."
+)

@@ -25,9 +25,9 @@ rough = lift_by_assignment(scene, training_cameras, masks, renderer)
 print(f"{rough.sum()} of {len(scene)} Gaussians lifted from {len(masks)} masks")
 
 result = gt.trim(scene, rough, renderer=renderer, cameras=cameras)
-print(f"virtual views: {len(result.object)} Gaussians in the object")
+print(f"virtual views: {result.object_mask.sum()} Gaussians in the object")
 
 # The masks themselves may stand in for the segmented virtual views.
 by_masks = MaskFilesSegmenter(MaskFilesConfig(sample.MASKS))
 result = gt.trim(scene, rough, renderer=renderer, segmenter=by_masks, cameras=cameras, view_cameras=training_cameras)
-print(f"the masks' own views: {len(result.object)} Gaussians in the object")
+print(f"the masks' own views: {result.object_mask.sum()} Gaussians in the object")

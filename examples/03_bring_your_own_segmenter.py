@@ -32,4 +32,4 @@ rough = gt.read_selection(sample.SELECTION, scene)
 for segmenter in ("silhouette", WatershedSegmenter()):
     result = gt.trim(scene, rough, up="z", segmenter=segmenter)
     believed = sum(not view.rejected for view in result.views)
-    print(f"{result.segmenter}: {believed} masks believed, {len(result.object)} of {rough.sum()} Gaussians kept")
+    print(f"{result.segmenter}: {believed} masks believed, {result.object_mask.sum()} of {rough.sum()} Gaussians kept")

@@ -29,4 +29,7 @@ rough = gt.read_selection(sample.SELECTION, scene)
 for renderer in ("numba", MatteRenderer()):
     result = gt.trim(scene, rough, up="z", renderer=renderer, segmenter="grabcut")
     unexpected = np.mean([np.mean(seen.mask != (seen.view.object_prior > 0.5)) for seen in result.views])
-    print(f"{result.renderer}: {len(result.object)} Gaussians kept, masks unexpected in {unexpected:.2%} of the pixels")
+    print(
+        f"{result.renderer}: {result.object_mask.sum()} Gaussians kept, "
+        f"masks unexpected in {unexpected:.2%} of the pixels"
+    )

@@ -11,7 +11,7 @@ from gaussian_trimmer.cli import main
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
-SMALL = ["--plan.size", "160"]
+SMALL = ["--plan.size", "160", "--refine", "off"]
 
 
 def save_ball(folder):

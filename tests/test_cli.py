@@ -67,6 +67,18 @@ def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
     assert len(formats.read(tmp_path / "object.splat")) == report["counts"]["object"]
 
 
+def test_which_rows_were_fitted_is_said_on_disk(ball, tmp_path):
+    folder, scene, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--up", 0, 0, 1, "--output", tmp_path, "--quiet"]
+    assert run(*command, "--plan.size", 160, "--refinement.steps", 4) == 0
+    labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
+    mine = formats.read(tmp_path / "object.ply")
+    theirs = scene.means[labels["source_index"][: labels["n_object"]]]
+    moved = np.flatnonzero((mine.means != theirs).any(axis=1))
+    assert len(moved) and set(moved) <= set(labels["fitted"])
+    assert report_of(tmp_path)["counts"]["fitted"] == len(labels["fitted"]) < len(mine)
+
+
 def test_selection_options_choose_among_several_objects(ball, tmp_path):
     folder, _, _ = ball
     rough = np.load(folder / "rough.npy")

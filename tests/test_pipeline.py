@@ -245,3 +245,18 @@ def test_objects_too_small_to_be_judged_are_left_as_they_are(count):
     result = trim(SCENE, tiny, config=small_config())
     assert result.refused
     np.testing.assert_array_equal(object_rows(result), tiny)
+
+
+def test_a_fitted_outline_says_which_rows_are_no_longer_the_scenes():
+    fitted = trim(SCENE, SELECTIONS["dilated"], config=small_config(refine="fit"))
+    plain = trim(SCENE, SELECTIONS["dilated"], config=small_config())
+    assert len(fitted.fitted) and not len(plain.fitted) and fitted.report["counts"]["fitted"] == len(fitted.fitted)
+    np.testing.assert_array_equal(fitted.object_mask, plain.object_mask)
+    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
+        rows, theirs = getattr(fitted.object, name), getattr(SCENE, name)[fitted.source_index[: len(fitted.object)]]
+        same = (rows == theirs).reshape(len(rows), int(np.prod(rows.shape[1:]))).all(axis=1)
+        assert same[np.setdiff1d(np.arange(len(rows)), fitted.fitted)].all()
+        np.testing.assert_array_equal(getattr(fitted.background, name), getattr(plain.background, name))
+    assert set(fitted.object.extras) == set(plain.object.extras)
+    parts = np.flatnonzero(fitted.label[: len(fitted.object)] == RowLabel.SPLIT_INSIDE)
+    assert set(parts) <= set(fitted.fitted)

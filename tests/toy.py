@@ -88,8 +88,8 @@ def jaccard(a, b):
 
 
 def small_config(**stages):
-    """Views of 160 pixels and the true up vector."""
-    return TrimConfig(**{"up": (0.0, 0.0, 1.0), "plan": PlanConfig(size=160), **stages})
+    """Views of 160 pixels, the true up vector, and no Gaussian fitted: rows can be compared with those of the scene."""
+    return TrimConfig(**{"up": (0.0, 0.0, 1.0), "plan": PlanConfig(size=160), "refine": "off", **stages})
 
 
 @contextmanager

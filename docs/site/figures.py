@@ -8,6 +8,7 @@ Without FOLDER they replace those in `docs/images/stages`.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,12 +17,14 @@ import numpy as np
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.decomposition.soft_coverage import coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.evaluation.sheets import row_of_pictures
-from gaussian_trimmer.gaussians import FloatArray, Gaussians, logit
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, logit
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.output.pictures import BACKDROP, Picture, close_up, draw_view, write_picture
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering.gradients import draw
 from gaussian_trimmer.result import RowLabel, TrimResult
 
 FOLDER = Path(__file__).parents[1] / "images" / "stages"
@@ -43,6 +46,7 @@ def figures(size: int = 512) -> dict[str, Picture]:
         "segmentation.jpg": _segmentation(result),
         "evidence.jpg": _evidence(result),
         "splitting.jpg": _splitting(),
+        "refinement.jpg": _refinement(scene, rough, config),
     }
 
 
@@ -132,6 +136,21 @@ def _splitting() -> Picture:
     named = [("parent", parent), ("inside child", inside), ("outside child", outside), ("both children", both)]
     cells = [(name, get_renderer("reference").render(g, camera, BACKDROP).rgb) for name, g in named]
     return row_of_pictures(cells, captions=True)
+
+
+def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Picture:
+    """Opacity of the object alone without the fit, the coverage aimed at, and opacity after the fit, enlarged."""
+    cameras = gt.read_cameras(sample.CAMERAS)
+    before = gt.trim(scene, rough, cameras=cameras, config=replace(config, refine="off"))
+    after = gt.trim(scene, rough, cameras=cameras, config=config)
+    together = concatenate([before.object, before.background])
+    camera = before.views[0].view.camera.resized(SIDE / before.views[0].view.camera.width)
+    alone = draw(before.object, camera)
+    aim = coverage_target(draw(together, camera), alone, len(before.object), before.bounds.radius)
+    shown = [alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
+    return row_of_pictures(
+        [(name, _grey(alpha)) for name, alpha in zip(("before", "aim", "after"), shown, strict=True)], captions=True
+    )
 
 
 def _grey(values: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
+from gaussian_trimmer.decomposition.refinement import RefineConfig
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
@@ -15,7 +16,7 @@ from gaussian_trimmer.settings import Range, Vector, check_settings
 
 __all__ = [
     "CONTEXT_RADIUS", "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig",
-    "SplitConfig", "SupportPlaneSplitConfig", "TrimConfig", "check_config", "paper_config",
+    "RefineConfig", "SplitConfig", "SupportPlaneSplitConfig", "TrimConfig", "check_config", "paper_config",
 ]  # fmt: skip
 
 CONTEXT_RADIUS = 1.8
@@ -47,6 +48,10 @@ class TrimConfig:
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
     boundary: BoundaryConfig = field(default_factory=BoundaryConfig)
     split: SplitConfig = field(default_factory=SplitConfig)
+    refine: Literal["fit", "off"] = "fit"
+    """`fit`: the object's Gaussians that lie across its outline are cut and fitted to it, so that the object by itself
+    has sharp edges; `off`: whole Gaussians of the object keep their numbers."""
+    refinement: RefineConfig = field(default_factory=RefineConfig)
     background: Literal["clean", "exact"] = "clean"
     """`clean`: what shows only once the object is gone, as a dark cloud in its place, is left out of the background;
     `exact`: every Gaussian that is not the object's is in the background."""
@@ -70,6 +75,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         evidence=replace(config.evidence, prior=0.0, recover=False, second_evidence=False),
         boundary=replace(config.boundary, min_share=0.05, min_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
+        refine="off",
         background="exact",
     )
 

@@ -29,6 +29,8 @@ from gaussian_trimmer.decomposition.contact import split_at_support_plane
 from gaussian_trimmer.decomposition.evidence import classify_gaussians, find_halo, find_large_halo, find_outsiders
 from gaussian_trimmer.decomposition.filling import fill_hole, without_what_shows
 from gaussian_trimmer.decomposition.ghosts import clean_background
+from gaussian_trimmer.decomposition.refinement import refine
+from gaussian_trimmer.decomposition.soft_coverage import resized_mask
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import find_straddlers
 from gaussian_trimmer.decomposition.underside import find_underside, reaching_into_ground
@@ -38,6 +40,7 @@ from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_p
 from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_around, small_views_from
 from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
@@ -73,6 +76,8 @@ _NOT_FILLED = "No flat surface with a hole was found below the object, so nothin
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 Progress = Callable[[str], None]
+_Rows = tuple[Gaussians, Gaussians, IntArray, NDArray[np.uint8]]
+"""Object, outer parts, and source row and label of every output row."""
 _LOG = logging.getLogger("gaussian_trimmer")
 
 
@@ -183,6 +188,14 @@ def trim_checked(
             parts, dropped = _clean(scope, parts, visible, renderer, config)
     with clock("assemble"):
         rows = _assemble(scene, selection, scope.rows, None if refused else parts, dropped)
+    fitted, left = np.zeros(0, np.int64), ""
+    if parts is not None and not refused and config.refine == "fit":
+        with clock("refine"):
+            seen = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
+            rows, fitted, left = _refine(
+                scope, rows, dropped, seen, segmenter.name != DEFAULT_SEGMENTER, bool(view_cameras), known, config
+            )
+            _LOG.info("fitted %d of the object's rows%s", len(fitted), f": {left}" if left else "")
     filled, doubts = None, [doubt] if doubt else []
     if parts is not None and not refused and config.fill:
         with clock("fill"):
@@ -194,7 +207,7 @@ def trim_checked(
     return TrimResult(
         scene, *rows, scope.up, scope.bounds, tuple(trimmed), floaters, refused, clock.seconds, renderer.name,
         segmenter.name, description_of(given_segmenter), selection, config, given_renderer, tuple(known), dropped,
-        filled, tuple(doubts),
+        filled, fitted, left, tuple(doubts),
     )  # fmt: skip
 
 
@@ -374,6 +387,35 @@ def _clean(
 def small_views(bounds: Bounds) -> list[Camera]:
     """Views from all sides that look for what stands in an object's place."""
     return small_views_around(bounds, _AROUND, _HEIGHTS, _SMALL)
+
+
+def _refine(
+    scope: _Scope, rows: _Rows, dropped: IntArray, seen: Sequence[TrimmedView], trust: bool, given: bool,
+    known: Sequence[Camera], config: TrimConfig,
+) -> tuple[_Rows, IntArray, str]:  # fmt: skip
+    """All rows, with the object's boundary fitted, the object's rows that are, and why none is, if the views forbid it.
+
+    The views that were `seen` are fitted to their masks if these can be trusted to be more than what labels show, and
+    small views from several heights to that; these are left out where the cameras were given.
+    """
+    inner, outer, source, label = rows
+    how, n = config.refinement, len(inner)
+    cameras: list[Camera] = []
+    masks: list[FloatArray | None] = []
+    for trimmed in seen[:: max(1, len(seen) // how.views)]:
+        camera, part = close_up_of(trimmed.view.camera, scope.bounds, how.size)
+        cameras.append(camera)
+        masks.append(resized_mask(trimmed.mask[part], camera) if trust else None)
+    if not given:
+        near = views_at_heights(scope.bounds, scope.cameras, known, how.views, how.size)
+        cameras, masks = cameras + near, masks + [None] * len(near)
+    others = ~np.isin(scope.rows, source[:n]) & ~np.isin(scope.rows, dropped)
+    around = concatenate([scope.local.select(others), outer])
+    refined = refine(inner, around, cameras, masks, scope.bounds.radius, how)
+    ours = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
+    source = np.concatenate([source[refined.parent], source[n:]])
+    labels = np.concatenate([ours, label[n:]])
+    return (refined.object, outer, source, labels), np.flatnonzero(refined.fitted), refined.left
 
 
 def _fill(

@@ -83,6 +83,10 @@ class TrimResult:
     """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
     filled: Gaussians | None = None
     """New Gaussians of the background, which close the hole that the object left in a surface."""
+    fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
+    not_fitted: str = ""
+    """Why the outline was not fitted although it was asked for; empty if it was, or was not to be."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 

@@ -51,6 +51,8 @@ class TrimmedObject:
     """Scene row of each, (M,)."""
     label: NDArray[np.uint8]
     """What happened to each, a `RowLabel`, (M,)."""
+    fitted: IntArray
+    """Which of these rows were fitted to the object's outline, ascending."""
     selection: BoolArray
     """The rough selection, (N,)."""
     bounds: Bounds
@@ -106,6 +108,12 @@ class ObjectsResult:
         return np.concatenate(
             [*(part.source_index for part in self.objects), self.background_rows, self.outside_source]
         )
+
+    @property
+    def fitted(self) -> IntArray:
+        """Which of these rows were fitted to the outline of their object, ascending."""
+        starts = np.cumsum([0, *(len(part.gaussians) for part in self.objects)])
+        return np.concatenate([start + part.fitted for start, part in zip(starts, self.objects, strict=False)])
 
     @property
     def label(self) -> NDArray[np.uint8]:
@@ -262,7 +270,8 @@ def _claim(number: int, result: TrimResult) -> _Claim:
     n = len(result.object)
     views = [view for view in result.views if not view.rejected] or list(result.views)
     trimmed = TrimmedObject(
-        number, result.object, result.source_index[:n], result.label[:n], result.selection, result.bounds,
+        number, result.object, result.source_index[:n], result.label[:n], result.fitted, result.selection,
+        result.bounds,
         views[0] if views else None, result.refused, 0, result.report,
     )  # fmt: skip
     return _Claim(
@@ -277,7 +286,8 @@ def _without_lost(claim: _Claim, ours: BoolArray) -> _Claim:
     if kept.all():
         return claim
     trimmed = TrimmedObject(
-        part.id, part.gaussians.select(kept), part.source_index[kept], part.label[kept], part.selection, part.bounds,
-        part.view, part.refused, int(np.count_nonzero(~kept)), part.report,
+        part.id, part.gaussians.select(kept), part.source_index[kept], part.label[kept],
+        np.flatnonzero(np.isin(np.flatnonzero(kept), part.fitted)), part.selection, part.bounds, part.view,
+        part.refused, int(np.count_nonzero(~kept)), part.report,
     )  # fmt: skip
     return _Claim(trimmed, claim.outside.select(outside), claim.outside_source[outside])

@@ -26,8 +26,9 @@ _STAGES = {
     "prune": "pruning",
     "split": "splitting at the boundary",
     "clean": "cleaning the background",
-    "fill": "filling the hole",
     "assemble": "putting the parts together",
+    "refine": "fitting the outline",
+    "fill": "filling the hole",
     "write": "writing files and pictures",
 }
 _STEPS = len(_STAGES) + 1
@@ -83,6 +84,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("kept", f"{counts['kept']:,} whole, {counts['split']:,} split at the boundary")
     table.add_row("pruned", f"{counts['pruned']:,}, of which {counts['floaters']:,} floated far off")
     table.add_row("recovered", f"{counts['recovered']:,}")
+    if counts["fitted"] or report["not_fitted"]:
+        table.add_row("fitted", f"{counts['fitted']:,} at the outline" if counts["fitted"] else report["not_fitted"])
     if counts["dropped"]:
         table.add_row("cleaned", f"{counts['dropped']:,} left out of the background that the object had hidden")
     if counts["filled"]:

@@ -56,6 +56,7 @@ def write_objects(
         buffer,
         source_index=source.astype(np.int32),
         label=labels_of(result.label, source),
+        fitted=result.fitted.astype(np.int32),
         dropped=dropped_of(result.dropped, rows),
         n_object=np.int64(sum(len(part.gaussians) for part in result.objects)),
         object_ids=np.array([part.id for part in result.objects], np.int64),

@@ -65,6 +65,7 @@ def write_results(
             source_index=source.astype(np.int32),
             label=labels_of(result.label, source),
             n_object=np.int64(len(result.object)),
+            fitted=result.fitted.astype(np.int32),
             dropped=dropped_of(result.dropped, rows),
             selected=in_original(np.flatnonzero(selection), rows).astype(np.int32),
             label_names=np.array(LABEL_NAMES),
@@ -118,6 +119,7 @@ def describe(
         ],
         "checked": checked_sides(result).as_json(),
         "refused": result.refused,
+        "not_fitted": result.not_fitted,
         "warnings": list(result.warnings),
         "counts": count(result, selection),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
@@ -127,7 +129,8 @@ def describe(
 def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
     """Numbers of Gaussians: of the inputs and outputs, and of what was done to them.
 
-    `kept` and `recovered` are whole Gaussians of the object, `split` those that have a part in it; `pruned` ones left
+    `kept` and `recovered` are whole Gaussians of the object, `split` the parts of split ones in it, `fitted` those
+    of all these whose numbers are not the scene's; `pruned` ones left
     the coarse selection, `floaters` among them for lying far from the object.
     """
     ours, labels = result.label[: len(result.object)], result.label
@@ -136,6 +139,7 @@ def count(result: TrimResult, selection: BoolArray) -> dict[str, int]:
         "selected": int(np.count_nonzero(selection)),
         "kept": int(np.count_nonzero(ours == RowLabel.KEPT)),
         "split": int(np.count_nonzero(ours == RowLabel.SPLIT_INSIDE)),
+        "fitted": len(result.fitted),
         "recovered": int(np.count_nonzero(ours == RowLabel.RECOVERED)),
         "pruned": int(np.count_nonzero(labels == RowLabel.PRUNED)),
         "floaters": result.floaters,

@@ -137,6 +137,29 @@ def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camer
     return first + span * (np.arange(config.views) + 0.5) / config.views, pitch
 
 
+def framing_views(
+    bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int, fov_degrees: float
+) -> list[Camera]:
+    """Small views of an object from given angles, all at the distance at which its bounds fit into each.
+
+    Args:
+        bounds: the object's bounds, which the views frame.
+        yaws: angles about up, in radians, (V,).
+        pitches: angles above the horizon, in radians, (V,).
+        size: width and height of the views in pixels.
+        fov_degrees: field of view; the narrower it is, the farther away they are.
+    """
+    level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitches)[:, None]
+    outward = np.column_stack([level, np.sin(pitches)]) @ bounds.axes
+    fov = np.radians(fov_degrees)
+    distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, PlanConfig().fill)
+    K, near = intrinsics(fov, size, size), _NEAR * bounds.radius
+    return [
+        Camera(look_at(bounds.centre + distance * away, bounds.centre, bounds.axes[2]), K, size, size, near=near)
+        for away in outward
+    ]
+
+
 def _fitting_distance(bounds: Bounds, outward: Float64Array, up: Float64Array, fov: float, fill: float) -> float:
     """The smallest distance at which the bounds' corners lie within the middle `fill` of every view.
 

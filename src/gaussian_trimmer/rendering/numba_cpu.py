@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.compiling import KERNELS
-from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
@@ -184,14 +184,7 @@ class NumbaRenderer:
 
 def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
     """Project, sort by depth (ties by row) and bin into tiles."""
-    margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
-    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
-    with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
-        limits = np.array([
-            (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
-            (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
-        ])  # fmt: skip
-    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near])
+    lens, limits = lens_of(camera)
     with KERNELS:
         splats, colours, drawn = project(
             gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,
@@ -214,10 +207,30 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
     return Projection(rows, splats, colours, starts, tiles)
 
 
+def lens_of(camera: Camera) -> tuple[Float64Array, Float64Array]:
+    """What the kernels are told of a lens: focal lengths, principal point, size, near plane; slopes of its frustum."""
+    margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
+    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
+    with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
+        limits = np.array([
+            (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
+            (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
+        ])  # fmt: skip
+    return np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near]), limits
+
+
 def _blend(
     projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Blended values followed by alpha, (C + 1, H, W), and blend weights under label images (L, H, W), (M, L)."""
+    image, sums = blend_view(projection, values, camera, labels)
+    return image[:, : camera.height, : camera.width], sums
+
+
+def blend_view(
+    projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray = _NO_LABELS
+) -> tuple[FloatArray, FloatArray]:
+    """The same, on images of whole tiles: (C + 1, H', W') and (M, L)."""
     labels = _padded(labels)
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
@@ -229,7 +242,7 @@ def _blend(
                 camera.height, labels, image,
             )  # fmt: skip
             sum_pairs(pairs, tiles.lists, sums)
-    return image[:, : camera.height, : camera.width], sums
+    return image, sums
 
 
 def _padded(indicators: FloatArray) -> FloatArray:

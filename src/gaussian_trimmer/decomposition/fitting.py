@@ -1,0 +1,131 @@
+"""Gaussians fitted to pictures by gradient steps: place, shape, opacity and colour, never far from where they began.
+
+The parameters of a Gaussian are what it is changed by, in its own measure: a move in standard deviations along its own
+axes, logarithms of factors of its scales, a turn about its own axes, a difference of its opacity logit and of its
+constant colour. All are zero at the start, so that a weight on their squares keeps what the pictures do not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, rotation_matrices
+from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
+from gaussian_trimmer.rendering.gradients import draw, gradients
+
+_VIEWS_A_STEP = 2
+_ROUNDING = 0.1
+"""Difference at a pixel from which on it counts in proportion rather than by its square, so that pixels that no
+Gaussian can mend do not govern the fit."""
+_INVISIBLE = 1 / 255
+"""Difference at a pixel that counts as none."""
+_MEMORY, _SQUARE_MEMORY = 0.8, 0.95
+"""What of the mean gradient, and of its mean square, one step hands on to the next."""
+_LAST_STEP = 0.1
+"""Length of the last step relative to the first."""
+_UNCERTAIN = 0.3
+"""Gradient in pixels that counts as nothing to go by: what the views hardly show moves by less than a step."""
+_HOLD = 0.3
+"""Weight of the squares of all parameters against the pixels of one view."""
+_RATES = np.array([1] * 9 + [2] + [1] * 3, np.float32)
+"""Length of a step by parameter, relative to each other."""
+_LARGEST_MOVE = 2.0
+"""Farthest that a centre goes, in standard deviations."""
+_LEAST_SCALE, _LARGEST_SCALE = -1.2, 0.4
+"""Logarithms of the factors by which a scale may change: a Gaussian becomes at most five times as elongated."""
+_LARGEST_LOGIT = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a view should show."""
+
+    camera: Camera
+    picture: FloatArray
+    """Colour, premultiplied by alpha, and alpha, (4, H, W)."""
+    weight: FloatArray
+    """How much each value of it counts, (4, H, W)."""
+
+
+def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], steps: int, rate: float) -> Gaussians:
+    """The Gaussians, of which some are changed so that they show what they should.
+
+    Adam (Kingma and Ba, 2015) on the sum over pixels of sqrt(difference^2 + 0.1^2), two views a step.
+
+    Args:
+        gaussians: all that the views show, N of them.
+        moving: which of them may change, (N,).
+        targets: what they should show.
+        steps: number of steps.
+        rate: length of the first step, in the units of the parameters.
+    """
+    rows = np.flatnonzero(moving)
+    if not len(rows) or not targets:
+        return gaussians
+    axes = rotation_matrices(gaussians.quaternions[rows]).astype(np.float32)
+    axes *= np.exp(gaussians.log_scales[rows])[:, None, :]
+    change = np.zeros((len(rows), N_PARAMETERS), np.float32)
+    mean, square = np.zeros_like(change), np.zeros_like(change)
+    order = _spread(len(targets))
+    current = gaussians
+    for step in range(steps):
+        gradient = np.zeros_like(change)
+        for k in range(_VIEWS_A_STEP):
+            gradient += _gradient(current, moving, targets[order[(_VIEWS_A_STEP * step + k) % len(order)]])[rows]
+        gradient /= _VIEWS_A_STEP
+        gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
+        gradient += np.float32(_HOLD) * change
+        mean = _MEMORY * mean + (1 - _MEMORY) * gradient
+        square = _SQUARE_MEMORY * square + (1 - _SQUARE_MEMORY) * gradient**2
+        direction = mean / (1 - _MEMORY ** (step + 1))
+        length = np.sqrt(square / (1 - _SQUARE_MEMORY ** (step + 1))) + np.float32(_UNCERTAIN)
+        shrinking = 1 - (1 - _LAST_STEP) * step / steps
+        change -= np.float32(rate * shrinking) * _RATES * direction / length
+        change[:, :3] = np.clip(change[:, :3], -_LARGEST_MOVE, _LARGEST_MOVE)
+        change[:, 3:6] = np.clip(change[:, 3:6], _LEAST_SCALE, _LARGEST_SCALE)
+        change[:, 9] = np.clip(change[:, 9], -_LARGEST_LOGIT, _LARGEST_LOGIT)
+        current = changed(gaussians, rows, change, axes)
+    return current
+
+
+def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
+    drawing = draw(gaussians, target.camera)
+    difference = drawing.image - target.picture
+    difference[np.abs(difference) < _INVISIBLE] = 0  # Tiles without any difference are not differentiated.
+    return gradients(drawing, target.weight * difference / np.sqrt(difference**2 + np.float32(_ROUNDING**2)), moving)
+
+
+def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: FloatArray) -> Gaussians:
+    """The Gaussians with some rows changed by the parameters (K, 13); `axes` are their scaled axes, (K, 3, 3)."""
+    means, log_scales, quaternions = gaussians.means.copy(), gaussians.log_scales.copy(), gaussians.quaternions.copy()
+    logits, colours = gaussians.opacity_logits.copy(), gaussians.sh_dc.copy()
+    means[rows] += np.einsum("nij,nj->ni", axes, change[:, :3])
+    log_scales[rows] += change[:, 3:6]
+    quaternions[rows] = _turned(quaternions[rows], change[:, 6:9])
+    logits[rows] += change[:, 9]
+    colours[rows] += change[:, 10:]
+    return gaussians.replace(
+        means=means, log_scales=log_scales, quaternions=quaternions, opacity_logits=logits, sh_dc=colours
+    )
+
+
+def _turned(quaternions: FloatArray, turns: FloatArray) -> FloatArray:
+    """Rotations (K, 4) after a turn about their own axes, by rotation vectors (K, 3); of unit length."""
+    q = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    angles = np.linalg.norm(turns, axis=1, keepdims=True)
+    sines = turns * np.divide(np.sin(angles / 2), angles, out=np.full_like(angles, 0.5), where=angles > 1e-6)
+    w, v, cosines = q[:, :1], q[:, 1:], np.cos(angles / 2)
+    real = w * cosines - np.sum(v * sines, axis=1, keepdims=True)
+    return np.asarray(np.concatenate([real, w * sines + cosines * v + np.cross(v, sines)], axis=1), np.float32)
+
+
+def _spread(n: int) -> list[int]:
+    """All of 0 to n - 1, neighbours far from each other."""
+    stride = max(1, round(0.618 * n))
+    while np.gcd(stride, n) != 1:
+        stride += 1
+    return [i * stride % n for i in range(n)]

@@ -1,0 +1,153 @@
+"""The object's boundary Gaussians cut where they are too coarse, and fitted to soft coverage in many views.
+
+A Gaussian that lies across the object's outline sticks out of the object if it stays as it was, and leaves it frayed if
+it goes. So those of the object that show where they should not, or do not show where they should, are fitted until the
+object alone shows the picture inside its coverage and nothing outside it. Those that are too large for that are cut in
+two first. Nothing else is touched: inside its outline the object has the scene's own Gaussians, and so has the
+background everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.decomposition.fitting import Target, fit
+from gaussian_trimmer.decomposition.soft_coverage import coverage_target, thin_share
+from gaussian_trimmer.decomposition.split_rules import split_plane
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
+from gaussian_trimmer.rendering.gradients import Drawing, draw
+from gaussian_trimmer.settings import Range, Share
+
+_SHOWN = 0.02
+"""Blend weight of a wrong pixel in each view, in pixels, from which on a Gaussian is worth the fit."""
+_CUTS = 2
+"""Times that a Gaussian may be cut in two."""
+_RATE = 0.1
+"""Length of the first step of a fit."""
+_REFERENCE_PIXELS = 256 * 256
+"""Pixels of a view for which thresholds on blend weights hold."""
+
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """How the object's boundary Gaussians are fitted to soft coverage, where `refine` is `fit`."""
+
+    views: Annotated[int, Range(1, 1000)] = 16
+    """Number of small views that they are fitted in."""
+    size: Annotated[int, Range(16, 4096)] = 192
+    """Width and height of these views in pixels."""
+    steps: Annotated[int, Range(0, 10000)] = 32
+    """Steps of the fit; each looks at two views."""
+    wrong_share: Share = 0.02
+    """Least share of a Gaussian's blend weight at pixels that are wrong, in the object alone, for it to be fitted."""
+    max_thin: Share = 0.035
+    """Largest share of the object that may be less than three pixels wide in these views, where no masks are known. If
+    more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
+    cut_above: Annotated[float, Range(0, 1e6)] = 0.5
+    """Blend weight at wrong pixels in each view, in pixels, above which a Gaussian is cut in two along its longest axis
+    before the fit; its halves may be cut once more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """An object of M Gaussians after the fit, and what it gave to the background."""
+
+    object: Gaussians
+    """Whole Gaussians in their order, then the parts of split ones."""
+    parent: IntArray
+    """Row of the object before the fit that each comes from, (M,)."""
+    part: BoolArray
+    """Which of them are parts of a Gaussian that was split, (M,)."""
+    fitted: BoolArray
+    """Which of them are not as they were, (M,)."""
+    left: str = ""
+    """Why nothing was fitted, if the views do not tell enough; else empty."""
+
+
+def refine(
+    inner: Gaussians,
+    background: Gaussians,
+    cameras: Sequence[Camera],
+    masks: Sequence[FloatArray | None],
+    radius: float,
+    config: RefineConfig,
+) -> Refined:
+    """Fit the boundary of an object to its coverage in some views.
+
+    Args:
+        inner: the object's Gaussians.
+        background: those around it.
+        cameras: views to fit in.
+        masks: coverage of the object in each view, (H, W), where it is known; else it follows from the two parts.
+        radius: the object's radius in scene units.
+        config: settings.
+    """
+    together = concatenate([inner, background])
+    drawings = [draw(inner, camera) for camera in cameras]
+    thin = thin_share(drawings) if all(mask is None for mask in masks) else 0.0
+    if thin > config.max_thin:
+        return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
+    targets, wrong = [], np.zeros((len(inner), 2), np.float32)
+    for camera, mask, alone in zip(cameras, masks, drawings, strict=True):
+        targets.append(coverage_target(draw(together, camera), alone, len(inner), radius, mask))
+        wrong += _wrong_weight(alone, targets[-1])
+    pieces, parent = inner, np.arange(len(inner))
+    for _ in range(_CUTS):
+        coarse = _worth_it(wrong, len(targets), config) & (wrong[:, 0] > config.cut_above * len(targets))
+        if not coarse.any():
+            break
+        pieces, parent = _cut(pieces, parent, coarse)
+        wrong = np.sum([_wrong_weight(draw(pieces, target.camera), target) for target in targets], axis=0)
+    moving = _worth_it(wrong, len(targets), config)
+    pieces = _sound(fit(pieces, moving, targets, config.steps, _RATE), pieces)
+    part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
+    order = np.argsort(part, kind="stable")
+    return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
+
+
+def _unchanged(inner: Gaussians, reason: str) -> Refined:
+    none = np.zeros(len(inner), np.bool_)
+    return Refined(inner, np.arange(len(inner)), none, none, reason)
+
+
+def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
+    """Blend weight of each Gaussian in pixels of a view of 256 x 256: that at wrong pixels, and all of it, (N, 2)."""
+    wrong = np.abs(alone.image[3] - target.picture[3]) * target.weight[3]
+    scale = _REFERENCE_PIXELS / (target.camera.width * target.camera.height)
+    return alone.weigh(np.stack([wrong, np.ones_like(wrong)])) * np.float32(scale)
+
+
+def _worth_it(wrong: FloatArray, views: int, config: RefineConfig) -> BoolArray:
+    """Which Gaussians show so much at wrong pixels that they are fitted, (N,)."""
+    return np.asarray((wrong[:, 0] > config.wrong_share * wrong[:, 1]) & (wrong[:, 0] > _SHOWN * views))
+
+
+def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussians, IntArray]:
+    """The pieces, the coarse ones cut in two across their longest axes, and what each comes from."""
+    if not coarse.any():
+        return pieces, parent
+    large = pieces.select(coarse)
+    longest = np.argmax(large.log_scales, axis=1)
+    axes = rotation_matrices(large.quaternions)[np.arange(len(large)), :, longest]
+    halves = split_plane(large, axes, np.zeros(len(large)))
+    again = parent[coarse]
+    return concatenate([pieces.select(~coarse), *halves]), np.concatenate([parent[~coarse], again, again])
+
+
+def _sound(fitted: Gaussians, before: Gaussians) -> Gaussians:
+    """The fitted Gaussians; those with a number that is none, as they were before."""
+    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
+    columns = {name: getattr(fitted, name).copy() for name in names}
+    broken = np.zeros(len(fitted), np.bool_)
+    for column in columns.values():
+        broken |= np.isnan(column).any(axis=tuple(range(1, column.ndim)))
+    if not broken.any():
+        return fitted
+    for name, column in columns.items():
+        column[broken] = getattr(before, name)[broken]
+    return fitted.replace(**columns)

@@ -1,0 +1,101 @@
+"""Many small views of an object: from several heights in between the planned views, or cut out of larger ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.virtual_cameras import framing_views
+
+_FOV = 20.0
+"""Field of view in degrees. Training cameras are farther away than views that frame an object in a wide lens, and what
+was trained from afar is not right in their perspective: an outline that is fitted in wide views shrinks."""
+_STEPS = (-20.0, 0.0, 20.0, 40.0)
+"""Heights of the views above and below the planned ones, in degrees."""
+_LOWEST, _HIGHEST = 5.0, 75.0
+"""Range of pitches in degrees where nothing is known of the training cameras; what they saw is looked at from there."""
+_BESIDE = 10.0
+"""The same around the planned pitch where the views leave a part of the circle out, since then nothing was seen from
+there."""
+_BEYOND = 25.0
+"""How much farther up and down than the training cameras the views may look from, in degrees."""
+_FULL_CIRCLE = np.radians(100)
+"""Views without a wider gap between their yaws stand all around the object."""
+_ALONE = np.radians(30)
+"""Span of yaws around a single view."""
+_MARGIN = 0.15
+"""Margin around the object in a view that is cut out, as a share of its box."""
+
+
+def views_at_heights(
+    bounds: Bounds, planned: Sequence[Camera], training: Sequence[Camera], count: int, size: int
+) -> list[Camera]:
+    """Small views that frame the object, from the part of the circle that the planned views look from.
+
+    Args:
+        bounds: the object's.
+        planned: views that were planned for it, at least one.
+        training: training cameras, if known: no view is much higher or lower than those that see the object.
+        count: number of views, spread over four heights.
+        size: width and height in pixels.
+    """
+    yaws, pitches = _angles(planned, bounds)
+    first, span = _arc(yaws)
+    pitch = float(np.degrees(np.median(pitches)))
+    low, high = (_LOWEST, _HIGHEST) if span >= 2 * np.pi else (pitch - _BESIDE, pitch + _BESIDE)
+    seen = cameras_that_see(training, bounds)
+    if seen:
+        lowest, highest = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98]))
+        low, high = max(lowest - _BEYOND, -_HIGHEST), min(highest + _BEYOND, _HIGHEST)
+    heights = np.radians(np.clip(pitch + np.array(_STEPS), min(low, pitch), max(high, pitch)))
+    # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
+    places = first + span * (np.arange(count) + 0.5) / count
+    return framing_views(bounds, places, heights[np.arange(count) % len(heights)], size, _FOV)
+
+
+def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tuple[slice, slice]]:
+    """The part of a view that holds the object, at most `size` pixels wide and high, and where it is in the image.
+
+    Args:
+        camera: the view.
+        bounds: the object's. Where a corner lies behind the camera, the whole view is taken.
+        size: largest width and height in pixels.
+    """
+    pixels, depths = camera.project(bounds.corners())
+    x0, y0, x1, y1 = 0, 0, camera.width, camera.height
+    if (depths > 0).all() and np.isfinite(pixels).all():
+        margin = _MARGIN * np.ptp(pixels, axis=0)
+        first = np.clip(np.floor(pixels.min(axis=0) - margin), 0, (x1, y1)).astype(int)
+        last = np.clip(np.ceil(pixels.max(axis=0) + margin), 0, (x1, y1)).astype(int)
+        if (last - first >= 1).all():
+            (x0, y0), (x1, y1) = first.tolist(), last.tolist()
+    K = camera.K.copy()
+    K[:2, 2] -= (x0, y0)
+    part = replace(camera, K=K, width=x1 - x0, height=y1 - y0)
+    return part.resized(min(1.0, size / max(part.width, part.height))), (slice(y0, y1), slice(x0, x1))
+
+
+def _angles(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Float64Array]:
+    """Yaws and pitches of cameras around the object, in radians, (V,) each."""
+    offsets = (np.array([camera.centre for camera in cameras]) - bounds.centre) @ bounds.axes.T
+    return np.arctan2(offsets[:, 1], offsets[:, 0]), np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
+
+
+def _arc(yaws: Float64Array) -> tuple[float, float]:
+    """First yaw and span of the arc that evenly spread views stand for, in radians; the full circle if they do."""
+    if len(yaws) == 1:
+        return float(yaws[0]) - _ALONE / 2, float(_ALONE)
+    ordered = np.sort(yaws)
+    gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= max(_FULL_CIRCLE, 1.5 * 2 * np.pi / len(yaws)):
+        return float(ordered[0]), float(2 * np.pi)
+    between = 2 * np.pi - gaps[widest]
+    step = between / (len(yaws) - 1)
+    return float(ordered[(widest + 1) % len(yaws)] - step / 2), float(between + step)

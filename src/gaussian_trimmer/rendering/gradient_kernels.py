@@ -1,0 +1,234 @@
+"""Compiled kernels that differentiate a view: the backward passes of `blend_tiles` and `project`.
+
+Letters as in `numba_kernels`. Let a loss have the derivatives g_C (3,) and g_A by a pixel's colour and alpha, and let
+v_i = c_i g_C + g_A. With T_i the light that reaches Gaussian i, and w_i = alpha_i T_i its weight,
+
+    dL / d alpha_i = T_i v_i - (sum over all farther j of w_j v_j) / (1 - alpha_i) .
+
+The sum over all Gaussians of w_j v_j is C g_C + A g_A, which the picture itself gives, so that what lies farther is the
+difference of that and what was met already: one pass from near to far suffices, as in the forward direction.
+
+With h = alpha dL / d alpha and z = L^T d the pixel's offset from the centre in standard deviations, everything that a
+splat's shape needs are the sums over its pixels of h, h z and h z z^T.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.rendering import LARGEST_SPREAD
+from gaussian_trimmer.rendering.numba_kernels import (
+    _AREA,
+    _CAP,
+    _CUTOFF,
+    _ONE,
+    _QUARTER,
+    _STOP,
+    _ZERO,
+    TILE,
+    _falloff,
+    _interleave,
+    _jit,
+    _parallel,
+)
+
+N_SUMS = 9
+"""Sums of a pair: h; h z (2); h z z^T (xx, xy, yy); weight times g_C (3)."""
+N_PARAMETERS = 13
+"""Derivatives of a Gaussian by its mean (3), log-scales (3), turn about its own axes (3), opacity logit, sh_dc (3)."""
+_FOUR, _SIXTEEN = np.float32(4), np.float32(16)
+
+
+@_parallel
+def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile, width, height, image, slopes, busy):  # type: ignore[no-untyped-def]
+    """Sums over the pixels of each pair of a tile and a Gaussian, (P, 9): what `gather` turns into derivatives.
+
+    Args:
+        splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
+        moves: which of them are asked for, (M,); the rows of others stay zero.
+        starts, lists, spans: lists of the tiles from `first_tile` on.
+        image: what the view shows, (4, H', W'), colour and alpha.
+        slopes: derivatives of the loss by that, (4, H', W').
+        busy: tiles that are looked at, (T,); the slopes must be zero in all others.
+    """
+    across, n_tiles = -(-width // TILE), len(starts) - 1
+    pairs = np.zeros((lists.shape[0], N_SUMS), np.float32)
+    for job in numba.prange(n_tiles):
+        tile = _interleave(job, n_tiles)
+        if not busy[tile]:
+            continue
+        left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
+        column = np.empty(_AREA, np.float32)
+        row = np.empty(_AREA, np.float32)
+        transmittance = np.ones(_AREA, np.float32)
+        slope = np.empty((4, _AREA), np.float32)
+        farther = np.empty(_AREA, np.float32)
+        for p in range(_AREA):
+            column[p] = np.float32(p % TILE) + np.float32(0.5)
+            row[p] = np.float32(p // TILE) + np.float32(0.5)
+            if left + p % TILE >= width or top + p // TILE >= height:
+                transmittance[p] = -_ONE
+            total = _ZERO
+            for c in range(4):
+                slope[c, p] = slopes[c, top + p // TILE, left + p % TILE]
+                total += slope[c, p] * image[c, top + p // TILE, left + p % TILE]
+            farther[p] = total
+        us = np.empty(_AREA, np.float32)
+        vs = np.empty(_AREA, np.float32)
+        hs = np.empty(_AREA, np.float32)
+        ws = np.empty(_AREA, np.float32)
+        for pair in range(starts[tile], starts[tile + 1]):
+            i = lists[pair]
+            x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
+            A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]
+            red, green, blue = colours[i, 0], colours[i, 1], colours[i, 2]
+            u0, v0 = -(A * x + B * y), -C * y
+            first, last = TILE * spans[pair, 0], TILE * spans[pair, 1]
+            columns, rows, light, behind = (
+                column[first:last],
+                row[first:last],
+                transmittance[first:last],
+                farther[first:last],
+            )
+            slope_r, slope_g, slope_b, slope_a = (
+                slope[0, first:last],
+                slope[1, first:last],
+                slope[2, first:last],
+                slope[3, first:last],
+            )
+            u_, v_, h_, w_ = us[first:last], vs[first:last], hs[first:last], ws[first:last]
+            for p in range(len(u_)):
+                u = A * columns[p] + (B * rows[p] + u0)
+                v = C * rows[p] + v0
+                full = opacity * _falloff(u * u + v * v)
+                alpha = min(full, _CAP)
+                alpha = alpha if alpha >= _CUTOFF else _ZERO
+                before = light[p]
+                weight = alpha * before
+                after = before - weight
+                goes_on = after >= _STOP
+                light[p] = after if goes_on else -abs(before)
+                weight = weight if goes_on else _ZERO
+                value = red * slope_r[p] + green * slope_g[p] + blue * slope_b[p] + slope_a[p]
+                rest = behind[p] - weight * value
+                behind[p] = rest
+                # Where the alpha is capped it does not change with the Gaussian.
+                h = weight * value - rest * (alpha / (_ONE - alpha))
+                h_[p] = h if goes_on and full <= _CAP else _ZERO
+                u_[p], v_[p], w_[p] = u, v, weight
+            if not moves[i]:
+                continue
+            h, hu, hv, huu, huv, hvv = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+            wr, wg, wb = _ZERO, _ZERO, _ZERO
+            for p in range(len(u_)):
+                h += h_[p]
+                hu += h_[p] * u_[p]
+                hv += h_[p] * v_[p]
+                huu += h_[p] * u_[p] * u_[p]
+                huv += h_[p] * u_[p] * v_[p]
+                hvv += h_[p] * v_[p] * v_[p]
+                wr += w_[p] * slope_r[p]
+                wg += w_[p] * slope_g[p]
+                wb += w_[p] * slope_b[p]
+            # Offsets are in quarters of standard deviations here.
+            pairs[pair, 0], pairs[pair, 1], pairs[pair, 2] = h, _FOUR * hu, _FOUR * hv
+            pairs[pair, 3], pairs[pair, 4], pairs[pair, 5] = _SIXTEEN * huu, _SIXTEEN * huv, _SIXTEEN * hvv
+            pairs[pair, 6], pairs[pair, 7], pairs[pair, 8] = wr, wg, wb
+    return pairs
+
+
+@_jit
+def sum_moving_pairs(pairs, starts, lists, busy, totals):  # type: ignore[no-untyped-def]
+    """Adds the pairs' sums to the totals (M, 9), always in the order of the tiles."""
+    for tile in range(len(starts) - 1):
+        if not busy[tile]:
+            continue
+        for pair in range(starts[tile], starts[tile + 1]):
+            for k in range(N_SUMS):
+                totals[lists[pair], k] += pairs[pair, k]
+
+
+@_parallel
+def gather(means, log_scales, quaternions, opacity_logits, world_to_camera, lens, limits, splats, colours, sums):  # type: ignore[no-untyped-def]
+    """Derivatives of the loss by the parameters of M drawn Gaussians, (M, 13).
+
+    How a colour changes because the Gaussian is seen from elsewhere is left out: `means` move by fractions of their
+    size. The other arguments are as in `project` and `differentiate_tiles`.
+    """
+    fx, fy = lens[0], lens[1]
+    W = world_to_camera
+    out = np.zeros((means.shape[0], N_PARAMETERS), np.float32)
+    for i in numba.prange(means.shape[0]):
+        x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
+        depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
+        across = (W[0, 0] * x + W[0, 1] * y + W[0, 2] * z + W[0, 3]) / depth
+        down = (W[1, 0] * x + W[1, 1] * y + W[1, 2] * z + W[1, 3]) / depth
+        tx, ty = min(max(across, limits[0]), limits[1]), min(max(down, limits[2]), limits[3])
+        px, py = fx / depth, fy / depth
+        # dL / d centre = L sum(h z), and G = dL / d covariance = L sum(h z z^T) L^T / 2 with L = [[A, 0], [B, C]].
+        A, B, C = float(splats[i, 2]), float(splats[i, 3]), float(splats[i, 4])
+        along_x, along_y = A * sums[i, 1], B * sums[i, 1] + C * sums[i, 2]
+        uu, uv, vv = float(sums[i, 3]), float(sums[i, 4]), float(sums[i, 5])
+        g_xx = 0.5 * A * A * uu
+        g_xy = 0.5 * A * (B * uu + C * uv)
+        g_yy = 0.5 * (B * B * uu + 2 * B * C * uv + C * C * vv)
+        qw, qx, qy, qz = (
+            float(quaternions[i, 0]),
+            float(quaternions[i, 1]),
+            float(quaternions[i, 2]),
+            float(quaternions[i, 3]),
+        )
+        norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
+        # The rotation's columns in the camera's frame, and in the image.
+        e = np.empty((3, 3), np.float64)  # axis, camera coordinate
+        a = np.empty((3, 2), np.float64)
+        s = np.empty(3, np.float64)
+        for axis in range(3):
+            if axis == 0:
+                r0, r1, r2 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
+            elif axis == 1:
+                r0, r1, r2 = 2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)
+            else:
+                r0, r1, r2 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
+            for k in range(3):
+                e[axis, k] = W[k, 0] * r0 + W[k, 1] * r1 + W[k, 2] * r2
+            a[axis, 0], a[axis, 1] = px * (e[axis, 0] - tx * e[axis, 2]), py * (e[axis, 1] - ty * e[axis, 2])
+            s[axis] = math.exp(float(log_scales[i, axis]))
+            longest = max(abs(s[axis] * a[axis, 0]), abs(s[axis] * a[axis, 1]))
+            if not longest < LARGEST_SPREAD:
+                s[axis] = 0.0  # Drawn as if it were shorter, so nothing follows from its length.
+        # dL / dJ (2, 3) = 2 G J Sigma, Sigma in the camera's frame.
+        slope_j = np.zeros((2, 3), np.float64)
+        for axis in range(3):
+            ga_x, ga_y = g_xx * a[axis, 0] + g_xy * a[axis, 1], g_xy * a[axis, 0] + g_yy * a[axis, 1]
+            for k in range(3):
+                slope_j[0, k] += 2 * s[axis] * s[axis] * ga_x * e[axis, k]
+                slope_j[1, k] += 2 * s[axis] * s[axis] * ga_y * e[axis, k]
+            out[i, 3 + axis] = 2 * s[axis] * s[axis] * (a[axis, 0] * ga_x + a[axis, 1] * ga_y)
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            mixed = a[j, 0] * (g_xx * a[k, 0] + g_xy * a[k, 1]) + a[j, 1] * (g_xy * a[k, 0] + g_yy * a[k, 1])
+            out[i, 6 + axis] = 2 * (s[j] * s[j] - s[k] * s[k]) * mixed
+        # J = [[px, 0, -px tx], [0, py, -py ty]] changes with the place, tx = x / z only inside the limits.
+        free_x, free_y = (1.0 if tx == across else 0.0), (1.0 if ty == down else 0.0)
+        in_camera = np.empty(3, np.float64)
+        in_camera[0] = px * along_x - free_x * px / depth * slope_j[0, 2]
+        in_camera[1] = py * along_y - free_y * py / depth * slope_j[1, 2]
+        in_camera[2] = (
+            -px * across * along_x
+            - py * down * along_y
+            - px / depth * slope_j[0, 0]
+            - py / depth * slope_j[1, 1]
+            + (1 + free_x) * px * tx / depth * slope_j[0, 2]
+            + (1 + free_y) * py * ty / depth * slope_j[1, 2]
+        )
+        for k in range(3):
+            out[i, k] = W[0, k] * in_camera[0] + W[1, k] * in_camera[1] + W[2, k] * in_camera[2]
+        out[i, 9] = sums[i, 0] * (1 - 1 / (1 + math.exp(-float(opacity_logits[i]))))
+        for c in range(3):
+            out[i, 10 + c] = SH_C0 * sums[i, 6 + c] if colours[i, c] > 0 else 0.0
+    return out

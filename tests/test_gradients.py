@@ -1,0 +1,117 @@
+"""Derivatives of a view: those of finite differences of the float64 reference, the same for any number of threads."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import pytest
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, quaternions_of, rotation_matrices
+from gaussian_trimmer.rendering import reference
+from gaussian_trimmer.rendering.gradients import draw, gradients
+from gaussian_trimmer.rendering.reference import ReferenceRenderer
+
+_NAMES = (
+    "x",
+    "y",
+    "z",
+    "scale 1",
+    "scale 2",
+    "scale 3",
+    "turn 1",
+    "turn 2",
+    "turn 3",
+    "opacity",
+    "red",
+    "green",
+    "blue",
+)
+
+
+def _scene(n: int = 12, seed: int = 3) -> tuple[Gaussians, Camera]:
+    rng = np.random.default_rng(seed)
+    gaussians = Gaussians(
+        rng.uniform(-0.5, 0.5, (n, 3)), rng.uniform(-2.6, -1.4, (n, 3)), rng.normal(size=(n, 4)),
+        rng.uniform(0, 3, n), rng.uniform(-1, 1, (n, 3)), np.zeros((n, 3, 0)),
+    )  # fmt: skip
+    pose = look_at(np.array([0.3, -2.2, 0.8]), np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    return gaussians, Camera(pose, intrinsics(np.radians(50), 40, 36), 40, 36)
+
+
+def _slopes(camera: Camera) -> FloatArray:
+    """Derivatives of a loss that vary slowly over the picture."""
+    y, x = np.mgrid[: camera.height, : camera.width] / 12.0
+    return np.stack([np.cos(x + 0.3), np.sin(x + y), np.cos(1.3 * y), np.sin(0.7 * x - y) + 0.5]).astype(np.float32)
+
+
+def _moved(gaussians: Gaussians, row: int, parameter: int, step: float) -> Gaussians:
+    """The Gaussians with one parameter of one of them changed."""
+    if 6 <= parameter < 9:
+        turn = np.eye(3)
+        j, k = (parameter - 5) % 3, (parameter - 4) % 3
+        turn[j, j] = turn[k, k] = np.cos(step)
+        turn[k, j], turn[j, k] = np.sin(step), -np.sin(step)
+        quaternions = gaussians.quaternions.copy()
+        quaternions[row] = quaternions_of(rotation_matrices(gaussians.quaternions[[row]]) @ turn)[0]
+        return gaussians.replace(quaternions=quaternions)
+    name, column = {0: ("means", 0), 1: ("log_scales", 3), 3: ("opacity_logits", 9), 4: ("sh_dc", 10)}[
+        (parameter >= 3) + 2 * (parameter >= 9) + (parameter >= 10)
+    ]
+    values = getattr(gaussians, name).copy()
+    values.reshape(len(values), -1)[row, parameter - column] += step
+    return gaussians.replace(**{name: values})
+
+
+def _loss(gaussians: Gaussians, camera: Camera, slopes: FloatArray) -> float:
+    view = ReferenceRenderer().render(gaussians, camera)
+    return float((view.rgb.transpose(2, 0, 1) * slopes[:3]).sum(dtype=np.float64) + (view.alpha * slopes[3]).sum())
+
+
+@pytest.mark.parametrize("parameter", range(13), ids=_NAMES)
+def test_derivatives_are_those_of_the_reference(parameter: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Where alpha is cut off, at 1/255, the picture jumps, which no derivative shows. The reference is therefore asked
+    # without the cut-off, and the tails beyond it, up to 3 % of a derivative by a scale, set the tolerance.
+    monkeypatch.setattr(reference, "ALPHA_CUTOFF", 1e-9)
+    gaussians, camera = _scene()
+    slopes = _slopes(camera)
+    found = gradients(draw(gaussians, camera), slopes, np.ones(len(gaussians), np.bool_))[:, parameter]
+    step = 1e-3
+    expected = [
+        (_loss(_moved(gaussians, i, parameter, step), camera, slopes)
+         - _loss(_moved(gaussians, i, parameter, -step), camera, slopes)) / (2 * step)
+        for i in range(len(gaussians))
+    ]  # fmt: skip
+    np.testing.assert_allclose(found, expected, rtol=0.04, atol=0.02 * np.abs(expected).max())
+
+
+def test_only_what_is_asked_for_is_differentiated() -> None:
+    gaussians, camera = _scene()
+    drawing, slopes = draw(gaussians, camera), _slopes(camera)
+    moving = np.arange(len(gaussians)) % 3 == 0
+    some, every = gradients(drawing, slopes, moving), gradients(drawing, slopes, np.ones(len(gaussians), np.bool_))
+    np.testing.assert_array_equal(some[moving], every[moving])
+    assert not some[~moving].any()
+
+
+def test_derivatives_do_not_depend_on_the_number_of_threads() -> None:
+    gaussians, camera = _scene(60)
+    before, found = numba.get_num_threads(), []
+    try:
+        for threads in {1, numba.config.NUMBA_NUM_THREADS}:
+            numba.set_num_threads(threads)
+            found.append(gradients(draw(gaussians, camera), _slopes(camera), np.ones(len(gaussians), np.bool_)))
+    finally:
+        numba.set_num_threads(before)
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+
+
+def test_gaussians_that_are_degenerate_have_finite_derivatives() -> None:
+    gaussians, camera = _scene(6)
+    scales, logits = gaussians.log_scales.copy(), gaussians.opacity_logits.copy()
+    scales[0], scales[1, 2], scales[2], logits[3] = -80, -np.inf, 40, np.inf
+    broken = gaussians.replace(log_scales=scales, opacity_logits=logits)
+    found = gradients(draw(broken, camera), _slopes(camera), np.ones(len(broken), np.bool_))
+    assert np.isfinite(found).all()
+    assert found[4:].any()
