@@ -117,7 +117,9 @@ class TrimResult:
 
         return describe(self, self.selection, self.config, {}, self.segmenter_description)
 
-    def save(self, folder: str | Path, *, overwrite: bool = False, format: str | None = None) -> Path:
+    def save(
+        self, folder: str | Path, *, overwrite: bool = False, format: str | None = None, html: bool = False
+    ) -> Path:
         """Write what the command line writes, and return the folder, which appears whole or not at all.
 
         That is object and background as splat files, `labels.npz`, `report.json`, `before_after.png` and `views/`; the
@@ -127,6 +129,7 @@ class TrimResult:
             folder: new or empty; missing parents are made.
             overwrite: replace earlier results in the folder.
             format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or ksplat.
+            html: write `report.html` too: the trim as one page for a browser, without anything outside it.
 
         Raises:
             InputError: the folder holds something and `overwrite` is not set, it cannot be written to, no format has
@@ -134,7 +137,7 @@ class TrimResult:
         """
         from gaussian_trimmer.output.saving import save
 
-        return save(self, folder, overwrite=overwrite, format=format)
+        return save(self, folder, overwrite=overwrite, format=format, html=html)
 
     def slim(self) -> SlimResult:
         """What was decided, without the scene, the object's Gaussians and the renderings."""
