@@ -139,6 +139,22 @@ class TrimResult:
 
         return save(self, folder, overwrite=overwrite, format=format, html=html)
 
+    def export_viewer(self, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
+        """Write a page that draws the object in any browser, without a server and without the network.
+
+        Args:
+            path: name of the page, which ends with .html.
+            part: `object`, `background`, or `both`, of which the page can hide one.
+            overwrite: replace the file if it exists.
+
+        Raises:
+            InputError: there are more than a million Gaussians, or none; the file exists and `overwrite` is not set;
+                or it cannot be written.
+        """
+        from gaussian_trimmer.output.html.viewer import export_trim
+
+        export_trim(self, path, part, overwrite=overwrite)
+
     def slim(self) -> SlimResult:
         """What was decided, without the scene, the object's Gaussians and the renderings."""
         n_object = len(self.object)

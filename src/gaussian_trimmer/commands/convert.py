@@ -1,4 +1,4 @@
-"""`gaussian-trimmer convert`: one splat format to another."""
+"""`gaussian-trimmer convert`: one splat format to another, or to a page for a browser."""
 
 from __future__ import annotations
 
@@ -6,25 +6,35 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.commands.console import open_console, refuse_existing
+from gaussian_trimmer.cameras import unit_up
+from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.output.html.viewer import SUFFIXES, write_viewer
+from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.scene_limits import check_magnitudes
 
 
 @dataclass(frozen=True)
 class Convert:
     """Convert a splat file; the endings of the names tell the formats.
 
-    A file cannot be converted into itself: what the format does not hold would be lost.
+    A target that ends with .html becomes a page that draws the Gaussians, up to a million, in any browser, without a
+    server and without the network. It cannot be read back. A file cannot be converted into itself: what the format
+    does not hold would be lost.
     """
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     """File to read: .ply, .compressed.ply, .splat, .spz, .sog, .ksplat or .glb."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
-    """File to write."""
+    """File to write, in one of these formats or .html."""
     sort: bool = False
     """Write the rows in Morton order: smaller and more precise compressed files, but selections no longer fit."""
+    up: tuple[float, float, float] | None = None
+    """Up vector around which a page turns the Gaussians; if it is not given, the ground is looked for."""
     overwrite: bool = False
     """Replace the target if it exists."""
     quiet: bool = False
@@ -37,8 +47,21 @@ class Convert:
             InputError: the source cannot be read, or the target is the source, exists, or cannot be written.
         """
         refuse_existing(self.target, inputs=[self.source], overwrite=self.overwrite)
-        written = formats.convert(self.source, self.target, sort=self.sort)
+        console, page = open_console(quiet=self.quiet), self.target.suffix.lower() in SUFFIXES
+        if self.up is not None and not page:
+            raise InputError("--up is for pages, which end with .html; other formats keep the scene's axes.")
+        count = self._write_page(console) if page else self._convert()
         before, after = (path.stat().st_size / 1e6 for path in (self.source, self.target))
-        open_console(quiet=self.quiet).print(
-            f"{self.target}: {len(written):,} Gaussians, {after:.1f} MB instead of {before:.1f} MB"
-        )
+        console.print(f"{self.target}: {count:,} Gaussians, {after:.1f} MB instead of {before:.1f} MB")
+
+    def _convert(self) -> int:
+        return len(formats.convert(self.source, self.target, sort=self.sort))
+
+    def _write_page(self, console: Console) -> int:
+        given = None if self.up is None else unit_up(self.up)
+        gaussians = formats.read(self.source)
+        check_magnitudes(gaussians)
+        up = find_up(gaussians, None, given)
+        print_up(console, up)
+        write_viewer({"scene": gaussians}, self.target, up.direction)
+        return len(gaussians)

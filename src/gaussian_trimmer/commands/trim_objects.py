@@ -37,6 +37,8 @@ def trim_labels(command: Trim, console: Console) -> None:
     assert command.labels is not None
     if command.selection is not None or command.mark_options.marks():
         raise InputError("--labels says what to trim; leave SELECTION and marks out.")
+    if command.pages.wished():
+        raise InputError("--html and --export-viewer show a trim of one object; leave --labels or them out.")
     suffix, folder = command.suffix(), command.folder()
     start = time.perf_counter()
     inputs = [command.scene, *(path for path in (command.labels, command.cameras) if path and path.is_file())]

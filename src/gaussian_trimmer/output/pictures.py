@@ -207,7 +207,7 @@ def _nearby_rows(result: TrimResult) -> IntArray:
     """Rows of the scene that are whole in the background and lie around the object."""
     rows = result.background_rows
     offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
-    return rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius]
+    return np.asarray(rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius])
 
 
 def as_picture(rgb: FloatArray) -> Picture:

@@ -30,7 +30,7 @@ _MEANINGS = {
 }
 _DARKEST = 0.4
 """How bright a black Gaussian is drawn, relative to a white one of its colour."""
-_LUMINANCE = np.float32([0.299, 0.587, 0.114])
+_LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 @dataclass(frozen=True)

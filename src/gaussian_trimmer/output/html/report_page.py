@@ -10,7 +10,7 @@ from typing import Any
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.output.checked_sides import checked_sides
-from gaussian_trimmer.output.html.changes import coloured_changes, legend_of
+from gaussian_trimmer.output.html.changes import Change, coloured_changes, legend_of
 from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.html.layers import REST, SCENE, VIEW_PAIRINGS, background_figures, view_figures
@@ -77,9 +77,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
     sections = "".join(f'<section id="{name}"><h2>{title}</h2>{parts[name]}</section>' for name, title in _SECTIONS)
     title = _title(report)
     body = f"<header><h1>{text(title)}</h1>{_verdict(report)}<nav>{links}</nav></header><main>{sections}</main>"
-    return document(
-        title, f"{body}{json_block('turning', data)}", style=asset("report.css"), script=asset("report.js")
-    )
+    return document(title, f"{body}{json_block('turning', data)}", style=asset("report.css"), script=asset("report.js"))
 
 
 def _title(report: Mapping[str, Any]) -> str:
@@ -126,17 +124,20 @@ def _background(result: TrimResult, figures: Sequence[Figure], uris: Mapping[int
 
 def _legend(result: TrimResult, report: Mapping[str, Any]) -> str:
     """What the colours mean, and how many Gaussians have them."""
-    lines = "".join(
-        f'<tr{"" if change.count else " class=none"}><td><span class="swatch" style="background: {change.colour}">'
-        f'</span></td><th scope="row">{text(change.name.replace("_", " "))}</th><td class="number">{change.count:,}</td>'
-        f"<td>{text(change.meaning)}</td></tr>"
-        for change in legend_of(result)
-    )
+    lines = "".join(map(_legend_row, legend_of(result)))
     floaters = report["counts"]["floaters"]
     far = f" {floaters:,} of the pruned ones float far off, outside the pictures." if floaters else ""
     return (
         '<p>The pictures "what was done" above, of the views and all around, have these colours. The rest of the scene '
         f"is left out of them, since it would hide much.{far}</p><table><tbody>{lines}</tbody></table>"
+    )
+
+
+def _legend_row(change: Change) -> str:
+    return (
+        f'<tr{"" if change.count else " class=none"}><td><span class="swatch" style="background: {change.colour}">'
+        f'</span></td><th scope="row">{text(change.name.replace("_", " "))}</th>'
+        f'<td class="number">{change.count:,}</td><td>{text(change.meaning)}</td></tr>'
     )
 
 

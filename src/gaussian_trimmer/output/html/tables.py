@@ -20,7 +20,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], *, marked: Se
     """
     heads = "".join(f'<th scope="col">{text(name)}</th>' for name in header)
     lines = "".join(
-        f'<tr{" class=marked" if marked and marked[i] else ""}>{"".join(map(_cell, row))}</tr>'
+        f"<tr{' class=marked' if marked and marked[i] else ''}>{''.join(map(_cell, row))}</tr>"
         for i, row in enumerate(rows)
     )
     return f"<table>{f'<thead><tr>{heads}</tr></thead>' if header else ''}<tbody>{lines}</tbody></table>"

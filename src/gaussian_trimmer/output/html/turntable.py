@@ -76,9 +76,7 @@ def dial(result: TrimResult, sides: CheckedSides) -> str:
         ("unseen", ~sides.checked & ~sides.rejected),
     ]  # fmt: skip
     arcs = "".join(
-        f'<path class="{kind}" d="{_arc(first, last)}"></path>'
-        for kind, flags in kinds
-        for first, last in _runs(flags)
+        f'<path class="{kind}" d="{_arc(first, last)}"></path>' for kind, flags in kinds for first, last in _runs(flags)
     )
     places = "".join(
         f'<text class="{"bad" if view.rejected else ""}" x="{x:.1f}" y="{y:.1f}">{number}</text>'

@@ -34,7 +34,7 @@ _HELP = (
 )
 
 
-def export_trim(result: TrimResult, path: str | Path, part: Part = "object", *, overwrite: bool = False) -> None:
+def export_trim(result: TrimResult, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
     """Write what a trim made as a page; see `TrimResult.export_viewer`."""
     choices = {"object": ("object",), "background": ("background",), "both": ("object", "background")}
     if part not in choices:
@@ -104,7 +104,7 @@ def viewer_page(parts: Mapping[str, Gaussians], up: Float64Array, title: str, bo
     body = (
         f'<div id="stage" class="light"><canvas id="canvas" tabindex="0" role="application" aria-label="{text(title)}: '
         f'{count:,} Gaussians. {_HELP}"></canvas><p id="message" role="alert" hidden></p></div>'
-        '<noscript><p>The page draws only where scripts are allowed.</p></noscript>'
+        "<noscript><p>The page draws only where scripts are allowed.</p></noscript>"
         f"<footer><h1>{text(title)}</h1><span>{count:,} Gaussians</span>{_choices(list(parts))}"
         '<button type="button" id="turn" aria-pressed="false">turn</button>'
         '<button type="button" id="reset">begin anew</button>'
