@@ -13,9 +13,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.output.html.viewer import SUFFIXES, write_viewer
-from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.scene_limits import check_magnitudes
+from gaussian_trimmer.output.html.document import SUFFIXES
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,8 @@ class Convert:
         console, page = open_console(quiet=self.quiet), self.target.suffix.lower() in SUFFIXES
         if self.up is not None and not page:
             raise InputError("--up is for pages, which end with .html; other formats keep the scene's axes.")
+        if self.sort and page:
+            raise InputError("--sort is for splat files; a page sorts what it draws itself.")
         count = self._write_page(console) if page else self._convert()
         before, after = (path.stat().st_size / 1e6 for path in (self.source, self.target))
         console.print(f"{self.target}: {count:,} Gaussians, {after:.1f} MB instead of {before:.1f} MB")
@@ -58,6 +58,11 @@ class Convert:
         return len(formats.convert(self.source, self.target, sort=self.sort))
 
     def _write_page(self, console: Console) -> int:
+        # Late, so that the other conversions do not load the trimmer.
+        from gaussian_trimmer.output.html.viewer import write_viewer
+        from gaussian_trimmer.planning.up_vector import find_up
+        from gaussian_trimmer.scene_limits import check_magnitudes
+
         given = None if self.up is None else unit_up(self.up)
         gaussians = formats.read(self.source)
         check_magnitudes(gaussians)

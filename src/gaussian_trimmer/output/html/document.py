@@ -16,6 +16,8 @@ from typing import Any
 
 from gaussian_trimmer.errors import printable
 
+SUFFIXES = (".html", ".htm")
+"""Endings of names that browsers know as those of pages."""
 _MAX_TEXT = 4000
 """Characters of one text of a stranger's that a page shows."""
 

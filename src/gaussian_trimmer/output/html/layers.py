@@ -23,6 +23,8 @@ MOST_VIEWS = 12
 """Views that a page shows, at most."""
 _PHOTOGRAPHED = 2
 """Training cameras from which the whole scene is shown."""
+_INVISIBLE = -100.0
+"""Opacity logit of what no renderer draws."""
 SELECTION, OBJECT, OUTLINES = "rough selection", "trimmed object", "outlines"
 CHANGES, SCENE, REST = "what was done", "scene", "scene without the object"
 VIEW_PAIRINGS = (
@@ -63,12 +65,21 @@ def background_figures(result: TrimResult) -> list[Figure]:
     seeing = _spread(cameras_that_see(result.cameras, result.bounds), _PHOTOGRAPHED)
     whole = [(f"the whole scene from {camera.name or 'a training camera'}", camera) for camera in seeing]
     near = [(f"about the object, view {i}", result.views[i].view.camera) for i in shown_views(result)]
-    parts = {SCENE: result.scene, REST: result.background} if whole else {}
+    parts = {SCENE: result.scene, REST: _without_object(result)} if whole else {}
     near_parts = {SCENE: nearby_scene(result), REST: nearby_background(result)} if near else {}
     return [
         *(_figure(caption, camera, parts, result) for caption, camera in whole),
         *(_figure(caption, camera, near_parts, result) for caption, camera in near),
     ]
+
+
+def _without_object(result: TrimResult) -> Gaussians:
+    """The whole background; where it is rows of the scene alone, by hiding the others, since a copy may be large."""
+    if len(result.appended):
+        return result.background
+    logits = np.full(len(result.scene), _INVISIBLE, np.float32)
+    logits[result.background_rows] = result.scene.opacity_logits[result.background_rows]
+    return result.scene.replace(opacity_logits=logits)
 
 
 def _figure(caption: str, camera: Camera, parts: Mapping[str, Gaussians], result: TrimResult) -> Figure:

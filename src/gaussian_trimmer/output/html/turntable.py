@@ -16,7 +16,8 @@ from gaussian_trimmer.output.html.pictures import above_its_alpha
 from gaussian_trimmer.output.pictures import cameras_around
 from gaussian_trimmer.result import TrimResult
 
-_FRAMES = 30
+FRAMES = 30
+"""Angles from which the object is drawn."""
 _SIDE = 384
 """Width and height of a frame in pixels."""
 _OUTER, _INNER, _LABEL = 88, 62, 46
@@ -38,7 +39,7 @@ class Ring:
 
 def draw_ring(result: TrimResult, sides: CheckedSides, changes: Gaussians) -> Ring:
     """The rough selection, the object and what was done, from all around, without anything behind."""
-    yaws, cameras = cameras_around(result, result.selection, sides, _FRAMES, _SIDE)
+    yaws, cameras = cameras_around(result, result.selection, sides, FRAMES, _SIDE)
     parts = {OBJECT: result.object, SELECTION: result.scene.select(result.selection), CHANGES: changes}
     frames: dict[str, list[NDArray[np.uint8]]] = {}
     for name, part in parts.items():

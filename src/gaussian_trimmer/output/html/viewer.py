@@ -14,12 +14,11 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW, rows_of
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
-from gaussian_trimmer.output.html.document import asset, document, json_block, text
+from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
 from gaussian_trimmer.result import TrimResult
 
 MOST_GAUSSIANS = 1_000_000
 """Gaussians that a page holds at most: 43 MB, which browsers open in seconds and sort as fast as one turns them."""
-SUFFIXES = (".html", ".htm")
 Part = Literal["object", "background", "both"]
 _FOV = float(np.radians(45))
 _FILL = 0.8
