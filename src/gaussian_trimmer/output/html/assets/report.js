@@ -70,7 +70,9 @@ if (turning) {
     if (needle) needle.setAttribute("transform", "rotate(" + (90 - yaws[i]) + " 100 100)");
     wanted = image;
     await image.decode();
-    if (wanted === image) draw(image);
+    if (wanted !== image) return;
+    draw(image);
+    frame.dataset.shown = i;
   }
 
   function run(on) {
