@@ -27,7 +27,7 @@ def chromium():
 
 @contextmanager
 def opened(browser, path, *, width=1366, height=768, **options):
-    """A page from a file, without a network. When it is closed it must have complained of nothing and asked for none."""
+    """A page from a file, without a network; it must not have complained of anything, or asked for anything else."""
     complaints, asked = [], []
     context = browser.new_context(viewport={"width": width, "height": height}, offline=True, **options)
     page = context.new_page()

@@ -1,4 +1,4 @@
-"""The report and the viewer in a browser, opened from files: moved through, and compared with what was rendered here."""
+"""The pages in a browser, opened from files: moved through, and compared with what is rendered here."""
 
 from dataclasses import replace
 
@@ -13,13 +13,14 @@ from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.report_page import report_page
-from gaussian_trimmer.output.html.turntable import FRAMES
+from gaussian_trimmer.output.html.turntable import FRAMES, SIDE
 from gaussian_trimmer.output.html.viewer import first_view, viewer_page
 from gaussian_trimmer.output.pictures import cameras_around
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
 
 RENDERER = get_renderer("numba")
+FRAME, ANGLE = (f"document.querySelector('{name}')" for name in (".turntable canvas", ".angle"))
 HOSTILE = "\"'><img src=x onerror=alert(1)><script>alert(1)</script>.ply"
 
 
@@ -88,14 +89,14 @@ def test_other_pictures_can_be_compared(browser, report):
 
 
 def test_the_object_turns_by_drag_keys_and_alone(browser, report, result):
-    _, cameras = cameras_around(result, result.selection, checked_sides(result), FRAMES, 384)
+    _, cameras = cameras_around(result, result.selection, checked_sides(result), FRAMES, SIDE)
     with opened(browser, report) as page:
-        angle, table = page.locator("#angle"), page.locator("#turntable")
+        angle, table = page.locator(".angle"), page.locator(".turntable")
         table.scroll_into_view_if_needed()
 
         def silhouette():
-            wait_until(page, "document.getElementById('frame').dataset.shown === document.getElementById('angle').value")
-            return picture_of(page.evaluate("document.getElementById('frame').toDataURL()"))[..., 3] > 127
+            wait_until(page, f"{FRAME}.dataset.shown === {ANGLE}.value")
+            return picture_of(page.evaluate(f"{FRAME}.toDataURL()"))[..., 3] > 127
 
         for number in (0, 7):
             angle.fill(str(number))
@@ -110,13 +111,13 @@ def test_the_object_turns_by_drag_keys_and_alone(browser, report, result):
         angle.focus()
         page.keyboard.press("ArrowRight")
         assert int(angle.input_value()) == (int(dragged) + 1) % FRAMES
-        assert "checked" in page.locator("#side").text_content()
-        page.locator("#play").click()
-        wait_until(page, f"document.getElementById('angle').value !== '{angle.input_value()}'")
-        page.locator("#play").click()
+        assert "checked" in page.locator("#turn output").text_content()
+        page.locator(".play").click()
+        wait_until(page, f"{ANGLE}.value !== '{angle.input_value()}'")
+        page.locator(".play").click()
         corners = []
         for backdrop in ("light", "dark", "checker"):
-            page.locator(f"input[name=backdrop][value={backdrop}]").check()
+            page.locator(f".backdrop[value={backdrop}]").check()
             corners.append(screenshot(table)[10:60, 10:60])
         assert corners[0].min() > 200 > 60 > corners[1].max()
         assert corners[2].std() > 5

@@ -67,13 +67,17 @@ def test_every_view_can_be_compared_and_has_its_pictures(page, result):
 
 
 def test_the_object_can_be_turned_all_around(page):
-    data = json.loads(page.text_of("turning"))
+    data = json.loads(page.text_of("turn-data"))
     assert set(data["frames"]) == {"trimmed object", "rough selection", "what was done"}
     for frames in data["frames"].values():
         assert len(frames) == len(data["yaws"]) == len(set(frames))
         assert all(frame.startswith("data:image/jpeg;base64,") for frame in frames)
     assert sorted(data["yaws"]) == list(range(0, 360, 360 // len(data["yaws"])))
-    assert {attributes["value"] for attributes, _ in page.all("input", name="backdrop")} == {"light", "dark", "checker"}
+    assert {attributes["value"] for attributes, _ in page.all("input", name="turn-backdrop")} == {
+        "light",
+        "dark",
+        "checker",
+    }
 
 
 def test_counts_times_settings_and_doubts_are_told(result):
@@ -135,7 +139,7 @@ def test_refused_trims_and_views_are_shown_as_such():
     assert verdict.startswith("Not trimmed: only 0 of 5 views were accepted")
     assert len([a for a, _ in page.all("figure") if a["class"] == "doubtful"]) == 5
     assert page.text_of("views").count("rejected: ") == 5
-    data = json.loads(page.text_of("turning"))
+    data = json.loads(page.text_of("turn-data"))
     assert set(data["verdicts"]) == {"the view was rejected"}
     assert "seen from no side; nothing was checked" in page.text_of("turn")
 
@@ -237,3 +241,26 @@ def test_a_page_of_errors_needs_a_folder(ball, monkeypatch, capsys):
     monkeypatch.chdir(ball)
     assert run("evaluate", "scene.ply", "rough.npy", "--masks", "masks", "--cameras", "cameras.json", "--html") == 2
     assert "--output DIR" in capsys.readouterr().err
+
+
+def test_several_objects_have_a_section_each(ball, capsys):
+    scene, truth = toy.ball_on_floor()
+    floor = ~truth & (np.abs(scene.means[:, 0] - 2) < 0.6) & (np.abs(scene.means[:, 1] - 2) < 0.6)
+    np.save(ball / "labels.npy", np.where(toy.dilated(scene, truth), 1, np.where(floor, 2, 0)))
+    command = ["trim", ball / "scene.ply", "--labels", ball / "labels.npy", "--up", 0, 0, 1, *SMALL]
+    with toy.one_thread():
+        assert run(*command, "--output", ball / "out", "--html") == 0
+    assert "report.html" in capsys.readouterr().out
+    page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
+    check_stands_alone(page)
+    report = json.loads((ball / "out" / "report.json").read_text())
+    assert page.all("h1")[0][1] == "Trim of 2 objects in scene.ply"
+    for entry in report["objects"]:
+        section = page.text_of(f"object-{entry['id']}")
+        assert (f"Not trimmed: {entry['refused']}" if entry["refused"] else f"{entry['gaussians']:,}") in section
+        data = json.loads(page.text_of(f"object-{entry['id']}-data"))
+        assert {"trimmed object", "rough selection"} <= set(data["frames"])
+        for layer in ("rough selection", "trimmed object", "scene", "scene without the object"):
+            assert len(page.all("img", alt=f"object {entry['id']}: {layer}")) == 1
+    assert run(*command, "--output", ball / "b", "--export-viewer", ball / "b.html") == 2
+    assert "convert" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from gaussian_trimmer.commands.console import progress_over_stages
 from gaussian_trimmer.commands.remaining import Remaining, read_remaining
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.rendering import get_renderer
@@ -37,13 +38,16 @@ def trim_labels(command: Trim, console: Console) -> None:
     assert command.labels is not None
     if command.selection is not None or command.mark_options.marks():
         raise InputError("--labels says what to trim; leave SELECTION and marks out.")
-    if command.pages.wished():
-        raise InputError("--html and --export-viewer show a trim of one object; leave --labels or them out.")
+    html = command.pages.html
+    if command.pages.export_viewer is not None:
+        raise InputError(
+            "--export-viewer shows one object; with --labels, convert object_ID files to .html afterwards."
+        )
     suffix, folder = command.suffix(), command.folder()
     start = time.perf_counter()
     inputs = [command.scene, *(path for path in (command.labels, command.cameras) if path and path.is_file())]
     results = atomic_folder(
-        folder, RESULTS, names=objects_files(suffix), inputs=inputs, overwrite=command.overwrite
+        folder, RESULTS, names=objects_files(suffix, html=html), inputs=inputs, overwrite=command.overwrite
     )  # fmt: skip
     with results as part, progress_over_stages(console) as stage:
         stage("read")
@@ -61,7 +65,7 @@ def trim_labels(command: Trim, console: Console) -> None:
             progress=stage,
         )  # fmt: skip
         stage("write")
-        report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining))
+        report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining), html=html)
     counts = report["counts"]
     for entry in report["objects"]:
         state = f"not trimmed: {entry['refused']}" if entry["refused"] else f"{entry['gaussians']:,} Gaussians"
@@ -71,7 +75,9 @@ def trim_labels(command: Trim, console: Console) -> None:
         f"{counts['objects']} objects with {counts['in_objects']:,} Gaussians, {counts['contested']:,} of them "
         f"contested; time {time.perf_counter() - start:.1f} s"
     )
-    console.print(f"object_ID{suffix}, background{suffix}, objects.png and the rest are in {folder}.")
+    console.print(
+        f"object_ID{suffix}, background{suffix}, {REPORT if html else 'objects.png'} and the rest are in {folder}."
+    )
 
 
 def _objects(command: Trim, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:

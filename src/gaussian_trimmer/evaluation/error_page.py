@@ -11,8 +11,8 @@ from gaussian_trimmer.evaluation.sheets import TRUTH, cells_of_view
 from gaussian_trimmer.evaluation.tables import ScoreTable, cell_text
 from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
 from gaussian_trimmer.output.html.document import asset, document, text
-from gaussian_trimmer.output.html.pictures import data_uris
 from gaussian_trimmer.output.html.tables import table
+from gaussian_trimmer.output.html.turntable import addresses
 from gaussian_trimmer.output.pictures import as_picture
 
 MOST_VIEWS = 24
@@ -50,8 +50,7 @@ def error_page(scores: ScoreTable, views: WorstViews) -> str:
         views: what is shown, at least one view.
     """
     figures = [figure for *_, figure in views.figures]
-    pictures = [picture for figure in figures for picture in figure.pictures.values()]
-    uris = {id(picture): uri for picture, uri in zip(pictures, data_uris(pictures, _LIMIT), strict=True)}
+    uris = addresses(figures, [], _LIMIT)
     notes = "".join(f"<li>{text(note)}</li>" for note in scores.notes)
     rows = [[cell_text(cell, scores.digits) for cell in row] for row in scores.rows]
     few = f"; the {MOST_VIEWS} lowest are shown" if len(rows) - 1 > len(figures) else ""

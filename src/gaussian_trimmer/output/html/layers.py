@@ -55,7 +55,7 @@ def view_figures(result: TrimResult, changes: Gaussians) -> list[Figure]:
         view = result.views[number]
         parts = {SELECTION: coarse, OBJECT: result.object, CHANGES: changes}
         drawn = _figure(_caption(number, view), view.view.camera, parts, result).pictures
-        pictures = {**drawn, OUTLINES: _at_size(draw_outlines(view), _small(view.view.camera))}
+        pictures = {**drawn, OUTLINES: _at_size(draw_outlines(view), small_camera(view.view.camera))}
         figures.append(Figure(_caption(number, view), pictures, f"rejected: {view.rejected}" if view.rejected else ""))
     return figures
 
@@ -83,7 +83,7 @@ def _without_object(result: TrimResult) -> Gaussians:
 
 
 def _figure(caption: str, camera: Camera, parts: Mapping[str, Gaussians], result: TrimResult) -> Figure:
-    camera = _small(camera)
+    camera = small_camera(camera)
     return Figure(caption, {name: draw_gaussians(part, camera, result.used_renderer) for name, part in parts.items()})
 
 
@@ -92,7 +92,8 @@ def _caption(number: int, view: TrimmedView) -> str:
     return f"view {number}{name}"
 
 
-def _small(camera: Camera) -> Camera:
+def small_camera(camera: Camera) -> Camera:
+    """The camera with a picture that is no larger than a page shows."""
     return camera.resized(min(1.0, SIDE / max(camera.width, camera.height)))
 
 

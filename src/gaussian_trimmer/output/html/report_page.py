@@ -9,14 +9,13 @@ from typing import Any
 
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.output.html.changes import Change, coloured_changes, legend_of
 from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
-from gaussian_trimmer.output.html.document import asset, document, json_block, text
+from gaussian_trimmer.output.html.document import asset, document, text
 from gaussian_trimmer.output.html.layers import REST, SCENE, VIEW_PAIRINGS, background_figures, view_figures
-from gaussian_trimmer.output.html.pictures import data_uris
 from gaussian_trimmer.output.html.tables import bars, flat, table
-from gaussian_trimmer.output.html.turntable import dial, draw_ring, turntable
+from gaussian_trimmer.output.html.turntable import addresses, dial, ring_of_trim, turntable
 from gaussian_trimmer.result import TrimResult
 
 REPORT = "report.html"
@@ -56,18 +55,13 @@ def write_report_page(result: TrimResult, report: Mapping[str, Any], folder: Pat
 def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
     """The page as HTML. Arguments are those of `write_report_page`."""
     sides, changes = checked_sides(result), coloured_changes(result)
-    views, behind, ring = view_figures(result, changes), background_figures(result), draw_ring(result, sides, changes)
-    drawn = [picture for figure in (*views, *behind) for picture in figure.pictures.values()]
-    turning = [frame for frames in ring.frames.values() for frame in frames]
-    found = data_uris([*drawn, *turning], _LIMIT)
-    uris = {id(picture): uri for picture, uri in zip((*drawn, *turning), found, strict=True)}
-    table_of_frames = {name: [uris[id(frame)] for frame in frames] for name, frames in ring.frames.items()}
-    turned, data = turntable(ring, table_of_frames)
+    views, behind = view_figures(result, changes), background_figures(result)
+    ring = ring_of_trim(result, sides, changes)
+    uris = addresses([*views, *behind], [ring], _LIMIT)
     parts = {
         "views": _views(result, views, uris),
-        "turn": f'<div class="columns"><div>{turned}</div><div><p>The sides from above, with the '
-        f"places of the views: {text(sides.sentence())}. What no accepted view shows was not judged."
-        f"</p>{dial(result, sides)}</div></div>",
+        "turn": f'<div class="turning columns"><div>{turntable("turn", ring, uris)}</div><div>{_sides(result, sides)}'
+        "</div></div>",
         "changes": _legend(result, report),
         "background": _background(result, behind, uris),
         "errors": f"<p>{_NO_TRUTH}</p>",
@@ -77,7 +71,15 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
     sections = "".join(f'<section id="{name}"><h2>{title}</h2>{parts[name]}</section>' for name, title in _SECTIONS)
     title = _title(report)
     body = f"<header><h1>{text(title)}</h1>{_verdict(report)}<nav>{links}</nav></header><main>{sections}</main>"
-    return document(title, f"{body}{json_block('turning', data)}", style=asset("report.css"), script=asset("report.js"))
+    return document(title, body, style=asset("report.css"), script=asset("report.js"))
+
+
+def _sides(result: TrimResult, sides: CheckedSides) -> str:
+    """What was checked."""
+    return (
+        f"<p>The sides from above, with the places of the views: {text(sides.sentence())}. What no accepted view shows "
+        f"was not judged.</p>{dial(result, sides)}"
+    )
 
 
 def _title(report: Mapping[str, Any]) -> str:
@@ -148,7 +150,7 @@ def _numbers(report: Mapping[str, Any]) -> str:
     up = report["up"]
     direction = " ".join(f"{value:.3f}" for value in up["direction"])
     facts = [
-        *((name, value) for name, value in flat(report["inputs"]) if value not in (None, [], {})),
+        *((name, value) for name, value in flat(report["inputs"]) if value not in (None, [], (), {})),
         ("up vector", f"{direction} ({up['source']}, confidence {up['confidence']:.2f})"),
         ("segmenter", report["segmenter"]), ("renderer", report["renderer"]), ("version", report["version"]),
     ]  # fmt: skip

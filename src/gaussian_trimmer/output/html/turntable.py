@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output.checked_sides import CheckedSides, angles_around
-from gaussian_trimmer.output.html.document import text
+from gaussian_trimmer.output.html.comparison import Figure
+from gaussian_trimmer.output.html.document import json_block, text
 from gaussian_trimmer.output.html.layers import CHANGES, OBJECT, SELECTION
-from gaussian_trimmer.output.html.pictures import above_its_alpha
+from gaussian_trimmer.output.html.pictures import above_its_alpha, data_uris
 from gaussian_trimmer.output.pictures import cameras_around
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import TrimResult
 
 FRAMES = 30
 """Angles from which the object is drawn."""
-_SIDE = 384
+SIDE = 384
 """Width and height of a frame in pixels."""
-_OUTER, _INNER, _LABEL = 88, 62, 46
+_OUTER, _INNER, _LABEL = 88, 62, 50
 """Radii of the dial's ring and of its numbers, in a picture of 200."""
+_ROW, _ROWS = 13, 3
+"""Distance of the rows of numbers, and how many there are."""
 _BACKDROPS = ("light", "dark", "checker")
 
 
@@ -37,36 +42,53 @@ class Ring:
     """Why a side was not checked; empty if it was."""
 
 
-def draw_ring(result: TrimResult, sides: CheckedSides, changes: Gaussians) -> Ring:
-    """The rough selection, the object and what was done, from all around, without anything behind."""
-    yaws, cameras = cameras_around(result, result.selection, sides, FRAMES, _SIDE)
-    parts = {OBJECT: result.object, SELECTION: result.scene.select(result.selection), CHANGES: changes}
+def draw_ring(
+    parts: Mapping[str, Gaussians], yaws: list[int], cameras: Sequence[Camera], verdicts: list[str], renderer: Renderer
+) -> Ring:
+    """Gaussians from all around, without anything behind; parts without any are left out."""
     frames: dict[str, list[NDArray[np.uint8]]] = {}
     for name, part in parts.items():
         if len(part):
-            drawn = [result.used_renderer.render(part, camera) for camera in cameras]
+            drawn = [renderer.render(part, camera) for camera in cameras]
             frames[name] = [above_its_alpha(picture.rgb, picture.alpha) for picture in drawn]
-    return Ring(frames, yaws, [sides.verdict(yaw) for yaw in yaws])
+    return Ring(frames, yaws, verdicts)
 
 
-def turntable(ring: Ring, frames: dict[str, list[str]]) -> tuple[str, dict[str, object]]:
-    """The element, and the data that the page's script turns it by.
+def ring_of_trim(result: TrimResult, sides: CheckedSides, changes: Gaussians) -> Ring:
+    """The object, the rough selection and what was done, from all around."""
+    yaws, cameras = cameras_around(result, result.selection, sides, FRAMES, SIDE)
+    parts = {OBJECT: result.object, SELECTION: result.scene.select(result.selection), CHANGES: changes}
+    return draw_ring(parts, yaws, cameras, [sides.verdict(yaw) for yaw in yaws], result.used_renderer)
+
+
+def addresses(figures: Sequence[Figure], rings: Sequence[Ring], limit: int) -> dict[int, str]:
+    """Address of each picture of a page by its `id`; all together have at most `limit` characters."""
+    drawn = [picture for figure in figures for picture in figure.pictures.values()]
+    drawn += [frame for ring in rings for frames in ring.frames.values() for frame in frames]
+    return {id(picture): uri for picture, uri in zip(drawn, data_uris(drawn, limit), strict=True)}
+
+
+def turntable(name: str, ring: Ring, uris: Mapping[int, str]) -> str:
+    """The element that turns; the page's script looks for it within an element of the class `turning`.
 
     Args:
+        name: distinguishes the element from others of the page.
         ring: the pictures.
-        frames: their addresses.
+        uris: address of each picture by its `id`.
     """
-    shown = _choice("shown", "Show", [*frames], next(iter(frames)))
-    backdrops = _choice("backdrop", "Backdrop", _BACKDROPS, _BACKDROPS[0])
-    body = (
-        f'<div id="turntable" class="light"><canvas id="frame" width="{_SIDE}" height="{_SIDE}" role="img" '
+    frames = {shown: [uris[id(frame)] for frame in drawn] for shown, drawn in ring.frames.items()}
+    side = next(iter(ring.frames.values()))[0].shape[1]
+    data = json_block(f"{name}-data", {"frames": frames, "yaws": ring.yaws, "verdicts": ring.verdicts})
+    return (
+        f'<div class="turntable light"><canvas width="{side}" height="{side}" role="img" '
         'aria-label="the object from all around; the angle is set below"></canvas></div>'
         "<noscript><p>The object turns only where scripts are allowed.</p></noscript>"
-        f'<div class="controls"><button type="button" id="play" aria-pressed="false">turn</button>'
-        f'<label for="angle">angle</label><input type="range" id="angle" min="0" max="{len(ring.yaws) - 1}" value="0">'
-        f'<output id="side" for="angle"></output></div>{shown}{backdrops}'
+        '<div class="controls"><button type="button" class="play" aria-pressed="false">turn</button>'
+        f'<label for="{name}-angle">angle</label><input type="range" class="angle" id="{name}-angle" min="0" '
+        f'max="{len(ring.yaws) - 1}" value="0"><output for="{name}-angle"></output></div>'
+        f"{_choice(f'{name}-shown', 'Show', [*frames], 'shown')}"
+        f"{_choice(f'{name}-backdrop', 'Backdrop', _BACKDROPS, 'backdrop')}{data}"
     )
-    return body, {"frames": frames, "yaws": ring.yaws, "verdicts": ring.verdicts}
 
 
 def dial(result: TrimResult, sides: CheckedSides) -> str:
@@ -82,7 +104,7 @@ def dial(result: TrimResult, sides: CheckedSides) -> str:
     places = "".join(
         f'<text class="{"bad" if view.rejected else ""}" x="{x:.1f}" y="{y:.1f}">{number}</text>'
         for number, (yaw, view) in enumerate(zip(yaws, result.views, strict=True))
-        for x, y in [_on_circle(float(yaw), _LABEL)]
+        for x, y in [_on_circle(float(yaw), _LABEL - _ROW * (number % _ROWS))]  # neighbours would overlap
     )
     legend = "".join(
         f'<li><span class="swatch {kind}"></span>{words}: {int(np.count_nonzero(flags))} degrees</li>'
@@ -92,15 +114,16 @@ def dial(result: TrimResult, sides: CheckedSides) -> str:
     )
     return (
         f'<div class="dial"><svg viewBox="0 0 200 200" role="img" aria-label="{text(sides.sentence())}">{arcs}{places}'
-        f'<line id="needle" x1="100" y1="100" x2="100" y2="30"></line></svg><ul class="legend">{legend}</ul></div>'
+        f'<line class="needle" x1="100" y1="100" x2="100" y2="30"></line></svg><ul class="legend">{legend}</ul></div>'
     )
 
 
-def _choice(name: str, legend: str, values: Sequence[str], chosen: str) -> str:
+def _choice(name: str, legend: str, values: Sequence[str], kind: str) -> str:
+    """Buttons of which the first is chosen."""
     buttons = "".join(
-        f'<label><input type="radio" name="{name}" value="{text(value)}"{" checked" if value == chosen else ""}>'
+        f'<label><input type="radio" class="{kind}" name="{name}" value="{text(value)}"{"" if i else " checked"}>'
         f" {text(value)}</label>"
-        for value in values
+        for i, value in enumerate(values)
     )
     return f'<fieldset class="choice"><legend>{legend}</legend>{buttons}</fieldset>'
 

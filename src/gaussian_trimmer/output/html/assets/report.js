@@ -23,15 +23,16 @@ function compare(box, choice) {
   for (const note of box.querySelectorAll(".note")) note.hidden = note.dataset.pairing !== choice.value;
 }
 
-// The object turning: one picture for each angle.
-const turning = document.getElementById("turning");
-if (turning) {
-  const { frames, yaws, verdicts } = JSON.parse(turning.textContent);
-  const table = document.getElementById("turntable"), frame = document.getElementById("frame");
-  const angle = document.getElementById("angle"), play = document.getElementById("play");
-  const side = document.getElementById("side"), needle = document.getElementById("needle");
-  const count = yaws.length, turnSeconds = 9;
-  const kept = {};
+// An object turning: one picture for each angle.
+for (const box of document.querySelectorAll(".turning")) turnable(box);
+
+function turnable(box) {
+  const { frames, yaws, verdicts } = JSON.parse(box.querySelector("script").textContent);
+  const table = box.querySelector(".turntable"), frame = table.querySelector("canvas");
+  const angle = box.querySelector(".angle"), play = box.querySelector(".play");
+  const side = box.querySelector("output"), needle = box.querySelector(".needle");
+  const backdrops = box.querySelectorAll(".backdrop");
+  const count = yaws.length, turnSeconds = 9, kept = {};
   let shown = Object.keys(frames)[0], timer = 0, wanted = null;
 
   function keep(name) { // Decoded once.
@@ -43,7 +44,7 @@ if (turning) {
   }
 
   // A picture holds the colours over black and, below them, the opacity.
-  const canvas = frame.getContext("2d", { willReadFrequently: true }), size = frame.width;
+  const canvas = frame.getContext("2d"), size = frame.width;
   const scratch = document.createElement("canvas");
   scratch.width = size;
   scratch.height = 2 * size;
@@ -84,12 +85,12 @@ if (turning) {
 
   angle.addEventListener("input", () => { run(false); show(+angle.value); });
   play.addEventListener("click", () => run(!timer));
-  for (const choice of document.querySelectorAll("input[name=shown]")) {
+  for (const choice of box.querySelectorAll(".shown")) {
     choice.addEventListener("change", () => { shown = choice.value; keep(shown); show(+angle.value); });
   }
-  for (const choice of document.querySelectorAll("input[name=backdrop]")) {
+  for (const choice of backdrops) {
     choice.addEventListener("change", () => {
-      for (const other of document.querySelectorAll("input[name=backdrop]")) table.classList.remove(other.value);
+      for (const other of backdrops) table.classList.remove(other.value);
       table.classList.add(choice.value);
     });
   }
