@@ -57,12 +57,12 @@ def test_the_page_stands_alone_and_is_small(page):
 def test_every_view_can_be_compared_and_has_its_pictures(page, result):
     alternatives = [attributes["alt"] for attributes, _ in page.all("img")]
     for number in range(len(result.views)):
-        for layer in ("rough selection", "trimmed object", "outlines", "what was done"):
-            assert alternatives.count(f"view {number}: {layer}") == 1
+        for layer, times in (("rough selection", 2), ("trimmed object", 1), ("outlines", 1), ("what was done", 1)):
+            assert alternatives.count(f"view {number}: {layer}") == times
         for layer in ("scene", "scene without the object"):
             assert alternatives.count(f"about the object, view {number}: {layer}") == 1
     sliders = [attributes for attributes, _ in page.all("input", type="range") if "id" not in attributes]
-    assert len(sliders) == 2 * len(result.views)
+    assert len(sliders) == 3 * len(result.views)
     assert all(attributes["aria-label"] for attributes in sliders)
 
 
@@ -137,7 +137,7 @@ def test_refused_trims_and_views_are_shown_as_such():
     page = page_of(refused)
     (_, verdict), *_ = page.all("p", role="alert")
     assert verdict.startswith("Not trimmed: only 0 of 5 views were accepted")
-    assert len([a for a, _ in page.all("figure") if a["class"] == "doubtful"]) == 5
+    assert len([a for a, _ in page.all("figure") if a["class"] == "doubtful"]) == 10
     assert page.text_of("views").count("rejected: ") == 5
     data = json.loads(page.text_of("turn-data"))
     assert set(data["verdicts"]) == {"the view was rejected"}

@@ -19,6 +19,12 @@ class Figure:
     doubt: str = ""
     """What is wrong with this view; empty if nothing is."""
 
+    def only(self, pairings: Sequence[Pairing]) -> Figure:
+        """The figure with the pictures that some pairings need."""
+        needed = {layer for pairing in pairings for layer in (pairing.left, pairing.right)}
+        pictures = {layer: picture for layer, picture in self.pictures.items() if layer in needed}
+        return Figure(self.caption, pictures, self.doubt)
+
 
 @dataclass(frozen=True)
 class Pairing:
@@ -37,7 +43,7 @@ def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing]
 
     Args:
         name: distinguishes the element from others of the page.
-        figures: the figures; each has the pictures of the first pairing.
+        figures: the figures, each with the pictures of all pairings; others are left out.
         pairings: what can be compared.
         uris: address of each picture by its `id`.
     """
@@ -54,7 +60,7 @@ def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing]
         for i, pairing in enumerate(pairings)
         if pairing.note
     )
-    drawn = "".join(_figure(figure, pairings[0], uris) for figure in figures)
+    drawn = "".join(_figure(figure.only(pairings), pairings[0], uris) for figure in figures)
     return f'<div class="comparison">{choices}{notes}<div class="figures">{drawn}</div></div>'
 
 

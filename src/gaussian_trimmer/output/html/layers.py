@@ -34,7 +34,11 @@ VIEW_PAIRINGS = (
         "The view as it was segmented: orange is the outline of the rough selection, light blue that of the mask, red "
         "that of a mask that was rejected.",
     ),
-    Pairing("what was done", SELECTION, CHANGES, "The object in grey; the colours are those of the legend below."),
+)  # fmt: skip
+CHANGE_PAIRINGS = (Pairing("what was done", SELECTION, CHANGES),)
+BACKGROUND_PAIRINGS = (
+    Pairing("scene and what is left", SCENE, REST, "Everything that stood where the object was should be gone, and "
+            "everything else still there."),
 )  # fmt: skip
 
 
@@ -48,7 +52,7 @@ def shown_views(result: TrimResult) -> list[int]:
 
 
 def view_figures(result: TrimResult, changes: Gaussians) -> list[Figure]:
-    """A figure for each shown view, with the pictures of `VIEW_PAIRINGS`."""
+    """A figure for each shown view, with the pictures of `VIEW_PAIRINGS` and `CHANGE_PAIRINGS`."""
     coarse = result.scene.select(result.selection)
     figures = []
     for number in shown_views(result):

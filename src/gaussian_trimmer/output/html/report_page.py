@@ -11,9 +11,15 @@ from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.output.html.changes import Change, coloured_changes, legend_of
-from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
+from gaussian_trimmer.output.html.comparison import Figure, comparison
 from gaussian_trimmer.output.html.document import asset, document, text
-from gaussian_trimmer.output.html.layers import REST, SCENE, VIEW_PAIRINGS, background_figures, view_figures
+from gaussian_trimmer.output.html.layers import (
+    BACKGROUND_PAIRINGS,
+    CHANGE_PAIRINGS,
+    VIEW_PAIRINGS,
+    background_figures,
+    view_figures,
+)
 from gaussian_trimmer.output.html.tables import bars, flat, table
 from gaussian_trimmer.output.html.turntable import addresses, dial, ring_of_trim, turntable
 from gaussian_trimmer.result import TrimResult
@@ -31,10 +37,6 @@ _NO_TRUTH = (
     "object, <code>gaussian-trimmer evaluate SCENE RESULT --masks DIR --cameras PATH --output DIR --html</code> draws "
     "maps of errors."
 )
-_ONLY_REST = (
-    Pairing("scene and what is left", SCENE, REST, "Everything that stood where the object was should be gone, and "
-            "everything else still there."),
-)  # fmt: skip
 
 
 def write_report_page(result: TrimResult, report: Mapping[str, Any], folder: Path) -> None:
@@ -62,7 +64,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
         "views": _views(result, views, uris),
         "turn": f'<div class="turning columns"><div>{turntable("turn", ring, uris)}</div><div>{_sides(result, sides)}'
         "</div></div>",
-        "changes": _legend(result, report),
+        "changes": _changes(result, report, views, uris),
         "background": _background(result, behind, uris),
         "errors": f"<p>{_NO_TRUTH}</p>",
         "numbers": _numbers(report),
@@ -121,17 +123,18 @@ def _background(result: TrimResult, figures: Sequence[Figure], uris: Mapping[int
         return "<p>Nothing is left: the file held the object alone, and nothing of it was cut off.</p>"
     if not figures:
         return "<p>No picture was drawn: the inputs were found wrong before.</p>"
-    return comparison("background-pairing", figures, _ONLY_REST, uris)
+    return comparison("background-pairing", figures, BACKGROUND_PAIRINGS, uris)
 
 
-def _legend(result: TrimResult, report: Mapping[str, Any]) -> str:
-    """What the colours mean, and how many Gaussians have them."""
+def _changes(result: TrimResult, report: Mapping[str, Any], figures: Sequence[Figure], uris: Mapping[int, str]) -> str:
+    """What the colours mean, how many Gaussians have them, and where they are."""
     lines = "".join(map(_legend_row, legend_of(result)))
     floaters = report["counts"]["floaters"]
     far = f" {floaters:,} of the pruned ones float far off, outside the pictures." if floaters else ""
     return (
-        '<p>The pictures "what was done" above, of the views and all around, have these colours. The rest of the scene '
-        f"is left out of them, since it would hide much.{far}</p><table><tbody>{lines}</tbody></table>"
+        "<p>These colours are also those of the object turning. The rest of the scene is left out, since it would hide "
+        f"much.{far}</p><table><tbody>{lines}</tbody></table>"
+        f"{comparison('changes-pairing', figures, CHANGE_PAIRINGS, uris) if figures else ''}"
     )
 
 
