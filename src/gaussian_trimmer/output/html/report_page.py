@@ -103,7 +103,8 @@ def _verdict(report: Mapping[str, Any]) -> str:
     else:
         state = (
             f'<p class="verdict"><strong>{counts["object"]:,} Gaussians</strong> of a selection of '
-            f"{counts['selected']:,}: {counts['pruned']:,} pruned, {counts['recovered']:,} recovered. {accepted} of "
+            f"{counts['selected']:,}: {counts['pruned']:,} pruned, {counts['recovered']:,} recovered, "
+            f"{counts['dropped']:,} dropped that only the object hid. {accepted} of "
             f"{len(report['views'])} views accepted; {text(report['checked']['sentence'])}.</p>"
         )
     doubts = "".join(f"<li>{text(sentence)}</li>" for sentence in report["warnings"])
