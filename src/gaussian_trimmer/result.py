@@ -121,7 +121,9 @@ class TrimResult:
 
         return describe(self, self.selection, self.config, {}, self.segmenter_description)
 
-    def save(self, folder: str | Path, *, overwrite: bool = False, format: str | None = None) -> Path:
+    def save(
+        self, folder: str | Path, *, overwrite: bool = False, format: str | None = None, html: bool = False
+    ) -> Path:
         """Write what the command line writes, and return the folder, which appears whole or not at all.
 
         That is object and background as splat files, `labels.npz`, `report.json`, `before_after.png` and `views/`; the
@@ -131,6 +133,7 @@ class TrimResult:
             folder: new or empty; missing parents are made.
             overwrite: replace earlier results in the folder.
             format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or ksplat.
+            html: write `report.html` too: the trim as one page for a browser, without anything outside it.
 
         Raises:
             InputError: the folder holds something and `overwrite` is not set, it cannot be written to, no format has
@@ -138,7 +141,23 @@ class TrimResult:
         """
         from gaussian_trimmer.output.saving import save
 
-        return save(self, folder, overwrite=overwrite, format=format)
+        return save(self, folder, overwrite=overwrite, format=format, html=html)
+
+    def export_viewer(self, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
+        """Write a page that draws the object in any browser, without a server and without the network.
+
+        Args:
+            path: name of the page, which ends with .html.
+            part: `object`, `background`, or `both`, of which the page can hide one.
+            overwrite: replace the file if it exists.
+
+        Raises:
+            InputError: there are more than a million Gaussians, or none; the file exists and `overwrite` is not set;
+                or it cannot be written.
+        """
+        from gaussian_trimmer.output.html.viewer import export_trim
+
+        export_trim(self, path, part, overwrite=overwrite)
 
     def slim(self) -> SlimResult:
         """What was decided, without the scene, the object's Gaussians and the renderings."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import html
 import io
 from collections.abc import Sequence
 from urllib.parse import quote
@@ -11,6 +10,7 @@ from urllib.parse import quote
 from gaussian_trimmer.batch.driver import Outcome, outcome_of
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.storage import Store
+from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
 COLUMNS = (
@@ -19,9 +19,9 @@ COLUMNS = (
 )  # fmt: skip
 _MOST_PICTURES = 500
 _STYLE = (
-    "body{font:15px sans-serif;margin:2em;background:#fff;color:#222}table{border-collapse:collapse}"
-    "td,th{padding:.3em .8em;text-align:left;vertical-align:top;border-bottom:1px solid #ddd}"
-    "img{width:320px;display:block}.failed{color:#b00020}.left{color:#777}"
+    "body{margin:2em}table{border-collapse:collapse}"
+    "td,th{padding:.3em .8em;text-align:left;vertical-align:top;border-bottom:1px solid var(--line)}"
+    "img{width:320px;display:block}.failed{color:var(--bad)}.left{color:var(--faint)}"
 )
 
 
@@ -84,9 +84,8 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
     """The page; the first outcomes have their pictures, which the browser fetches when they come into sight."""
     states = [outcome.state for outcome in outcomes]
     counts = ", ".join(f"{states.count(state)} {state}" for state in ("done", "failed", "left") if state in states)
-    pages = [
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Batch</title><style>{_STYLE}</style>'
-        f"</head><body>\n<h1>{len(outcomes)} items: {counts}</h1>\n<p>The worst first: what failed, what was left as "
+    lines = [
+        f"<h1>{len(outcomes)} items: {counts}</h1>\n<p>The worst first: what failed, what was left as "
         "it was selected, then by rejected views and by how much of the selection changed.</p>\n<table>\n"
         "<tr><th>item</th><th>state</th><th>Gaussians</th><th>views</th><th></th></tr>"
     ]
@@ -97,8 +96,8 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
             shown += 1
             link = f"items/{quote(outcome.item.name)}/before_after.png"
             picture = f'<a href="{link}"><img loading="lazy" src="{link}" alt=""></a>'
-        pages.append(_row(outcome, picture))
-    return "\n".join([*pages, "</table></body></html>", ""])
+        lines.append(_row(outcome, picture))
+    return document("Batch", "\n".join([*lines, "</table>"]), style=_STYLE, stands_alone=False)
 
 
 def _row(outcome: Outcome, picture: str) -> str:
@@ -110,9 +109,9 @@ def _row(outcome: Outcome, picture: str) -> str:
         else ""
     )
     views = f"{outcome.views[0]} of {outcome.views[1]}" if outcome.views[1] else ""
-    words = html.escape(outcome.message or outcome.refused)
+    words = text(outcome.message or outcome.refused)
     return (
-        f'<tr class="{outcome.state}"><td>{html.escape(outcome.item.name)}</td><td>{outcome.state}<br>{words}</td>'
+        f'<tr class="{outcome.state}"><td>{text(outcome.item.name)}</td><td>{outcome.state}<br>{words}</td>'
         f"<td>{numbers}</td><td>{views}</td><td>{picture}</td></tr>"
     )
 

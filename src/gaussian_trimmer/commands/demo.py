@@ -11,6 +11,7 @@ from tyro.conf import arg
 
 from gaussian_trimmer import sample
 from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.trim import Trim
 
 _FOLDER = Path("trimmed") / "demo"
@@ -41,15 +42,19 @@ class Demo:
             output=folder,
             overwrite=self.overwrite or self.output is None,
             quiet=self.quiet,
+            pages=PageOptions(html=True),
         ).run()
         console.print(
-            f"\nLook first at {folder / 'before_after.png'}: rough selection, trimmed object, scene without it."
+            f"\nLook first at {folder / 'report.html'} in a browser: before and after, and the object turning."
+        )
+        console.print(
+            f"{folder / 'before_after.png'} has rough selection, trimmed object, and scene without it in one picture."
         )
         console.print(f"Any splat viewer opens {folder / 'object.ply'} and {folder / 'background.ply'}.")
         console.print(
             f"{folder / 'views'} shows where the silhouettes were drawn, {folder / 'report.json'} says the rest."
         )
         console.print("The same by hand:")
-        command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS]
+        command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS, "--html"]
         console.print(f"  {shlex.join(map(str, command))}")
         return code

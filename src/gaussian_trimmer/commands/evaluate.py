@@ -16,12 +16,14 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.evaluation.clip_iqa import load_scorer
+from gaussian_trimmer.evaluation.error_page import WorstViews, error_page
 from gaussian_trimmer.evaluation.ground_truth import TestView, views_in
 from gaussian_trimmer.evaluation.results import StoredResult, cut_by, read_result
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Occlusion, Scores, Shown, mean_scores
 from gaussian_trimmer.evaluation.sheets import comparison_sheet
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.pictures import Picture
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.selection_files import SelectionOptions
@@ -80,6 +82,8 @@ class Evaluate:
     """Selection or object before the trim; a folder of `trim` holds it already."""
     occlusion: Occlusion = "alone"
     """Render the object alone, or measure its share of the whole scene's picture."""
+    html: bool = False
+    """Also write report.html to the folder of --output: the table, and maps of errors to move through, on one page."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     quiet: bool = False
@@ -98,6 +102,8 @@ class Evaluate:
         console = open_console(quiet=self.quiet)
         check_settings(self.rules)
         check_settings(self.selection_options, "selection")
+        if self.html and self.tables.output is None:
+            raise InputError("--html writes report.html to the folder of --output; give it with --output DIR.")
         with results_folder(self.tables) as folder:
             publish(self._measure(console), self.tables, console, folder)
 
@@ -111,11 +117,15 @@ class Evaluate:
         if after.unknown_background and self.occlusion == "alone":
             console.print(f"Fidelity is left out, since the scene without the object is unknown: "
                           f"{after.unknown_background}")  # fmt: skip
-        scored, sheet = _score(scene, before, after.cut, views, judge, sheet=self.tables.output is not None)
+        worst = WorstViews(judge.threshold) if self.html else None
+        scored, sheet = _score(
+            scene, before, after.cut, views, judge, sheet=self.tables.output is not None, worst=worst
+        )
         notes = [judge.describe(), f"views: {len(found)}, those of {len(cameras)} cameras with a mask; mean over views"]
         table = table_of_views(f"{shown(self.result.name)} in {shown(self.scene.name)}", scored, notes)
         pictures = {"sheet.png": sheet} if sheet is not None else {}
-        return Findings({"scores": table}, pictures)
+        texts = {REPORT: error_page(table, worst)} if worst is not None else {}
+        return Findings({"scores": table}, pictures, texts)
 
     def _before(self, after: StoredResult, scene: Gaussians) -> Cut | None:
         if self.before is not None:
@@ -135,9 +145,10 @@ ScoredView = tuple[str, Scores | None, Scores]
 
 
 def _score(
-    scene: Gaussians, before: Cut | None, after: Cut, views: Iterator[TestView], judge: Judge, *, sheet: bool
-) -> tuple[list[ScoredView], Picture | None]:
-    """Scores of every view, one view in memory at a time but for those on the sheet."""
+    scene: Gaussians, before: Cut | None, after: Cut, views: Iterator[TestView], judge: Judge, *, sheet: bool,
+    worst: WorstViews | None = None,
+) -> tuple[list[ScoredView], Picture | None]:  # fmt: skip
+    """Scores of every view, one view in memory at a time but for those on the sheet; the worst are drawn if asked."""
     alone = replace(judge, occlusion="alone")
     whole = Cut(scene, scene.select(slice(0, 0)))
     scored: list[ScoredView] = []
@@ -149,6 +160,8 @@ def _score(
         if after.background is not None:
             scores |= judge.fidelity(after, view.camera, alone.show(whole, view.camera).rgb)
         scored.append((shown(view.camera.name), judge.score(then, view) if then else None, scores))
+        if worst is not None:
+            worst.add(view, shown(view.camera.name), then, now, scores)
         if sheet and len(kept) < _SHEET_ROWS:
             kept.append((view, then, now))
     if not kept:

@@ -155,6 +155,10 @@ class Select(TrimSettings):
             raise InputError("Object numbers are lifted from --masks alone and only by 'assignment'.")
         if self.object_ids and self.trim is not None:
             raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
+        if self.pages.wished() and self.trim is None:
+            raise InputError("--html and --export-viewer show a trim; add --trim DIR, or leave them out.")
+        if self.trim is not None:
+            self.pages.check(self.trim, overwrite=self.overwrite)
         if self.output.suffix != ".npy":
             raise InputError(f"The selection '{self.output}' is saved as .npy; give a name with that ending.")
         if self.list_views is None:

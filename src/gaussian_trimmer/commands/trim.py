@@ -19,6 +19,7 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
 from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.remaining import read_remaining
 from gaussian_trimmer.commands.trim_objects import trim_labels
 from gaussian_trimmer.compiling import CACHE
@@ -26,8 +27,9 @@ from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
-from gaussian_trimmer.output.report import RESULTS, result_files
-from gaussian_trimmer.output.saving import suffix_of, write_trim
+from gaussian_trimmer.output.html.report_page import REPORT
+from gaussian_trimmer.output.report import RESULTS
+from gaussian_trimmer.output.saving import suffix_of, trim_files, write_trim
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.photo_views import photo_views
 from gaussian_trimmer.planning.up_vector import find_up
@@ -103,6 +105,7 @@ class TrimSettings:
     have not been compared with the others' on a GPU yet."""
     quiet: bool = False
     """Print nothing but errors."""
+    pages: Annotated[PageOptions, arg(name="")] = field(default_factory=PageOptions)
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
     segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
         default_factory=_SegmenterOptions
@@ -166,7 +169,10 @@ class Trim(TrimSettings):
             with progress_over_stages(console) as stage:
                 summary = self._write(folder, loaded, stage, console)
         print_summary(console, summary, time.perf_counter() - start)
-        console.print(f"object{self.suffix()}, before_after.png and the rest are in {self.folder()}.")
+        looked_at = REPORT if self.pages.html else "before_after.png"
+        console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
+        if self.pages.export_viewer is not None:
+            console.print(self.pages.sentence())
         warn_of(summary)
         return NOTHING_TRIMMED if summary["refused"] else 0
 
@@ -198,14 +204,16 @@ class Trim(TrimSettings):
         if marks is not None:
             write_marks(marks, folder / MARKS)
         rows = (remaining.rows, remaining.n_scene) if remaining else (None, None)
-        return write_trim(result, folder, self.suffix(), self._inputs(), seconds, *rows)
+        report = write_trim(result, folder, self.suffix(), self._inputs(), seconds, *rows, html=self.pages.html)
+        self.pages.write_viewer(result, self.folder(), folder)
+        return report
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
         return atomic_folder(
             self.folder(),
             RESULTS,
-            names=(*result_files(self.suffix()), MARKS),
+            names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *self.pages.names(self.folder())),
             inputs=self._input_paths(),
             overwrite=self.overwrite,
         )
@@ -217,6 +225,7 @@ class Trim(TrimSettings):
         check_settings(self.segmenter_options)
         check_settings(self.mark_options)
         self.mark_options.marks()
+        self.pages.check(self.folder(), overwrite=self.overwrite)
 
     def suffix(self) -> str:
         """Ending of the splat files that are written."""

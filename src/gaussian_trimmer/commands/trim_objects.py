@@ -15,6 +15,7 @@ from gaussian_trimmer.commands.console import progress_over_stages
 from gaussian_trimmer.commands.remaining import Remaining, read_remaining
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.rendering import get_renderer
@@ -36,11 +37,16 @@ def trim_labels(command: Trim, console: Console) -> None:
     assert command.labels is not None
     if command.selection is not None or command.mark_options.marks():
         raise InputError("--labels says what to trim; leave SELECTION and marks out.")
+    html = command.pages.html
+    if command.pages.export_viewer is not None:
+        raise InputError(
+            "--export-viewer shows one object; with --labels, convert object_ID files to .html afterwards."
+        )
     suffix, folder = command.suffix(), command.folder()
     start = time.perf_counter()
     inputs = [command.scene, *(path for path in (command.labels, command.cameras) if path and path.is_file())]
     results = atomic_folder(
-        folder, RESULTS, names=objects_files(suffix), inputs=inputs, overwrite=command.overwrite
+        folder, RESULTS, names=objects_files(suffix, html=html), inputs=inputs, overwrite=command.overwrite
     )  # fmt: skip
     with results as part, progress_over_stages(console) as stage:
         stage("read")
@@ -56,7 +62,7 @@ def trim_labels(command: Trim, console: Console) -> None:
             excluded=remaining.filled if remaining else None, progress=stage,
         )  # fmt: skip
         stage("write")
-        report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining))
+        report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining), html=html)
     counts = report["counts"]
     for entry in report["objects"]:
         state = f"not trimmed: {entry['refused']}" if entry["refused"] else f"{entry['gaussians']:,} Gaussians"
@@ -68,7 +74,9 @@ def trim_labels(command: Trim, console: Console) -> None:
     )
     if counts["dropped"]:
         console.print(f"cleaned    {counts['dropped']:,} left out of the background that the objects had hidden")
-    console.print(f"object_ID{suffix}, background{suffix}, objects.png and the rest are in {folder}.")
+    console.print(
+        f"object_ID{suffix}, background{suffix}, {REPORT if html else 'objects.png'} and the rest are in {folder}."
+    )
 
 
 def _objects(command: Trim, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:

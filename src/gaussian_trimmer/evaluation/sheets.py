@@ -24,6 +24,7 @@ from gaussian_trimmer.views import HALF, Box, bounding_box
 _GREY = np.float32(0.35)
 CELL = 280
 """Side of a picture on a sheet, in pixels."""
+TRUTH = "ground truth"
 _SELECTED, _TRIMMED = (1.0, 0.6, 0.1), (0.1, 0.9, 1.0)
 _TOO_MUCH, _MISSING = (1.0, 0.1, 0.1), (0.1, 1.0, 0.1)
 
@@ -39,18 +40,28 @@ def comparison_sheet(
         before: what the views show before, or None: then its columns are left out.
         threshold: opacity above which a pixel belongs to the object.
     """
-    sides = [("before", before), ("after", after)] if before is not None else [("object", after)]
     rows = []
     for i, view in enumerate(views):
-        grey = _GREY * (1 - view.coverage[..., None])
-        photograph = view.image if view.image is not None else np.full((*view.coverage.shape, 3), 0.8, np.float32)
-        cells: list[tuple[str, FloatArray]] = [("ground truth", photograph * view.coverage[..., None] + grey)]
-        cells += [(name, over_grey(shown[i])) for name, shown in sides if shown]
-        cells += [(f"errors {name}", _errors(shown[i].alpha, view, threshold)) for name, shown in sides if shown]
-        masks = [view.coverage > HALF, *(shown[i].alpha > threshold for _, shown in sides if shown)]
-        box = square_about(np.any(masks, axis=0))
-        rows.append(row_of_pictures([(name, cut_out(picture, box)) for name, picture in cells], captions=i == 0))
+        cells = cells_of_view(view, before[i] if before is not None else None, after[i], threshold)
+        rows.append(row_of_pictures(cells, captions=i == 0))
     return np.vstack(rows)
+
+
+def cells_of_view(
+    view: TestView, before: Shown | None, after: Shown, threshold: float, size: int = CELL
+) -> list[tuple[str, FloatArray]]:
+    """What a sheet shows of one view, by name: squares about the object, (size, size, 3).
+
+    Without a `before`, what comes after is named "object".
+    """
+    shown = {"object": after} if before is None else {"before": before, "after": after}
+    grey = _GREY * (1 - view.coverage[..., None])
+    photograph = view.image if view.image is not None else np.full((*view.coverage.shape, 3), 0.8, np.float32)
+    cells: list[tuple[str, FloatArray]] = [(TRUTH, photograph * view.coverage[..., None] + grey)]
+    cells += [(name, over_grey(side)) for name, side in shown.items()]
+    cells += [(f"errors {name}", _errors(side.alpha, view, threshold)) for name, side in shown.items()]
+    box = square_about(np.any([view.coverage > HALF, *(side.alpha > threshold for side in shown.values())], axis=0))
+    return [(name, cut_out(picture, box, size)) for name, picture in cells]
 
 
 def capture_sheet(
@@ -104,14 +115,14 @@ def square_about(mask: BoolArray, margin: float = 0.15) -> Box:
     return x - half, y - half, x + half, y + half
 
 
-def cut_out(picture: FloatArray, box: Box) -> FloatArray:
-    """What of a picture (H, W, 3) lies in a box, brought to the size of a sheet's pictures; grey outside."""
+def cut_out(picture: FloatArray, box: Box, size: int = CELL) -> FloatArray:
+    """What of a picture (H, W, 3) lies in a box, brought to a size, that of a sheet's pictures; grey outside."""
     (x0, y0, x1, y1), (height, width) = box, picture.shape[:2]
     inside = picture[max(0, y0) : y1, max(0, x0) : x1]
     padding = ((max(0, -y0), max(0, y1 - height)), (max(0, -x0), max(0, x1 - width)), (0, 0))
     square = np.pad(inside, padding, constant_values=_GREY)
-    shrinks = square.shape[0] > CELL
-    resized = cv2.resize(square, (CELL, CELL), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    shrinks = square.shape[0] > size
+    resized = cv2.resize(square, (size, size), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
     return np.asarray(resized)
 
 

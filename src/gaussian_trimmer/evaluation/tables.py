@@ -41,7 +41,7 @@ class ScoreTable:
 
     def as_text(self) -> str:
         """A Markdown table with aligned columns."""
-        cells = [[_text(cell, self.digits) for cell in row] for row in self.rows]
+        cells = [[cell_text(cell, self.digits) for cell in row] for row in self.rows]
         widths = [max(len(line[i]) for line in [list(self.columns), *cells]) for i in range(len(self.columns))]
         rule = [f"{'-' * (width - 1)}:" if i else "-" * width for i, width in enumerate(widths)]
         lines = [
@@ -85,7 +85,7 @@ class ScoreTable:
             "  " + " & ".join(_tex(name) for name in self.columns) + r" \\", r"  \midrule",
         ]  # fmt: skip
         for row in self.rows:
-            cells = (_tex(_text(cell, self.digits)).replace("->", r"$\to$") for cell in row)
+            cells = (_tex(cell_text(cell, self.digits)).replace("->", r"$\to$") for cell in row)
             lines.append("  " + " & ".join(cells) + r" \\")
         return "\n".join([*lines, r"  \bottomrule", r"  \end{tabular}", r"\end{table}"]) + "\n"
 
@@ -123,9 +123,10 @@ def score_cells(metrics: Sequence[str], before: Scores | None, after: Scores) ->
     ]
 
 
-def _text(cell: Cell, digits: int) -> str:
+def cell_text(cell: Cell, digits: int) -> str:
+    """A cell as text, numbers with some decimals."""
     if isinstance(cell, Change):
-        return f"{_text(cell.before, digits)} -> {_text(cell.after, digits)}"
+        return f"{cell_text(cell.before, digits)} -> {cell_text(cell.after, digits)}"
     if cell is None:
         return "-"
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)

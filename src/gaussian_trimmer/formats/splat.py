@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
@@ -21,7 +23,8 @@ from gaussian_trimmer.formats.packing import (
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.reading import file_bytes
 
-_ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)])
+ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)])
+"""One Gaussian: its centre, standard deviations, colour with opacity, and rotation (w, x, y, z)."""
 
 
 def read(path: Path) -> Gaussians:
@@ -31,11 +34,11 @@ def read(path: Path) -> Gaussians:
         InputError: the file cannot be read, is not whole rows, is empty, or holds negative or non-finite values.
     """
     data = file_bytes(path)
-    if len(data) % _ROW.itemsize:
+    if len(data) % ROW.itemsize:
         raise InputError(f"'{path}' is no .splat file or truncated: {len(data)} bytes are not whole rows of 32 bytes.")
     if not data:
         raise InputError(f"'{path}' holds zero Gaussians.")
-    rows = np.frombuffer(data, _ROW)
+    rows = np.frombuffer(data, ROW)
     quaternions = (rows["rotation"].astype(np.float32) - 128.0) / 128.0
     quaternions[~quaternions.any(axis=1), 0] = 1.0
     gaussians = Gaussians(
@@ -52,12 +55,17 @@ def read(path: Path) -> Gaussians:
 
 def write(gaussians: Gaussians, path: Path) -> None:
     """Write a .splat file in the given order; colours are clipped to 0 ... 1 and lose their view-dependent part."""
+    with atomic_file(path) as part, part.open("wb") as file:
+        write_array(file, rows_of(gaussians))
+
+
+def rows_of(gaussians: Gaussians) -> NDArray[Any]:
+    """What a .splat file holds of Gaussians, (N,) of `ROW`."""
     unit = gaussians.quaternions / np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
-    rows = np.empty(len(gaussians), _ROW)
+    rows = np.empty(len(gaussians), ROW)
     rows["mean"] = gaussians.means
     rows["scale"] = linear_scales(gaussians)
     rows["rgba"][:, :3] = to_levels(colours_of(gaussians.sh_dc), 0.0, 1.0, 8)
     rows["rgba"][:, 3] = opacity_bytes(gaussians)
     rows["rotation"] = np.clip(np.rint(unit * 128.0 + 128.0), 0, 255)
-    with atomic_file(path) as part, part.open("wb") as file:
-        write_array(file, rows)
+    return rows

@@ -13,6 +13,8 @@ import numpy as np
 from gaussian_trimmer import __version__, formats
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.output.html.objects_page import write_objects_page
+from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.pictures import Picture, captioned, close_up, draw_cells, write_picture
 from gaussian_trimmer.output.report import LABEL_NAMES, dropped_of, in_original, labels_of
 from gaussian_trimmer.several_objects import ObjectsResult
@@ -23,14 +25,15 @@ _MAX_DRAWN = 60
 _CONTEXT = 1.8
 
 
-def objects_files(suffix: str) -> tuple[str, ...]:
+def objects_files(suffix: str, *, html: bool = False) -> tuple[str, ...]:
     """Patterns of the names that `write_objects` writes."""
-    return (f"object_*{suffix}", f"background{suffix}", "labels.npz", "report.json", "objects.png")
+    names = (f"object_*{suffix}", f"background{suffix}", "labels.npz", "report.json", "objects.png")
+    return (*names, REPORT) if html else names
 
 
 def write_objects(
     result: ObjectsResult, folder: Path, suffix: str, inputs: Mapping[str, Any], rows: IntArray | None = None,
-    n_scene: int | None = None,
+    n_scene: int | None = None, *, html: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Write everything into an existing folder, and return the report.
 
@@ -39,6 +42,7 @@ def write_objects(
         inputs: where the scene, the labels and so on came from, as JSON holds it.
         rows: row in the original scene of each Gaussian of the result's scene, where that is what an earlier trim left.
         n_scene: number of Gaussians of that original scene.
+        html: write `report.html` too, a page to look at.
 
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
@@ -70,6 +74,8 @@ def write_objects(
     report = describe_objects(result, inputs)
     with atomic_file(folder / "report.json") as part_file:
         part_file.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if html:
+        write_objects_page(result, report, folder)
     return report
 
 

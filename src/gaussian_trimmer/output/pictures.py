@@ -17,7 +17,7 @@ from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
@@ -48,18 +48,30 @@ _STEEPEST = 80.0
 
 
 def draw_view(view: TrimmedView, number: int) -> Picture:
-    """A virtual view as it was segmented, with the outlines of the coarse selection and of the mask below it."""
-    rgb = view.view.rgb + (1 - view.view.alpha)[..., None] * BACKDROP
-    picture = _as_picture(rgb)
-    mask_colour = _REJECTED if view.rejected else _MASK
-    # The thick line below still shows where both outlines agree.
-    _draw_outline(picture, view.view.object_visible > HALF, _COARSE, 2)
-    _draw_outline(picture, view.mask, mask_colour, 1)
+    """A virtual view as it was segmented, with the outlines of the coarse selection and of the mask, and a legend."""
+    picture = draw_outlines(view)
     if view.rejected:
         _frame(picture)
+    mask_colour = _REJECTED if view.rejected else _MASK
     legend = [(f"view {number}", _TEXT), ("coarse selection", _COARSE), ("mask", mask_colour)]
     verdict = [(f"rejected: {view.rejected}", _REJECTED)] if view.rejected else [("accepted", _TEXT)]
     return np.vstack([picture, _strip(legend, picture.shape[1]), _strip(verdict, picture.shape[1])])
+
+
+def draw_outlines(view: TrimmedView) -> Picture:
+    """A virtual view as it was segmented, with the outlines of the coarse selection and of the mask below it."""
+    picture = as_picture(view.view.rgb + (1 - view.view.alpha)[..., None] * BACKDROP)
+    # The thick line below still shows where both outlines agree.
+    _draw_outline(picture, view.view.object_visible > HALF, _COARSE, 2)
+    _draw_outline(picture, view.mask, _REJECTED if view.rejected else _MASK, 1)
+    return picture
+
+
+def draw_gaussians(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Picture:
+    """Gaussians before the neutral backdrop, which is all that there is to see of none."""
+    if not len(gaussians):
+        return as_picture(np.tile(BACKDROP, (camera.height, camera.width, 1)))
+    return as_picture(renderer.render(gaussians, camera, BACKDROP).rgb)
 
 
 def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Renderer) -> Picture:
@@ -69,9 +81,9 @@ def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Render
     walls farther out would stand before the camera.
     """
     sides = checked_sides(result)
-    yaws, cameras = _cameras_around(result, selection, sides)
+    yaws, cameras = cameras_around(result, selection, sides, _COLUMNS, _CELL)
     verdicts = [sides.verdict(yaw) for yaw in yaws]
-    coarse, around = result.scene.select(selection), _context(result)
+    coarse, around = result.scene.select(selection), nearby_background(result)
     after = "the object, left as it was: " if result.refused else "trimmed object: "
     rows = [
         (f"coarse selection: {len(coarse):,} Gaussians", coarse),
@@ -84,17 +96,27 @@ def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Render
     return np.vstack([_headings(yaws, verdicts, width), *pictures, _strip(closing, width)])
 
 
-def _cameras_around(result: TrimResult, selection: BoolArray, sides: CheckedSides) -> tuple[list[int], list[Camera]]:
-    """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the object from there."""
+def cameras_around(
+    result: TrimResult, selection: BoolArray, sides: CheckedSides, count: int, size: int
+) -> tuple[list[int], list[Camera]]:
+    """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the object from there.
+
+    Args:
+        result: the trim.
+        selection: the coarse object, (N,).
+        sides: from where it was judged.
+        count: number of cameras on the full circle.
+        size: width and height of their pictures in pixels.
+    """
     pitch = float(np.median(sides.pitches)) if sides.pitches else _PITCH
     config = PlanConfig(
-        views=_COLUMNS,
-        size=_CELL,
+        views=count,
+        size=size,
         pitch_degrees=float(np.clip(pitch, -_STEEPEST, _STEEPEST)),
         yaw_range_degrees=(sides.middle, sides.middle + 360),
     )
     cameras, _ = plan_cameras(result.scene.select(selection), result.bounds.axes[2], config)
-    return [(sides.middle + 360 * i // _COLUMNS) % 360 for i in range(_COLUMNS)], cameras
+    return [(sides.middle + 360 * i // count) % 360 for i in range(count)], cameras
 
 
 def _headings(yaws: Sequence[int], verdicts: Sequence[str], width: int) -> Picture:
@@ -152,10 +174,7 @@ def _row(
     gap = np.full((_CELL, _GAP, 3), _PAPER, np.uint8)
     cells: list[Picture] = []
     for camera, verdict in zip(cameras, verdicts, strict=True):
-        rgb = (
-            renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else np.tile(BACKDROP, (_CELL, _CELL, 1))
-        )
-        picture = _as_picture(rgb)
+        picture = draw_gaussians(gaussians, camera, renderer)
         if verdict:
             _frame(picture)
         cells += [gap, picture]
@@ -165,24 +184,34 @@ def _row(
 def draw_cells(caption: str, shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -> Picture:
     """Pictures of several sets of Gaussians from one camera, side by side under a caption."""
     gap = np.full((camera.height, _GAP, 3), _PAPER, np.uint8)
-    empty = np.tile(BACKDROP, (camera.height, camera.width, 1))
     cells: list[Picture] = []
     for gaussians in shown:
-        rgb = renderer.render(gaussians, camera, BACKDROP).rgb if len(gaussians) else empty
-        cells += [gap, _as_picture(rgb)]
+        cells += [gap, draw_gaussians(gaussians, camera, renderer)]
     pictures = np.hstack([*cells, gap])
     return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
 
 
-def _context(result: TrimResult) -> Gaussians:
-    """What of the background lies around the object."""
+def nearby_background(result: TrimResult) -> Gaussians:
+    """What of the background lies around the object: walls farther out would stand before a camera."""
+    return concatenate([result.scene.select(_nearby_rows(result)), result.appended])
+
+
+def nearby_scene(result: TrimResult) -> Gaussians:
+    """The scene around the object as it was before the trim, the object included."""
+    shown = result.object_mask
+    shown[_nearby_rows(result)] = shown[result.dropped] = True
+    return result.scene.select(shown)
+
+
+def _nearby_rows(result: TrimResult) -> IntArray:
+    """Rows of the scene that are whole in the background and lie around the object."""
     rows = result.background_rows
     offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
-    near = rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius]
-    return concatenate([result.scene.select(near), result.appended])
+    return np.asarray(rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius])
 
 
-def _as_picture(rgb: FloatArray) -> Picture:
+def as_picture(rgb: FloatArray) -> Picture:
+    """Colours from 0 to 1 (H, W, 3) as a picture."""
     return np.ascontiguousarray(np.clip(rgb[..., ::-1] * 255 + 0.5, 0, 255).astype(np.uint8))
 
 

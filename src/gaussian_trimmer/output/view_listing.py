@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, write_picture
 from gaussian_trimmer.rendering import Renderer
 
@@ -74,7 +73,7 @@ def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]
     figures = []
     for number in order:
         camera = cameras[number]
-        name = f" {html.escape(camera.name)}" if camera.name else ""
+        name = f" {text(camera.name)}" if camera.name else ""
         kind = ", the whole capture" if number in set(whole) and len(whole) < len(cameras) else ""
         figures.append(
             f'<figure><div class="view" data-view="{number}" data-width="{camera.width}" data-height="{camera.height}">'
@@ -82,8 +81,9 @@ def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]
             f'draggable="false"><svg viewBox="0 0 {camera.width} {camera.height}"></svg></div>'
             f"<figcaption>view {number}{name}{kind}<span></span></figcaption></figure>"
         )
-    words = json.dumps(shlex.join(command)).replace("<", "\\u003c")
-    return _PAGE.replace("@FIGURES@", "\n".join(figures)).replace("@COMMAND@", words)
+    body = f"{_HEADER}<main>\n{chr(10).join(figures)}\n</main>{json_block('words', shlex.join(command))}"
+    style, script = asset("view_listing.css"), asset("view_listing.js")
+    return document("Views to click in", body, style=style, script=script, stands_alone=False)
 
 
 def _number(picture: Picture, number: int, place: tuple[int, int]) -> None:
@@ -93,94 +93,10 @@ def _number(picture: Picture, number: int, place: tuple[int, int]) -> None:
         )  # fmt: skip
 
 
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>Views to click in</title>
-<style>
-body { font: 15px/1.4 sans-serif; margin: 0; background: #f4f4f2; color: #222; }
-header { position: sticky; top: 0; z-index: 1; background: #fff; padding: 10px 16px; border-bottom: 1px solid #ccc; }
-header p { margin: 0 0 6px; }
-textarea { width: 100%; box-sizing: border-box; height: 3.6em; font: 13px monospace; }
-main { display: flex; flex-wrap: wrap; gap: 14px; padding: 16px; }
-figure { margin: 0; }
-.view { position: relative; width: min(640px, 94vw); cursor: crosshair; line-height: 0; touch-action: none; }
-.view img { width: 100%; height: auto; background: #000; user-select: none; }
-.view svg { position: absolute; inset: 0; width: 100%; height: 100%; }
-figcaption span { float: right; font-family: monospace; }
-</style></head><body>
-<header>
+_HEADER = """<header>
 <p><b>Click</b> on what you want, <b>drag</b> a box around it; with <b>Shift</b>, or with "remove" ticked, on what
 you do not want. Later clicks belong in the middle of what is missing or too much.</p>
 <p><label><input type="checkbox" id="remove"> remove</label> <button id="undo">undo</button>
 <button id="clear">clear</button> <button id="copy">copy the command</button></p>
 <textarea id="command" readonly></textarea>
-</header>
-<main>
-@FIGURES@
-</main>
-<script>
-"use strict";
-const command = @COMMAND@;
-const marks = [];
-const text = document.getElementById("command");
-const views = [...document.querySelectorAll(".view")];
-
-function draw() {
-  let line = command, current = null;
-  for (const view of views) view.querySelector("svg").replaceChildren();
-  for (const mark of marks) {
-    if (mark.view !== current) { line += " --view-index " + mark.view; current = mark.view; }
-    line += (mark.remove ? " --remove-" : " --") + (mark.p.length === 2 ? "click " : "box ") + mark.p.join(" ");
-    show(mark);
-  }
-  text.value = marks.length ? line : command + "  (click in a view)";
-}
-
-function show(mark) {
-  const view = views.find(v => +v.dataset.view === mark.view);
-  const box = mark.p.length === 4;
-  const shape = document.createElementNS("http://www.w3.org/2000/svg", box ? "rect" : "circle");
-  const set = box
-    ? { x: mark.p[0], y: mark.p[1], width: mark.p[2] - mark.p[0], height: mark.p[3] - mark.p[1], fill: "none" }
-    : { cx: mark.p[0] + 0.5, cy: mark.p[1] + 0.5, r: +view.dataset.width / 100 };
-  set.stroke = mark.remove ? "#ff4030" : "#30e060";
-  set["stroke-width"] = +view.dataset.width / 250;
-  if (!box) set.fill = mark.remove ? "#ff403080" : "#30e06080";
-  for (const name in set) shape.setAttribute(name, set[name]);
-  view.querySelector("svg").append(shape);
-}
-
-function pixel(view, event) {
-  const frame = view.getBoundingClientRect(), w = +view.dataset.width, h = +view.dataset.height;
-  const x = Math.floor((event.clientX - frame.left) / frame.width * w);
-  const y = Math.floor((event.clientY - frame.top) / frame.height * h);
-  return [Math.min(Math.max(x, 0), w - 1), Math.min(Math.max(y, 0), h - 1)];
-}
-
-for (const view of views) {
-  let start = null;
-  const place = view.parentElement.querySelector("span");
-  view.addEventListener("pointerdown", event => {
-    start = pixel(view, event);
-    view.setPointerCapture(event.pointerId);
-  });
-  view.addEventListener("pointermove", event => { place.textContent = pixel(view, event).join(" "); });
-  view.addEventListener("pointerup", event => {
-    if (!start) return;
-    const end = pixel(view, event), remove = event.shiftKey || document.getElementById("remove").checked;
-    const far = Math.max(Math.abs(end[0] - start[0]), Math.abs(end[1] - start[1])) > +view.dataset.width / 100;
-    const low = [Math.min(start[0], end[0]), Math.min(start[1], end[1])];
-    const high = [Math.max(start[0], end[0]) + 1, Math.max(start[1], end[1]) + 1];
-    marks.push({ view: +view.dataset.view, p: far ? [...low, ...high] : start, remove });
-    start = null;
-    draw();
-  });
-}
-document.getElementById("undo").onclick = () => { marks.pop(); draw(); };
-document.getElementById("clear").onclick = () => { marks.length = 0; draw(); };
-document.getElementById("copy").onclick = () => {
-  text.select();
-  if (navigator.clipboard) navigator.clipboard.writeText(text.value); else document.execCommand("copy");
-};
-draw();
-</script></body></html>
-"""
+</header>"""

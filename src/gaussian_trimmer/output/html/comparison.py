@@ -1,0 +1,89 @@
+"""Figures of which two pictures at a time lie above each other, with a slider between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gaussian_trimmer.output.html.document import text
+from gaussian_trimmer.output.pictures import Picture
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """One point of view, drawn in several ways."""
+
+    caption: str
+    pictures: Mapping[str, Picture]
+    """By what they show; all of one size."""
+    doubt: str = ""
+    """What is wrong with this view; empty if nothing is."""
+
+    def only(self, pairings: Sequence[Pairing]) -> Figure:
+        """The figure with the pictures that some pairings need."""
+        needed = {layer for pairing in pairings for layer in (pairing.left, pairing.right)}
+        pictures = {layer: picture for layer, picture in self.pictures.items() if layer in needed}
+        return Figure(self.caption, pictures, self.doubt)
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Two pictures to compare in each figure."""
+
+    title: str
+    left: str
+    """What the picture on the left shows: a key of `Figure.pictures`."""
+    right: str
+    note: str = ""
+    """What to look for."""
+
+
+def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing], uris: Mapping[int, str]) -> str:
+    """Figures with a slider each, and a choice of what they compare if there are several pairings.
+
+    Args:
+        name: distinguishes the element from others of the page.
+        figures: the figures, each with the pictures of all pairings; others are left out.
+        pairings: what can be compared.
+        uris: address of each picture by its `id`.
+    """
+    choices = ""
+    if len(pairings) > 1:
+        buttons = "".join(
+            f'<label><input type="radio" name="{name}" value="{i}"{" checked" if i == 0 else ""}'
+            f' data-left="{text(pairing.left)}" data-right="{text(pairing.right)}"> {text(pairing.title)}</label>'
+            for i, pairing in enumerate(pairings)
+        )
+        choices = f'<fieldset class="choice"><legend>Compare</legend>{buttons}</fieldset>'
+    notes = "".join(
+        f'<p class="note" data-pairing="{i}"{" hidden" if i else ""}>{text(pairing.note)}</p>'
+        for i, pairing in enumerate(pairings)
+        if pairing.note
+    )
+    drawn = "".join(_figure(figure.only(pairings), pairings[0], uris) for figure in figures)
+    return f'<div class="comparison">{choices}{notes}<div class="figures">{drawn}</div></div>'
+
+
+def _figure(figure: Figure, first: Pairing, uris: Mapping[int, str]) -> str:
+    height, width = next(iter(figure.pictures.values())).shape[:2]
+    images = "".join(
+        f'<img src="{uris[id(picture)]}" alt="{text(f"{figure.caption}: {layer}")}" data-layer="{text(layer)}"'
+        f' width="{width}" height="{height}" draggable="false"'
+        f"{_side(layer, first)}>"
+        for layer, picture in figure.pictures.items()
+    )
+    doubt = f' <strong class="bad">{text(figure.doubt)}</strong>' if figure.doubt else ""
+    return (
+        f'<figure class="{"doubtful" if figure.doubt else "sound"}"><div class="pair" style="aspect-ratio: '
+        f'{width} / {height}">{images}<span class="edge" aria-hidden="true"></span>'
+        f'<span class="name left" aria-hidden="true">{text(first.left)}</span>'
+        f'<span class="name right" aria-hidden="true">{text(first.right)}</span>'
+        f'<input type="range" min="0" max="100" value="50" aria-label="{text(figure.caption)}: how much of the left '
+        f'picture is shown"></div><figcaption>{text(figure.caption)}{doubt}</figcaption></figure>'
+    )
+
+
+def _side(layer: str, pairing: Pairing) -> str:
+    if layer == pairing.left:
+        return ' class="left"'
+    return ' class="right"' if layer == pairing.right else " hidden"

@@ -1,0 +1,68 @@
+"""A headless Chromium that opens pages from files; tests that need it are skipped, with the reason, where it is not."""
+
+import base64
+import shutil
+from contextlib import contextmanager
+
+import cv2
+import numpy as np
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+
+
+@contextmanager
+def chromium():
+    """The browser."""
+    api = pytest.importorskip("playwright.sync_api", reason="needs a browser's driver: pip install playwright")
+    found = next((path for path in map(shutil.which, NAMES) if path), None)
+    if found is None:
+        pytest.skip("needs a browser: apt install chromium")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=found, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def opened(browser, path, *, width=1366, height=768, **options):
+    """A page from a file, without a network; it must not have complained of anything, or asked for anything else."""
+    complaints, asked = [], []
+    context = browser.new_context(viewport={"width": width, "height": height}, offline=True, **options)
+    page = context.new_page()
+    page.set_default_timeout(20_000)
+    page.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else 0)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("dialog", lambda dialog: (complaints.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(path.as_uri())
+    yield page
+    context.close()
+    assert complaints == []
+    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+
+
+def wait_until(page, expression):
+    """Wait until an expression is true, without the browser's own waiting, which the pages' policies forbid."""
+    for _ in range(400):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"never came true: {expression}")
+
+
+def screenshot(element):
+    """What an element shows, BGR (H, W, 3)."""
+    return cv2.imdecode(np.frombuffer(element.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+
+
+def picture_of(address):
+    """The picture in a data URI, with its alpha, BGRA (H, W, 4)."""
+    data = base64.b64decode(address.split(",", 1)[1])
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def differ(a, b):
+    """Share of the pixels in which two pictures differ visibly."""
+    return float((np.abs(a.astype(int) - b).max(axis=2) > 24).mean())

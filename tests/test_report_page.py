@@ -1,0 +1,266 @@
+"""`report.html`: all that a trim has to show, on one page, whatever strangers call their files."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+from command_line import SMALL, run, save_ball
+from page_reading import Page, check_stands_alone
+
+from gaussian_trimmer.output.html import turntable
+from gaussian_trimmer.output.html.changes import DROPPED, coloured_changes, label_colours, legend_of
+from gaussian_trimmer.output.html.pictures import data_uris
+from gaussian_trimmer.output.html.report_page import report_page
+from gaussian_trimmer.output.report import LABEL_NAMES, describe
+from gaussian_trimmer.pipeline import AcceptanceConfig, RowLabel, trim
+
+HOSTILE = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>.ply"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_frames():
+    """The object is drawn from few angles, which takes most of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(turntable, "FRAMES", 4)
+        yield
+
+
+def page_of(result, **inputs):
+    report = describe(result, result.selection, result.config, inputs, seconds={"read": 0.25})
+    return Page(report_page(result, report))
+
+
+def trimmed(**stages):
+    scene, truth = toy.ball_on_floor()
+    with toy.one_thread():
+        return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages))
+
+
+@pytest.fixture(scope="module")
+def result():
+    return trimmed()
+
+
+@pytest.fixture(scope="module")
+def page(result):
+    return page_of(result, scene="ball.ply", selection="rough.npy")
+
+
+def test_the_page_stands_alone_and_is_small(page):
+    check_stands_alone(page)
+    assert len(page.source) < 8_000_000
+    assert page.all("title")[0][1] == "Trim of rough.npy in ball.ply"
+
+
+def test_every_view_can_be_compared_and_has_its_pictures(page, result):
+    alternatives = [attributes["alt"] for attributes, _ in page.all("img")]
+    for number in range(len(result.views)):
+        for layer, times in (("rough selection", 2), ("trimmed object", 1), ("outlines", 1), ("what was done", 1)):
+            assert alternatives.count(f"view {number}: {layer}") == times
+        for layer in ("scene", "scene without the object"):
+            assert alternatives.count(f"about the object, view {number}: {layer}") == 1
+    sliders = [attributes for attributes, _ in page.all("input", type="range") if "id" not in attributes]
+    assert len(sliders) == 3 * len(result.views)
+    assert all(attributes["aria-label"] for attributes in sliders)
+
+
+def test_the_object_can_be_turned_all_around(page):
+    data = json.loads(page.text_of("turn-data"))
+    assert set(data["frames"]) == {"trimmed object", "rough selection", "what was done"}
+    for frames in data["frames"].values():
+        assert len(frames) == len(data["yaws"]) == len(set(frames))
+        assert all(frame.startswith("data:image/jpeg;base64,") for frame in frames)
+    assert sorted(data["yaws"]) == list(range(0, 360, 360 // len(data["yaws"])))
+    assert {attributes["value"] for attributes, _ in page.all("input", name="turn-backdrop")} == {
+        "light",
+        "dark",
+        "checker",
+    }
+
+
+def test_counts_times_settings_and_doubts_are_told(result):
+    doubtful = replace(result, warnings=("Something may be wrong.",))
+    page = page_of(doubtful)
+    report = describe(doubtful, result.selection, result.config, {})
+    numbers = page.text_of("numbers")
+    for name, count in report["counts"].items():
+        assert f"{name}{count:,}" in numbers
+    for name in ("plan.size160", "segmentersilhouette", "up vector0.000 0.000 1.000 (given"):
+        assert name in numbers
+    assert "read0.25 s" in numbers
+    assert [text for attributes, text in page.all("ul", role="alert")] == ["Something may be wrong."]
+
+
+def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page, result):
+    legend = legend_of(result)
+    assert [change.name for change in legend] == [*LABEL_NAMES, DROPPED]
+    assert len({change.colour for change in legend}) == len(legend)
+    counts = {change.name: change.count for change in legend}
+    assert counts["pruned"] == result.count(RowLabel.PRUNED) > 0
+    assert counts[DROPPED] == len(result.dropped)
+    for change in legend:
+        assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")
+
+
+def test_labels_of_other_versions_get_colours_too():
+    colours = label_colours(("kept", "pruned", "polished", "mended"))
+    assert len(set(colours.values())) == 4
+
+
+def test_what_was_done_is_drawn_without_the_untouched_background(result):
+    drawn, n = coloured_changes(result), len(result.object)
+    moved = np.count_nonzero(result.label[n:] != RowLabel.KEPT)
+    assert len(drawn) == n + moved + len(result.dropped) < len(result.scene)
+    ball = drawn.sh_dc[:n]
+    assert np.ptp(ball, axis=1).max() < 1e-5, "what stays is grey"
+    assert (np.ptp(drawn.sh_dc[n:], axis=1) > 0.5).all(), "what changed is not"
+
+
+def test_names_of_strangers_are_shown_as_text(result):
+    views = tuple(
+        replace(view, rejected=HOSTILE, view=replace(view.view, camera=replace(view.view.camera, name=HOSTILE)))
+        for view in result.views
+    )
+    hostile = replace(result, views=views, warnings=(HOSTILE,), refused=HOSTILE, segmenter=HOSTILE)
+    page = page_of(hostile, scene=HOSTILE, selection=f"</title>{HOSTILE}", selection_options={HOSTILE: HOSTILE})
+    name = HOSTILE.split("/")[-1]
+    check_stands_alone(page)
+    assert len(page.all("script")) == 2
+    assert page.all("h1")[0][1] == page.all("title")[0][1] == f"Trim of {name} in {name}"
+    assert HOSTILE in page.text_of("numbers")
+
+
+def test_refused_trims_and_views_are_shown_as_such():
+    refused = trimmed(acceptance=AcceptanceConfig(min_silhouette=10**6))
+    page = page_of(refused)
+    (_, verdict), *_ = page.all("p", role="alert")
+    assert verdict.startswith("Not trimmed: only 0 of 5 views were accepted")
+    assert len([a for a, _ in page.all("figure") if a["class"] == "doubtful"]) == 10
+    assert page.text_of("views").count("rejected: ") == 5
+    data = json.loads(page.text_of("turn-data"))
+    assert set(data["verdicts"]) == {"the view was rejected"}
+    assert "seen from no side; nothing was checked" in page.text_of("turn")
+
+
+def test_inputs_that_were_found_wrong_give_a_page_without_views(result):
+    wrong = replace(result, views=(), refused="The rows are in another order.")
+    page = page_of(wrong)
+    check_stands_alone(page)
+    assert "No view was drawn" in page.text_of("views")
+    assert "Not trimmed: The rows are in another order." in page.all("p", role="alert")[0][1]
+
+
+def test_the_object_alone_has_no_scene_without_it():
+    scene, truth = toy.ball_on_floor()
+    ball = scene.select(truth)
+    config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
+    page = page_of(trim(ball, np.ones(len(ball), np.bool_), config=config))
+    assert "Nothing is left" in page.text_of("background")
+
+
+def test_the_whole_scene_is_shown_from_training_cameras(result):
+    cameras = tuple(replace(view.view.camera, name=f"IMG_{i}.JPG") for i, view in enumerate(result.views))
+    page = page_of(replace(result, cameras=cameras))
+    names = [attributes["alt"] for attributes, _ in page.all("img") if "the whole scene" in attributes["alt"]]
+    assert names[0] == "the whole scene from IMG_0.JPG: scene"
+    assert len(names) == 4
+
+
+def test_many_views_are_thinned_but_those_that_were_rejected_stay(result):
+    views = [replace(result.views[i % 5], rejected="because" if i in (7, 30) else "") for i in range(40)]
+    page = page_of(replace(result, views=tuple(views)))
+    shown = {a["alt"].split(":")[0] for a, _ in page.all("img") if a["alt"].startswith("view ")}
+    assert len(shown) == 12
+    assert {"view 7", "view 30"} <= shown
+    assert "28 of 40 views are not shown." in page.text_of("views")
+
+
+def test_pictures_of_noise_still_fit():
+    noise = np.random.default_rng(0).integers(0, 256, (20, 256, 256, 3), dtype=np.uint8)
+    free = sum(map(len, data_uris(list(noise), 10**9)))
+    limit = free // 4
+    found = data_uris(list(noise), limit)
+    assert len(found) == 20
+    assert sum(map(len, found)) <= limit
+
+
+@pytest.fixture
+def ball(tmp_path):
+    save_ball(tmp_path)
+    return tmp_path
+
+
+def test_the_command_writes_the_page_and_a_later_run_without_it_removes_it(ball, capsys):
+    command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", 0, 0, 1, *SMALL, "--output", ball / "out"]
+    with toy.one_thread():
+        assert run(*command, "--html") == 0
+        assert "report.html" in capsys.readouterr().out
+        page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
+        assert page.all("h1")[0][1] == "Trim of rough.npy in scene.ply"
+        check_stands_alone(page)
+        assert run(*command, "--overwrite", "--quiet") == 0
+    assert not (ball / "out" / "report.html").exists()
+
+
+def test_a_report_of_someone_elses_is_not_replaced(ball, capsys):
+    (ball / "out").mkdir()
+    (ball / "out" / "report.html").write_text("mine")
+    command = ["trim", ball / "scene.ply", ball / "rough.npy", "--output", ball / "out", "--overwrite", "--html"]
+    assert run(*command) == 2
+    assert "report.html" in capsys.readouterr().err
+    assert (ball / "out" / "report.html").read_text() == "mine"
+
+
+def test_saving_in_python_writes_the_page_if_asked(result, tmp_path):
+    with toy.one_thread():
+        result.save(tmp_path / "a", html=True)
+    assert "default-src 'none'" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")[:1000]
+
+
+def test_errors_are_mapped_where_there_is_truth(ball, monkeypatch):
+    monkeypatch.chdir(ball)
+    command = ["evaluate", "scene.ply", "rough.npy", "--masks", "masks", "--cameras", "cameras.json", "--quiet"]
+    with toy.one_thread():
+        assert run(*command, "--before", "rough.npy", "--images", "masks", "--output", "out", "--html") == 0
+        page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
+        check_stands_alone(page)
+        assert {a["data-layer"] for a, _ in page.all("img")} == {
+            "ground truth", "before", "after", "errors before", "errors after",
+        }  # fmt: skip
+        shares = [float(text.split("IoU")[1].split()[0]) for _, text in page.all("figcaption")]
+        assert len(shares) == 4
+        assert shares == sorted(shares), "the worst come first"
+        assert run(*command, "--output", "alone", "--html") == 0
+    page = Page((ball / "alone" / "report.html").read_text(encoding="utf-8"))
+    assert {a["data-layer"] for a, _ in page.all("img")} == {"ground truth", "object", "errors object"}
+
+
+def test_a_page_of_errors_needs_a_folder(ball, monkeypatch, capsys):
+    monkeypatch.chdir(ball)
+    assert run("evaluate", "scene.ply", "rough.npy", "--masks", "masks", "--cameras", "cameras.json", "--html") == 2
+    assert "--output DIR" in capsys.readouterr().err
+
+
+def test_several_objects_have_a_section_each(ball, capsys):
+    scene, truth = toy.ball_on_floor()
+    floor = ~truth & (np.abs(scene.means[:, 0] - 2) < 0.6) & (np.abs(scene.means[:, 1] - 2) < 0.6)
+    np.save(ball / "labels.npy", np.where(toy.dilated(scene, truth), 1, np.where(floor, 2, 0)))
+    command = ["trim", ball / "scene.ply", "--labels", ball / "labels.npy", "--up", 0, 0, 1, *SMALL]
+    with toy.one_thread():
+        assert run(*command, "--output", ball / "out", "--html") == 0
+    assert "report.html" in capsys.readouterr().out
+    page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
+    check_stands_alone(page)
+    report = json.loads((ball / "out" / "report.json").read_text())
+    assert page.all("h1")[0][1] == "Trim of 2 objects in scene.ply"
+    for entry in report["objects"]:
+        section = page.text_of(f"object-{entry['id']}")
+        assert (f"Not trimmed: {entry['refused']}" if entry["refused"] else f"{entry['gaussians']:,}") in section
+        data = json.loads(page.text_of(f"object-{entry['id']}-data"))
+        assert {"trimmed object", "rough selection"} <= set(data["frames"])
+        for layer in ("rough selection", "trimmed object", "scene", "scene without the object"):
+            assert len(page.all("img", alt=f"object {entry['id']}: {layer}")) == 1
+    assert run(*command, "--output", ball / "b", "--export-viewer", ball / "b.html") == 2
+    assert "convert" in capsys.readouterr().err
