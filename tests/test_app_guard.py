@@ -68,14 +68,14 @@ def test_the_running_app_answers_those_whom_it_should():
     pytest.importorskip("viser", reason="needs viser: the app extra")
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, port=0) as address:
-        assert get(address)[0] == 200
-        status, text, _ = get(address, Host="evil.example")
+    with serving(None, None, port=0) as app:
+        assert get(app.address)[0] == 200
+        status, text, _ = get(app.address, Host="evil.example")
         assert status == 403
         assert "another name" in text
-        assert get(address, Origin="http://evil.example")[0] == 403
-    with serving(None, None, host="0.0.0.0", port=0) as address:
-        port_and_token = address.split(":")[2]
+        assert get(app.address, Origin="http://evil.example")[0] == 403
+    with serving(None, None, host="0.0.0.0", port=0) as app:
+        port_and_token = app.address.split(":")[2]
         whole = f"http://127.0.0.1:{port_and_token}"
         status, text, place = get(whole)
         assert status == 200
@@ -92,8 +92,8 @@ def test_a_websocket_needs_the_token_too():
 
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, host="0.0.0.0", port=0) as address:
-        port, _, token = address.split(":")[2].partition("/?token=")
+    with serving(None, None, host="0.0.0.0", port=0) as app:
+        port, _, token = app.address.split(":")[2].partition("/?token=")
         with pytest.raises(InvalidStatus, match="403"):
             connect(f"ws://127.0.0.1:{port}/", subprotocols=["viser-v0"])
         with connect(f"ws://127.0.0.1:{port}/?token={token}", subprotocols=["viser-v0"]):

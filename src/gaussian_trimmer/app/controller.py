@@ -39,7 +39,7 @@ class Controller:
     """Connects controls, session and 3D view. All that takes time is done in one worker's thread."""
 
     def __init__(self, server: Any, session: Session, most: int, path: str, camera_path: str) -> None:
-        self._server, self._session, self._most = server, session, most
+        self._server, self.session, self._most = server, session, most
         self.panels = Panels(server.gui, path, camera_path)
         self._view = SceneView(server)
         self._painter: Painter | None = None
@@ -58,13 +58,13 @@ class Controller:
             if not path.strip():
                 raise InputError("Give the path of a splat file first.")
             steps = iter(range(100))
-            self._session.open(
+            self.session.open(
                 Path(path.strip()).expanduser(),
                 Path(camera_path.strip()).expanduser() if camera_path.strip() else None,
                 lambda stage: self.panels.busy(stage.capitalize(), next(steps) / 4),
             )
             self.panels.busy("Preparing the display", 0.75)
-            document = self._session.document
+            document = self.session.document
             self._painter, self._painted, self._framed = Painter(document, self._most), None, None
             self._view.frame = self._painter.frame
             self._view.hide_ball()
@@ -115,7 +115,7 @@ class Controller:
 
     def _refresh(self) -> None:
         """Show the present state."""
-        now = self._session.glance()
+        now = self.session.glance()
         if now is None or self._painter is None:
             return
         showing = self._showing()
@@ -182,7 +182,7 @@ class Controller:
 
     def _set_up(self, name: str, client: Any) -> None:
         def work() -> str:
-            up = self._session.set_up(_AXES.get(name))
+            up = self.session.set_up(_AXES.get(name))
             return f"Up is {' '.join(f'{value:.3f}' for value in up.direction)} ({up.source})."
 
         self._do("Turning", work, client)
@@ -192,10 +192,10 @@ class Controller:
 
         def work() -> str:
             if name == "Clear":
-                self._session.clear()
+                self.session.clear()
                 return "Cleared."
-            done = self._session.undo() if name == "Undo" else self._session.redo()
-            self.panels.when.value = "After" if self._session.now.object.result is not None else "Before"
+            done = self.session.undo() if name == "Undo" else self.session.redo()
+            self.panels.when.value = "After" if self.session.now.object.result is not None else "Before"
             return f"{'Undone' if name == 'Undo' else 'Done again'}: {done}."
 
         self._do(name, work, client)
@@ -206,22 +206,22 @@ class Controller:
         def work() -> str:
             if not path:
                 raise InputError("Give the path of a selection file first.")
-            how = self._session.load(Path(path).expanduser())
+            how = self.session.load(Path(path).expanduser())
             self.panels.when.value = "Before"
-            return f"{self._session.now.object.n_selected:,} Gaussians selected: {how}."
+            return f"{self.session.now.object.n_selected:,} Gaussians selected: {how}."
 
         self._do("Loading", work, client)
 
     def _change_object(self, name: str, client: Any) -> None:
         def work() -> str:
             if name == "New":
-                return f"{self._session.add_object().name}: mark it."
+                return f"{self.session.add_object().name}: mark it."
             if name == "Delete":
-                self._session.remove_object()
+                self.session.remove_object()
                 return "Deleted."
-            self._session.rename(self.panels.name.value)
+            self.session.rename(self.panels.name.value)
             red, green, blue = self.panels.colour.value
-            self._session.recolour((int(red), int(green), int(blue)))
+            self.session.recolour((int(red), int(green), int(blue)))
             return "Applied."
 
         self._do(name, work, client)
@@ -232,8 +232,8 @@ class Controller:
         number = int(self.panels.active.value.partition(":")[0])
 
         def work() -> str:
-            self._session.activate(number)
-            return f"Marks go to {self._session.now.object.name}."
+            self.session.activate(number)
+            return f"Marks go to {self.session.now.object.name}."
 
         self._do("Choosing", work, client)
 
@@ -243,7 +243,7 @@ class Controller:
         steps = iter(range(1000))
 
         def work() -> str:
-            text = self._session.trim(
+            text = self.session.trim(
                 choices, lambda stage: self.panels.busy(f"Trimming: {stage}", min(1.0, next(steps) / _STAGES)),
                 self._worker.cancelled,
             )  # fmt: skip
@@ -257,7 +257,7 @@ class Controller:
         folder, format, overwrite = self._target()
 
         def work() -> str:
-            command = self._session.save(folder, format, overwrite=overwrite)
+            command = self.session.save(folder, format, overwrite=overwrite)
             self.panels.command.content = f"The same by command:\n\n```\n{command}\n```"
             return f"Saved in {folder.absolute()}."
 
@@ -267,7 +267,7 @@ class Controller:
         folder, format, overwrite = self._target()
 
         def work() -> str:
-            text = self._session.save_objects(
+            text = self.session.save_objects(
                 folder, format, overwrite=overwrite, progress=lambda stage: self.panels.busy(f"Trimming {stage}", 0.5),
                 cancelled=self._worker.cancelled,
             )  # fmt: skip
@@ -282,7 +282,7 @@ class Controller:
 
     def _look_from_camera(self) -> None:
         """Let all tabs look from the first view of the scene."""
-        document, up = self._session.document, self._session.now.up.direction
+        document, up = self.session.document, self.session.now.up.direction
         camera = (
             document.cameras.cameras[0] if document.cameras is not None
             else views_to_click_in(document.scene, None, up)[0].camera
@@ -298,7 +298,7 @@ class Controller:
         """Let a tab look at the selection from where it looks now."""
 
         def work() -> str:
-            now, scene = self._session.now, self._session.document.scene
+            now, scene = self.session.now, self.session.document.scene
             if not now.object.n_selected:
                 raise InputError("Nothing is selected to look at.")
             points = scene.means[now.object.selected.mask].astype(np.float64)

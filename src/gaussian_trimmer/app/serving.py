@@ -7,10 +7,14 @@ import secrets
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gaussian_trimmer import sample
+from gaussian_trimmer.app.controller import Controller
 from gaussian_trimmer.app.guard import guarding, is_loopback
+from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.errors import InputError
 
 INSTALL = 'pip install "gaussian-trimmer[app]"'
@@ -18,11 +22,22 @@ MOST_SHOWN = 400_000
 """Gaussians that are shown at most, unless another number is asked for."""
 
 
+@dataclass(frozen=True)
+class Running:
+    """The app while it runs."""
+
+    address: str
+    """What to open in a browser, with the token if one is needed."""
+    server: Any
+    """The viser server."""
+    controller: Controller
+
+
 @contextmanager
 def serving(
     scene: Path | None, cameras: Path | None, *, host: str = "127.0.0.1", port: int = 8080, most: int = MOST_SHOWN
-) -> Iterator[str]:
-    """Run the app; gives its address. It stops at the end of the context.
+) -> Iterator[Running]:
+    """Run the app, until the end of the context.
 
     Args:
         scene: opened at the start; None: the user opens one.
@@ -34,10 +49,6 @@ def serving(
     Raises:
         InputError: viser is not installed, or cannot be guarded.
     """
-    from gaussian_trimmer import sample
-    from gaussian_trimmer.app.controller import Controller
-    from gaussian_trimmer.app.session import Session
-
     token = "" if is_loopback(host) else secrets.token_urlsafe(24)
     server = _start(host, port, token)
     controller = None
@@ -50,7 +61,8 @@ def serving(
         if scene is not None:
             controller.open(*offered)
         shown = f"[{host}]" if ":" in host else host
-        yield f"http://{shown}:{server.get_port()}/{f'?token={token}' if token else ''}"
+        address = f"http://{shown}:{server.get_port()}/{f'?token={token}' if token else ''}"
+        yield Running(address, server, controller)
     finally:
         if controller is not None:
             controller.stop()

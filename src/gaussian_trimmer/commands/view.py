@@ -55,11 +55,11 @@ class View:
         if self.scene is not None:
             formats.format_suffix(formats.find_scene(self.scene))
         console = open_console(quiet=False)
-        with serving(self.scene, self.cameras, host=self.host, port=self.port, most=self.most) as address:
-            console.print(address)
+        with serving(self.scene, self.cameras, host=self.host, port=self.port, most=self.most) as app:
+            console.print(app.address)
             if not self.quiet:
                 console.print("Ctrl-C ends the app.")
             if self.browser:
-                webbrowser.open(address)
+                webbrowser.open(app.address)
             wait()
         return 0
