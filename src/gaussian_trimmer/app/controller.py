@@ -47,8 +47,8 @@ class Controller:
         self._framed: tuple[Snapshot, bool] | None = None
         self._highlights: tuple[TrimResult, Highlights] | None = None
         self._views_of: TrimResult | None = None
-        self._worker = Worker(lambda name, error: traceback.print_exception(error))
-        self.tools = Tools(server, session, self.panels, self._view, self._do)
+        self.worker = Worker(lambda name, error: traceback.print_exception(error))
+        self.tools = Tools(server, session, self.panels, self._view, self.do)
         self._connect()
 
     def open(self, path: str, camera_path: str, client: Any = None) -> None:
@@ -75,13 +75,13 @@ class Controller:
             thinned = f", {shown:,} of them shown" if shown < n else ""
             return f"{document.path.name}: {n:,} Gaussians{thinned}."
 
-        self._do("Opening", work, client)
+        self.do("Opening", work, client)
 
     def stop(self) -> None:
         """End the worker."""
-        self._worker.stop()
+        self.worker.stop()
 
-    def _do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
+    def do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
         """Have something done in the worker's thread, and show what comes of it."""
 
         def job() -> None:
@@ -106,7 +106,7 @@ class Controller:
             if wrong:
                 self._complain(text, client)
 
-        self._worker.submit(name, job)
+        self.worker.submit(name, job)
 
     def _complain(self, text: str, client: Any) -> None:
         """Show a message in the tab that it concerns, or in all."""
@@ -151,7 +151,7 @@ class Controller:
     def _connect(self) -> None:
         panels = self.panels
         panels.open.on_click(lambda event: self.open(panels.path.value, panels.camera_path.value, event.client))
-        panels.cancel.on_click(lambda event: self._worker.cancel())
+        panels.cancel.on_click(lambda event: self.worker.cancel())
         panels.up.on_click(lambda event: self._set_up(panels.up.value, event.client))
         panels.history.on_click(lambda event: self.step(panels.history.value, event.client))
         panels.load.on_click(lambda event: self._load(event.client))
@@ -178,14 +178,14 @@ class Controller:
     def show_again(self, client: Any) -> None:
         """Show what the panel now asks for, after a tab has changed it."""
         if client is not None:
-            self._do("Showing", lambda: self.panels.status_text, client)
+            self.do("Showing", lambda: self.panels.status_text, client)
 
     def _set_up(self, name: str, client: Any) -> None:
         def work() -> str:
             up = self.session.set_up(_AXES.get(name))
             return f"Up is {' '.join(f'{value:.3f}' for value in up.direction)} ({up.source})."
 
-        self._do("Turning", work, client)
+        self.do("Turning", work, client)
 
     def step(self, name: str, client: Any) -> None:
         """Undo, redo, or clear."""
@@ -198,7 +198,7 @@ class Controller:
             self.panels.when.value = "After" if self.session.now.object.result is not None else "Before"
             return f"{'Undone' if name == 'Undo' else 'Done again'}: {done}."
 
-        self._do(name, work, client)
+        self.do(name, work, client)
 
     def _load(self, client: Any) -> None:
         path = self.panels.selection_path.value.strip()
@@ -210,7 +210,7 @@ class Controller:
             self.panels.when.value = "Before"
             return f"{self.session.now.object.n_selected:,} Gaussians selected: {how}."
 
-        self._do("Loading", work, client)
+        self.do("Loading", work, client)
 
     def _change_object(self, name: str, client: Any) -> None:
         def work() -> str:
@@ -224,7 +224,7 @@ class Controller:
             self.session.recolour((int(red), int(green), int(blue)))
             return "Applied."
 
-        self._do(name, work, client)
+        self.do(name, work, client)
 
     def _activate(self, client: Any) -> None:
         if client is None:
@@ -235,7 +235,7 @@ class Controller:
             self.session.activate(number)
             return f"Marks go to {self.session.now.object.name}."
 
-        self._do("Choosing", work, client)
+        self.do("Choosing", work, client)
 
     def trim(self, client: Any) -> None:
         """Trim the active object."""
@@ -245,13 +245,13 @@ class Controller:
         def work() -> str:
             text = self.session.trim(
                 choices, lambda stage: self.panels.busy(f"Trimming: {stage}", min(1.0, next(steps) / _STAGES)),
-                self._worker.cancelled,
+                self.worker.cancelled,
             )  # fmt: skip
             self.panels.when.value = "After"
             self.panels.summary.content = controls.escaped(text)
             return text
 
-        self._do("Trimming", work, client)
+        self.do("Trimming", work, client)
 
     def _save(self, client: Any) -> None:
         folder, format, overwrite = self._target()
@@ -261,7 +261,7 @@ class Controller:
             self.panels.command.content = f"The same by command:\n\n```\n{command}\n```"
             return f"Saved in {folder.absolute()}."
 
-        self._do("Saving", work, client)
+        self.do("Saving", work, client)
 
     def _save_all(self, client: Any) -> None:
         folder, format, overwrite = self._target()
@@ -269,11 +269,11 @@ class Controller:
         def work() -> str:
             text = self.session.save_objects(
                 folder, format, overwrite=overwrite, progress=lambda stage: self.panels.busy(f"Trimming {stage}", 0.5),
-                cancelled=self._worker.cancelled,
+                cancelled=self.worker.cancelled,
             )  # fmt: skip
             return f"{text} saved in {folder.absolute()}."
 
-        self._do("Saving", work, client)
+        self.do("Saving", work, client)
 
     def _target(self) -> tuple[Path, str | None, bool]:
         panels = self.panels
@@ -312,4 +312,4 @@ class Controller:
             )  # fmt: skip
             return self.panels.status_text
 
-        self._do("Looking", work, client)
+        self.do("Looking", work, client)

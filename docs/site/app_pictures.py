@@ -1,0 +1,68 @@
+"""Makes the pictures of docs/app.md: python docs/site/app_pictures.py
+
+It walks through the app on the sample scene in headless Chromium, as tests/test_app_browser.py does. On a machine
+without a graphics card that takes some minutes.
+"""
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from browser import Tab, chromium, until  # noqa: E402
+
+from gaussian_trimmer import formats, sample  # noqa: E402
+from gaussian_trimmer.app.serving import serving  # noqa: E402
+
+FOLDER = ROOT / "docs" / "images" / "app"
+SIZE = (1280, 720)
+QUALITY = 85
+
+
+def main() -> None:
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    scene = formats.read(sample.SCENE)
+    lighthouse = np.median(scene.means[np.load(sample.SELECTION)], axis=0).astype(float)
+    with chromium() as browser, serving(sample.SCENE, sample.CAMERAS, port=0) as app:
+        tab = Tab(browser, app, *SIZE)
+        tab.wait("Gaussians.")
+        for close in tab.page.locator(".mantine-Notification-closeButton").all():
+            close.click()  # that rendering is in software
+        tab.until_colour(lighthouse, lambda colour: colour.max() > 100)
+        tab.page.wait_for_timeout(3000)
+        save(tab, "open")
+        plain = tab.colour(lighthouse)
+
+        tab.panel("Mark")
+        tab.page.keyboard.press("c")
+        tab.wait("Click on the object")
+        tab.page.mouse.click(*tab.place(lighthouse))
+        tab.wait("an object that stands on a surface")
+        tab.until_colour(lighthouse, lambda colour: np.abs(colour - plain).max() > 25)
+        save(tab, "marked")
+
+        tab.panel("Trim")
+        tab.page.keyboard.press("t")
+        tab.wait("views accepted")
+        controller = app.controller
+        controller.panels.views.value = True
+        controller.panels.part.value = "Object"
+        controller.panels.colours.value = False
+        controller.focus(app.server.get_clients()[tab.client])
+        until(lambda: not controller.worker.doing, "the object alone")
+        tab.page.wait_for_timeout(15000)
+        save(tab, "trimmed")
+
+
+def save(tab: Tab, name: str) -> None:
+    """Write what the page shows."""
+    picture = tab.picture(0, 0, *SIZE)[..., ::-1]
+    assert cv2.imwrite(str(FOLDER / f"{name}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+if __name__ == "__main__":
+    main()
