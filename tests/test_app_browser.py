@@ -14,7 +14,7 @@ pytest.importorskip("viser", reason="needs viser: the app extra")
 UP = np.array([0, 0, 0.16])
 SHOWN = 6000
 """Gaussians that are shown: software rendering of all of them takes seconds."""
-LAPTOP, DESKTOP = (1366, 768), (1920, 1080)
+LAPTOP, SMALL = (1366, 768), (1000, 640)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeyp
 
 def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     session = app.controller.session
-    tab = Tab(browser, app, *DESKTOP)
+    tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
     tab.panel("Mark")
     tab.page.keyboard.press("r")
@@ -143,7 +143,7 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
 
 
 def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lighthouse, tmp_path):
-    tab = Tab(browser, app, *LAPTOP)
+    tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
     (tmp_path / "broken.ply").write_bytes(b"ply\nno more")
     for path in (tmp_path / "broken.ply", tmp_path / "none.ply"):
@@ -156,7 +156,7 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     tab.press("Save the object")
     tab.wait("has not been trimmed since it was marked")
 
-    other = Tab(browser, app, *LAPTOP)
+    other = Tab(browser, app, *SMALL)
     other.wait("All tabs show and change the same scene.")
     marked(other, lighthouse)
     tab.wait("an object that stands on a surface")
@@ -176,6 +176,6 @@ def test_the_page_says_that_the_program_has_ended(browser):
     from gaussian_trimmer.app.serving import serving
 
     with serving(None, None, port=0) as app:
-        tab = Tab(browser, app, *LAPTOP)
+        tab = Tab(browser, app, *SMALL)
         tab.wait("Open a scene.")
     tab.wait("Connecting...")

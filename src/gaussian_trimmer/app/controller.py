@@ -6,22 +6,19 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.display import Painter, Part, Showing, When
-from gaussian_trimmer.app.documents import Snapshot
-from gaussian_trimmer.app.highlights import Highlights, find_highlights
 from gaussian_trimmer.app.keys import bind_keys
-from gaussian_trimmer.app.panels import PARTS, WHENS, Panels
+from gaussian_trimmer.app.panels import Panels
+from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.worker import Worker
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.marks import Point
 from gaussian_trimmer.selecting.select import views_to_click_in
 
@@ -39,14 +36,10 @@ class Controller:
     """Connects controls, session and 3D view. All that takes time is done in one worker's thread."""
 
     def __init__(self, server: Any, session: Session, most: int, path: str, camera_path: str) -> None:
-        self._server, self.session, self._most = server, session, most
+        self._server, self.session = server, session
         self.panels = Panels(server.gui, path, camera_path)
         self._view = SceneView(server)
-        self._painter: Painter | None = None
-        self._painted: tuple[Snapshot, Showing] | None = None
-        self._framed: tuple[Snapshot, bool] | None = None
-        self._highlights: tuple[TrimResult, Highlights] | None = None
-        self._views_of: TrimResult | None = None
+        self._presenter = Presenter(session, self.panels, self._view, most)
         self.worker = Worker(lambda name, error: traceback.print_exception(error))
         self.tools = Tools(server, session, self.panels, self._view, self.do)
         self._connect()
@@ -65,13 +58,11 @@ class Controller:
             )
             self.panels.busy("Preparing the display", 0.75)
             document = self.session.document
-            self._painter, self._painted, self._framed = Painter(document, self._most), None, None
-            self._view.frame = self._painter.frame
-            self._view.hide_ball()
+            painter = self._presenter.painter()
             self.panels.when.value, self.panels.summary.content = "Before", ""
             self.panels.folder.value = str(Path("trimmed") / document.path.name.split(".")[0])
             self._look_from_camera()
-            n, shown = len(document.scene), self._painter.shown
+            n, shown = len(document.scene), painter.shown
             thinned = f", {shown:,} of them shown" if shown < n else ""
             return f"{document.path.name}: {n:,} Gaussians{thinned}."
 
@@ -88,7 +79,11 @@ class Controller:
             self.panels.busy(name, 0)
             text, wrong = "", True
             try:
-                text, wrong = work(), False
+                try:
+                    text = work()
+                finally:
+                    self._presenter.refresh()
+                wrong = False
             except InputError as error:
                 text = str(error)
             except Cancelled:
@@ -100,7 +95,6 @@ class Controller:
             except Exception as error:
                 traceback.print_exc(file=sys.stderr)
                 text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
-            self._refresh()
             self.panels.busy("", 0)
             self.panels.say(text)
             if wrong:
@@ -112,41 +106,6 @@ class Controller:
         """Show a message in the tab that it concerns, or in all."""
         for tab in [client] if client is not None else self._server.get_clients().values():
             tab.add_notification("Not done", text, color="red", auto_close_seconds=12.0)
-
-    def _refresh(self) -> None:
-        """Show the present state."""
-        now = self.session.glance()
-        if now is None or self._painter is None:
-            return
-        showing = self._showing()
-        if self._painted is None or (now, showing) != self._painted:
-            highlights = self._find_highlights(now) if showing.straddlers or showing.unchecked else None
-            self._view.show(self._painter.paint(now, showing, highlights))
-            self._painted = now, showing
-        up = now, self.panels.up_shown.value
-        if self._framed is None or self._framed[0].up is not now.up or self._framed[1] != up[1]:
-            self._view.show_up(now.up.direction, up[1])
-        self._framed = up
-        wanted = now.object.result if self.panels.views.value else None
-        if wanted is not self._views_of:
-            self._view.show_views(wanted)
-            self._views_of = wanted
-        self.panels.refresh(now)
-
-    def _showing(self) -> Showing:
-        panels = self.panels
-        return Showing(
-            cast("Part", PARTS[panels.part.value]), cast("When", WHENS[panels.when.value]), panels.colours.value,
-            panels.straddlers.value, panels.unchecked.value,
-        )  # fmt: skip
-
-    def _find_highlights(self, now: Snapshot) -> Highlights | None:
-        result = now.object.result
-        if result is None:
-            return None
-        if self._highlights is None or self._highlights[0] is not result:
-            self._highlights = result, find_highlights(result)
-        return self._highlights[1]
 
     def _connect(self) -> None:
         panels = self.panels

@@ -61,6 +61,7 @@ class Painter:
 
     def __init__(self, document: Document, most: int) -> None:
         """Prepare the whole scene, thinned if it has more Gaussians than `most`."""
+        self.document = document
         self.frame = Frame.around(document.scene.means)
         self._scene, self._most = document.scene, most
         everything = np.ones(len(self._scene), np.bool_)
