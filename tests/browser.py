@@ -57,9 +57,17 @@ class Tab:
 
     def write(self, label, text):
         """Write into a field, whose label is its parent's text."""
-        field = self.page.locator(f'xpath=//*[text()="{label}"]/following::input[1]').first
+        field = self._field(label)
         field.fill(text)
         field.blur()
+
+    def choose(self, label, option):
+        """Choose from a list by its label."""
+        self._field(label).click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+
+    def _field(self, label):
+        return self.page.locator(f'xpath=//*[text()="{label}"]/following::input[1]').first
 
     def place(self, point):
         """Pixels of the page at which a point of the scene shows."""

@@ -12,7 +12,7 @@ from gaussian_trimmer import formats, sample
 pytest.importorskip("viser", reason="needs viser: the app extra")
 
 UP = np.array([0, 0, 0.16])
-SHOWN = 6000
+SHOWN = 4000
 """Gaussians that are shown: software rendering of all of them takes seconds."""
 LAPTOP, SMALL = (1366, 768), (1000, 640)
 
@@ -121,14 +121,24 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     until(lambda: session.now.object.n_selected > by_box, "what the brush adds")
     with_brush = session.now.object.n_selected
     tab.page.keyboard.down("Control")
-    click(tab, beside)
+    x, y = tab.place(beside)
+    tab.page.mouse.click(x, y + 20)
     tab.page.keyboard.up("Control")
     until(lambda: session.now.object.n_selected < with_brush, "what the brush removes")
 
+    steps = len(session.now.object.marks)
+    x, y = tab.place(beside)
+    tab.page.mouse.move(x, y + 10)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x + 80, y + 20, steps=10)
+    tab.page.mouse.up()
+    until(lambda: len(session.now.object.marks) > steps + 1, "several balls along the surface")
+    session.undo()
+    assert len(session.now.object.marks) == steps  # a stroke is one step
+
     tab.page.keyboard.press("x")
     tab.wait("Move the box")
-    tab.page.get_by_role("textbox", name="It does").click()
-    tab.page.get_by_role("option", name="Keep only").click()
+    tab.choose("It does", "Keep only")
     tab.press("Apply the box")
     until(lambda: session.now.object.marks[-1].effect == "intersect", "the box in space")
 

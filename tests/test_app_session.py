@@ -64,6 +64,14 @@ def test_opening_tells_its_stages_and_keeps_the_scene_where_a_file_is_bad(sessio
     assert state(session) == before
 
 
+def test_warming_up_changes_nothing(session):
+    before = state(session)
+    session.warm_up()
+    assert state(session) == before
+    with pytest.raises(InputError, match="nothing to undo"):
+        session.undo()
+
+
 def test_marks_add_up_as_select_has_them(session, ball):
     from gaussian_trimmer.selecting.select import select, settle_marks
 

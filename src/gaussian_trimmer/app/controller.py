@@ -62,6 +62,7 @@ class Controller:
             self.panels.when.value, self.panels.summary.content = "Before", ""
             self.panels.folder.value = str(Path("trimmed") / document.path.name.split(".")[0])
             self._look_from_camera()
+            self.worker.submit("warm up", self.session.warm_up)
             n, shown = len(document.scene), painter.shown
             thinned = f", {shown:,} of them shown" if shown < n else ""
             return f"{document.path.name}: {n:,} Gaussians{thinned}."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,9 +27,9 @@ from gaussian_trimmer.app.saving import save_all, save_one
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.selecting.marks import FromFile, Mark, Marks, Point
+from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Marks, Point
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
-from gaussian_trimmer.selecting.select import Selected, Selector
+from gaussian_trimmer.selecting.select import Selected, Selector, views_to_click_in
 
 MAX_STEPS = 50
 """Number of steps that can be undone."""
@@ -95,6 +96,15 @@ class Session:
             progress("looking for the ground")
             first = first_snapshot(document, up_of(document))
             self._document, self._history, self._place = document, [first], 0
+
+    def warm_up(self) -> None:
+        """Understand a click and forget it, so that the user's first one does not wait for code to be compiled."""
+        with self._working:
+            now, document = self._now(), self.document
+            with suppress(InputError):  # nothing may be seen there, or cameras be distorted
+                view = views_to_click_in(document.scene, document.cameras, now.up.direction)[0]
+                click = Click(view.camera.width // 2, view.camera.height // 2, view)
+                self._applied(now.basis, self._nothing(), [click])
 
     def mark(self, *marks: Mark) -> str:
         """Mark the active object, as one step; returns how the last mark was understood.
