@@ -116,7 +116,7 @@ class Panels:
         self.effect = gui.add_dropdown("It does", tuple(EFFECTS), initial_value="Add")
         self.hint = gui.add_markdown(_HINTS[LOOK])
         self.brush = gui.add_slider("Brush radius", 0.02, 2.0, 0.02, 0.3, visible=False)
-        self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), visible=False)
+        self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
         self.box_apply = gui.add_button("Apply the box", visible=False)
         self.history = gui.add_button_group("Step", ("Undo", "Redo", "Clear"))
         self.selection_path = gui.add_text("Selection", "", hint="A selection file of any kind, or saved marks.")
