@@ -4,8 +4,12 @@ It walks through the app on the sample scene in headless Chromium, as tests/test
 without a graphics card that takes some minutes.
 """
 
+import os
+import shutil
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +31,17 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     scene = formats.read(sample.SCENE)
     lighthouse = np.median(scene.means[np.load(sample.SELECTION)], axis=0).astype(float)
-    with chromium() as browser, serving(sample.SCENE, sample.CAMERAS, port=0) as app:
+    with TemporaryDirectory() as folder, chromium() as browser:
+        for path in (sample.SCENE, sample.CAMERAS):
+            shutil.copy(path, folder)
+        os.chdir(folder)  # so that the pictures show no machine's paths
+        walk(browser, lighthouse)
+        os.chdir(ROOT)
+
+
+def walk(browser: Any, lighthouse: Any) -> None:
+    """From opening to the trimmed object."""
+    with serving(Path(sample.SCENE.name), Path(sample.CAMERAS.name), port=0) as app:
         tab = Tab(browser, app, *SIZE)
         tab.wait("Gaussians.")
         for close in tab.page.locator(".mantine-Notification-closeButton").all():
