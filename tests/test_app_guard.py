@@ -116,6 +116,16 @@ def test_a_server_that_cannot_be_guarded_does_not_start(monkeypatch):
         pass
 
 
+@pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid", "", "a" * 99])
+def test_an_address_of_another_machine_is_refused_at_once(host):
+    pytest.importorskip("viser", reason="needs viser: the app extra")
+    from gaussian_trimmer.app.serving import serving
+    from gaussian_trimmer.errors import InputError
+
+    with pytest.raises(InputError, match="Cannot listen"), serving(None, None, host=host, port=0):
+        pass
+
+
 def test_without_viser_the_cure_is_said(monkeypatch):
     import sys
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import secrets
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -47,7 +48,7 @@ def serving(
         most: number of Gaussians that are shown at most; larger scenes are thinned for display.
 
     Raises:
-        InputError: viser is not installed, or cannot be guarded.
+        InputError: viser is not installed or cannot be guarded, or the address is none of this machine's.
     """
     token = "" if is_loopback(host) else secrets.token_urlsafe(24)
     server = _start(host, port, token)
@@ -81,7 +82,7 @@ def _start(host: str, port: int, token: str) -> Any:
     """A server that listens, guarded.
 
     Raises:
-        InputError: viser is not installed, or cannot be guarded.
+        InputError: viser is not installed or cannot be guarded, or the address is none of this machine's.
     """
     try:
         import viser
@@ -95,9 +96,23 @@ def _start(host: str, port: int, token: str) -> Any:
             """Refuse."""
             return None
 
+    _check_host(host)
     with guarding(token) as started, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
         server = Server(host=host, port=port, label="GaussianTrimmer", verbose=False)
     if not started:
         server.stop()
         raise InputError(f"This version of viser, {viser.__version__}, cannot be guarded; install another: {INSTALL}.")
     return server
+
+
+def _check_host(host: str) -> None:
+    """Refuse an address at which viser would wait for ever to be able to listen.
+
+    Raises:
+        InputError: the address is none of this machine's.
+    """
+    try:
+        family = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0][0]
+        socket.create_server((host, 0), family=family).close()
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"Cannot listen at '{host}': {error}; give an address of this machine to --host.") from error
