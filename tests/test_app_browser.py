@@ -126,22 +126,6 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     tab.page.keyboard.up("Control")
     until(lambda: session.now.object.n_selected < with_brush, "what the brush removes")
 
-    steps = len(session.now.object.marks)
-
-    def paint():
-        x, y = tab.place(beside)
-        tab.page.mouse.move(x, y + 10)
-        tab.page.wait_for_timeout(3000)  # until the ball is drawn and is below the mouse
-        tab.page.mouse.down()
-        tab.page.mouse.move(x + 80, y + 20, steps=10)
-        tab.page.mouse.up()
-        tab.page.wait_for_timeout(5000)
-        return len(session.now.object.marks) > steps + 1
-
-    until(paint, "several balls along the surface")
-    session.undo()
-    assert len(session.now.object.marks) == steps  # a stroke is one step
-
     tab.page.keyboard.press("x")
     tab.wait("Move the box")
     tab.choose("It does", "Keep only")
