@@ -134,9 +134,11 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
 
     tab.panel("Scene")
     tab.press("Up by three clicks on the ground")
-    for step in ([0.1, 0.0], [0.4, 0.1], [0.3, -0.3]):
+    tab.wait("Click three points of the ground.")
+    for step, said in (([0.1, 0.0], "2 more"), ([0.4, 0.1], "1 more"), ([0.3, -0.3], "Up is")):
+        tab.page.wait_for_timeout(1000)  # what the browser listens for arrives just before the text
         click(tab, [*(lighthouse[:2] + step), 0.0])
-        tab.page.wait_for_timeout(400)
+        tab.wait(said)
     until(lambda: session.now.up.source == "given", "the up vector")
     assert session.now.up.direction[2] > 0.98
     assert tab.errors == []

@@ -77,7 +77,7 @@ class Tools:
             self._view.hide_ball()
         if tool != BOX3D:
             self._view.hide_box()
-            return self._panels.status_text
+            return "Click three points of the ground." if tool == POINTS else self._panels.status_text
         now, means = self._session.now, self._session.document.scene.means
         mask = now.object.selected.mask
         low, high = np.quantile(means[mask] if mask.any() else means, _BOX_ENDS, axis=0)
