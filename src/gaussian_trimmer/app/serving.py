@@ -98,7 +98,8 @@ def _start(host: str, port: int, token: str) -> Any:
 
     _check_host(host)
     with guarding(token) as started, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
-        server = Server(host=host, port=port, label="GaussianTrimmer", verbose=False)
+        # Without a label, the panel says in its place whether the page is connected.
+        server = Server(host=host, port=port, verbose=False)
     if not started:
         server.stop()
         raise InputError(f"This version of viser, {viser.__version__}, cannot be guarded; install another: {INSTALL}.")
