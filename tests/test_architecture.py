@@ -33,7 +33,8 @@ LAYERS = (
     ("output", "selecting"),
     ("evaluation",),
     ("batch",),
-    ("commands", "app"),
+    ("app",),
+    ("commands",),
     ("cli",),
     ("__main__", "__init__"),
 )

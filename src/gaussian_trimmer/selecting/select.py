@@ -86,6 +86,56 @@ class Selection:
         write_marks(self.marks, Path(path))
 
 
+@dataclass(frozen=True, eq=False)
+class Selected:
+    """What the first few marks select, from which the next one goes on."""
+
+    mask: BoolArray
+    """(N,); not changed in place."""
+    excluded: BoolArray
+    """What marks removed and none selected again, (N,); not changed in place."""
+    seeds: tuple[Seed, ...] = ()
+    """What clicks have said about places."""
+    ways: tuple[str, ...] = ()
+    """How each mark was understood."""
+
+    @classmethod
+    def nothing(cls, n: int) -> Selected:
+        """What no mark selects, in a scene of n Gaussians."""
+        return cls(np.zeros(n, np.bool_), np.zeros(n, np.bool_))
+
+
+class Selector:
+    """Understands marks one at a time: what `select` does for a whole list, without beginning anew at each mark."""
+
+    def __init__(
+        self, scene: Gaussians, marks: Marks, *, cameras: CameraSet | None = None,
+        renderer: Renderer | str = DEFAULT_RENDERER, model: PromptableModel | None = None,
+    ) -> None:  # fmt: skip
+        """Marks are understood with the up vector, and the places of the photographs, of a list of settled marks.
+
+        Args:
+            scene: all N Gaussians.
+            marks: settled marks; which ones they are does not matter here.
+            cameras: the cameras of the pictures that masks belong to.
+            renderer: a renderer, or the name of one.
+            model: as for `select`.
+        """
+        renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
+        seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
+        self._scene = _Scene(scene, np.array(marks.up), seen_from, cameras, renderer, model)
+
+    def apply(self, before: Selected, mark: Mark) -> Selected:
+        """The selection after one more mark, whose view is settled; nothing may remain selected.
+
+        Raises:
+            InputError: the mark is not possible, or nothing is seen at its pixels.
+        """
+        state = _State(before.mask, before.excluded, list(before.seeds))
+        way = _apply(self._scene, state, mark, len(before.ways) + 1)
+        return Selected(state.mask, state.excluded & ~state.mask, tuple(state.seeds), (*before.ways, way))
+
+
 @dataclass(eq=False)
 class _State:
     """The selection so far, and what was said about places in it."""
@@ -151,18 +201,15 @@ def select(
         )
     if cameras is None and marks.cameras is not None and any(isinstance(mark, FromMasks) for mark in marks.marks):
         cameras = read_camera_set(marks.cameras)
-    seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
-    context = _Scene(scene, np.array(marks.up), seen_from, cameras, renderer, model)
-    nothing = np.zeros(len(scene), np.bool_)
-    state, ways = _State(nothing, nothing), []
-    for number, mark in enumerate(marks.marks, 1):
-        ways.append(_apply(context, state, mark, number))
-        state.excluded = state.excluded & ~state.mask
-    if not state.mask.any():
+    selector = Selector(scene, marks, cameras=cameras, renderer=renderer, model=model)
+    made = Selected.nothing(len(scene))
+    for mark in marks.marks:
+        made = selector.apply(made, mark)
+    if not made.mask.any():
         raise InputError(
             "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
         )
-    return Selection(state.mask, marks, tuple(ways), state.excluded)
+    return Selection(made.mask, marks, made.ways, made.excluded)
 
 
 def settle_marks(

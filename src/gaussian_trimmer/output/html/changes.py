@@ -11,10 +11,10 @@ from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.output.report import LABEL_NAMES
 from gaussian_trimmer.result import RowLabel, TrimResult
 
-DROPPED = "dropped"
+DROPPED, FITTED = "dropped", "fitted"
 _COLOURS = {
     "kept": "#9a9a9a", "pruned": "#d55e00", "recovered": "#00a070", "split_inside": "#2a78d0",
-    "split_outside": "#56b4e9", "filled": "#f0e442", DROPPED: "#c45fb0", "fitted": "#e69f00",
+    "split_outside": "#56b4e9", "filled": "#f0e442", DROPPED: "#c45fb0", FITTED: "#e69f00",
 }  # fmt: skip
 _OTHER_COLOURS = ("#8a5cd6", "#a0c020", "#ff9ec4", "#00c8c8", "#b08050", "#5060ff")
 """For labels that have no colour of their own."""
@@ -25,7 +25,7 @@ _MEANINGS = {
     "split_inside": "the part of a split Gaussian that lies in the object",
     "split_outside": "the part of a split Gaussian that lies in the background",
     "filled": "new: goes on with the surface that the object stood on",
-    "fitted": "changed so that the object shows what the masks do",
+    FITTED: "its numbers were fitted to the outline; counted above, too, and where it was kept in this colour",
     DROPPED: "showed only once the object was gone, and was left out of both files",
 }
 _DARKEST = 0.4
@@ -50,7 +50,7 @@ def legend_of(result: TrimResult) -> list[Change]:
     ours = result.label[: len(result.object)]
     counts = {name: result.count(number) for number, name in enumerate(LABEL_NAMES)}
     counts[LABEL_NAMES[RowLabel.KEPT]] = int(np.count_nonzero(ours == RowLabel.KEPT))
-    counts[DROPPED] = len(result.dropped)
+    counts |= {DROPPED: len(result.dropped), FITTED: len(result.fitted)}
     return [
         Change(name, colour, counts[name], _MEANINGS.get(name, ""))
         for name, colour in label_colours(tuple(counts)).items()
@@ -75,10 +75,12 @@ def coloured_changes(result: TrimResult) -> Gaussians:
     n, rows = len(result.object), result.background_rows
     ours, theirs = result.label[:n], result.label[n:]
     moved = np.flatnonzero(theirs[: len(rows)] != RowLabel.KEPT)
-    colours = label_colours((*LABEL_NAMES, DROPPED))
+    colours = label_colours((*LABEL_NAMES, DROPPED, FITTED))
     palette = np.array([_rgb(colours[name]) for name in LABEL_NAMES], np.float32)
+    painted = palette[ours]
+    painted[result.fitted[ours[result.fitted] == RowLabel.KEPT]] = _rgb(colours[FITTED])
     parts = [
-        _painted(result.object, palette[ours]),
+        _painted(result.object, painted),
         _painted(result.scene.select(rows[moved]), palette[theirs[moved]]),
         _painted(result.appended, palette[theirs[len(rows) :]]),
         _painted(result.scene.select(result.dropped), np.tile(_rgb(colours[DROPPED]), (len(result.dropped), 1))),

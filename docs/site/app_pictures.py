@@ -1,0 +1,84 @@
+"""Makes the pictures of docs/app.md: python docs/site/app_pictures.py
+
+It walks through the app on the sample scene in headless Chromium, as tests/test_app_browser.py does. On a machine
+without a graphics card that takes some minutes.
+"""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from app_tab import Tab, until  # noqa: E402
+from browser import chromium  # noqa: E402
+
+from gaussian_trimmer import formats, sample  # noqa: E402
+from gaussian_trimmer.app.serving import serving  # noqa: E402
+
+FOLDER = ROOT / "docs" / "images" / "app"
+SIZE = (1280, 720)
+QUALITY = 85
+SHOWN = 30_000
+DRAWING = 12_000
+"""Milliseconds that software rendering may take until what is shown is drawn."""
+
+
+def main() -> None:
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    scene = formats.read(sample.SCENE)
+    lighthouse = np.median(scene.means[np.load(sample.SELECTION)], axis=0).astype(float)
+    with TemporaryDirectory() as folder, chromium() as browser:
+        for path in (sample.SCENE, sample.CAMERAS):
+            shutil.copy(path, folder)
+        os.chdir(folder)  # so that the pictures show no machine's paths
+        walk(browser, lighthouse)
+        os.chdir(ROOT)
+
+
+def walk(browser: Any, lighthouse: Any) -> None:
+    """From opening to the trimmed object."""
+    with serving(Path(sample.SCENE.name), Path(sample.CAMERAS.name), port=0, most=SHOWN) as app:
+        tab = Tab(browser, app, *SIZE)
+        tab.wait("59,472 Gaussians")
+        for close in tab.page.locator(".mantine-Notification-closeButton").all():
+            close.click()  # that rendering is in software
+        tab.page.wait_for_timeout(DRAWING)
+        save(tab, "open")
+
+        tab.panel("Mark")
+        tab.page.keyboard.press("c")
+        tab.wait("Click on the object")
+        tab.page.mouse.click(*tab.place(lighthouse))
+        tab.wait("an object that stands on a surface")
+        tab.page.wait_for_timeout(DRAWING)
+        save(tab, "marked")
+
+        tab.panel("Trim")
+        tab.page.keyboard.press("t")
+        tab.wait("views accepted")
+        controller = app.controller
+        controller.panels.views.value = True
+        controller.panels.part.value = "Object"
+        controller.panels.colours.value = False
+        controller.focus(app.server.get_clients()[tab.client])
+        until(lambda: not controller.worker.doing, "the object alone")
+        tab.page.wait_for_timeout(DRAWING)
+        save(tab, "trimmed")
+
+
+def save(tab: Tab, name: str) -> None:
+    """Write what the page shows."""
+    picture = tab.picture(0, 0, *SIZE)[..., ::-1]
+    assert cv2.imwrite(str(FOLDER / f"{name}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""Which Gaussians the app shows, and in which colours. N Gaussians of the scene, M shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.app.documents import Colour, Document, MarkedObject, Snapshot
+from gaussian_trimmer.app.highlights import Highlights
+from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.result import RowLabel
+
+Part = Literal["both", "object", "background"]
+When = Literal["before", "after"]
+
+_TINT = 0.6
+"""Share of the object's colour in that of a selected Gaussian."""
+STRADDLER: Colour = (255, 0, 255)
+UNCHECKED: Colour = (255, 235, 0)
+_HIGHLIGHT = 0.85
+
+
+@dataclass(frozen=True)
+class Showing:
+    """What is to be seen."""
+
+    part: Part = "both"
+    when: When = "before"
+    """What is selected, or what was trimmed; an object that has not been trimmed is shown as it is selected."""
+    colours: bool = True
+    """Tint the objects in their colours."""
+    straddlers: bool = False
+    """Highlight what lies across the boundary."""
+    unchecked: bool = False
+    """Highlight what no accepted view shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """M Gaussians as a viewer draws them, without view-dependent colours."""
+
+    centres: FloatArray
+    """In the viewer's coordinates, (M, 3)."""
+    covariances: FloatArray
+    """(M, 3, 3)."""
+    colours: FloatArray
+    """RGB from 0 to 1, (M, 3)."""
+    opacities: FloatArray
+    """(M, 1)."""
+
+    def __len__(self) -> int:
+        return len(self.centres)
+
+
+class Painter:
+    """Draws the states of one document. What it keeps is bounded by the number of Gaussians that are shown at most."""
+
+    def __init__(self, document: Document, most: int) -> None:
+        """Prepare the whole scene, thinned if it has more Gaussians than `most`."""
+        self.document = document
+        self.frame = Frame.around(document.scene.means)
+        self._scene, self._most = document.scene, most
+        everything = np.ones(len(self._scene), np.bool_)
+        self._rows, self._growth = thinned(everything, most)
+        self._whole = splats_of(self._scene.select(self._rows), self.frame, self._growth)
+
+    @property
+    def shown(self) -> int:
+        """Number of Gaussians of the scene that are shown at once."""
+        return len(self._rows)
+
+    def paint(self, now: Snapshot, showing: Showing, highlights: Highlights | None = None) -> Splats:
+        """The Gaussians to show of a state, in their colours.
+
+        Args:
+            highlights: of the active object's trim, where they are to be shown.
+        """
+        after = showing.when == "after"
+        owner = _owners(now, after)
+        if showing.part == "object":
+            visible = owner == now.active
+        elif showing.part == "background":
+            visible = (owner < 0) & ~_gone(now, after)
+        else:
+            visible = ~_gone(now, after)
+        rows, splats = self._splats(visible)
+        colours = splats.colours.copy()
+        if showing.colours and showing.part != "background":
+            for place, part in enumerate(now.objects):
+                _tint(colours, owner[rows] == place, part.colour, _TINT)
+        if highlights is not None and after and showing.part != "background":
+            for flagged, wanted, colour in (
+                (highlights.unchecked, showing.unchecked, UNCHECKED),
+                (highlights.straddlers, showing.straddlers, STRADDLER),
+            ):
+                if wanted:
+                    _tint(colours, flagged[rows], colour, _HIGHLIGHT)
+        parts = [Splats(splats.centres, splats.covariances, colours, splats.opacities)]
+        if after:
+            parts += [splats_of(extra, self.frame) for extra in self._extras(now, showing.part)]
+        return _joined(parts)
+
+    def _splats(self, visible: BoolArray) -> tuple[IntArray, Splats]:
+        """Scene rows of what is shown of the visible Gaussians (N,), and these as splats."""
+        on = visible[self._rows]
+        if self._growth == 1 or visible.all():
+            whole = self._whole
+            return self._rows[on], Splats(
+                whole.centres[on], whole.covariances[on], whole.colours[on], whole.opacities[on]
+            )
+        rows, growth = thinned(visible, self._most)
+        return rows, splats_of(self._scene.select(rows), self.frame, growth)
+
+    def _extras(self, now: Snapshot, part: Part) -> list[Gaussians]:
+        """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
+        extras: list[Gaussians] = []
+        for place, marked in enumerate(now.objects):
+            result = marked.result
+            if result is None:
+                continue
+            if part != "background" and (part == "both" or place == now.active):
+                extras.append(result.object.select(_changed_rows(marked)))
+            if part != "object":
+                extras.append(result.appended)
+        return [extra for extra in extras if len(extra)]
+
+
+def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
+    """Rows of at most `most` of the visible Gaussians (N,), and by how much variances grow to cover for the others.
+
+    The rows are drawn at random, the same every time. Surfaces stay closed where areas grow as numbers shrink.
+    """
+    rows = np.flatnonzero(visible)
+    if len(rows) <= most:
+        return rows, 1.0
+    chosen = np.random.default_rng(0).choice(len(rows), most, replace=False)
+    return rows[np.sort(chosen)], len(rows) / most
+
+
+def splats_of(gaussians: Gaussians, frame: Frame, growth: float = 1.0) -> Splats:
+    """Gaussians as a viewer draws them, their variances larger by a factor."""
+    return Splats(
+        frame.to_viewer(gaussians.means).astype(np.float32),
+        (gaussians.covariances() * (growth * frame.scale**2)).astype(np.float32),
+        np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32),
+        gaussians.opacities[:, None].astype(np.float32),
+    )
+
+
+def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
+    """Place of the object that has each Gaussian of the scene whole, (N,); -1 for none. The active one comes first."""
+    owner = np.full(len(now.object.selected.mask), -1, np.int16)
+    order = [place for place in range(len(now.objects)) if place != now.active] + [now.active]
+    for place in order:
+        owner[_mask(now.objects[place], after)] = place
+    return owner
+
+
+def _mask(part: MarkedObject, after: bool) -> BoolArray:
+    """Which Gaussians of the scene an object has whole, (N,)."""
+    if not after or part.result is None:
+        return part.selected.mask
+    mask = part.result.object_mask
+    mask[_replaced(part)] = False
+    return mask
+
+
+def _changed_rows(part: MarkedObject) -> IntArray:
+    """Rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
+    assert part.result is not None
+    labels = part.result.label[: len(part.result.object)]
+    return np.union1d(np.flatnonzero(labels == RowLabel.SPLIT_INSIDE), part.result.fitted)
+
+
+def _replaced(part: MarkedObject) -> IntArray:
+    """Scene rows in whose place an object's trim has others."""
+    assert part.result is not None
+    return part.result.source_index[_changed_rows(part)]
+
+
+def _gone(now: Snapshot, after: bool) -> BoolArray:
+    """Which Gaussians of the scene are in no file: replaced by others, or left out of the background, (N,)."""
+    gone = np.zeros(len(now.object.selected.mask), np.bool_)
+    for part in now.objects:
+        if after and part.result is not None:
+            gone[part.result.dropped] = True
+            gone[_replaced(part)] = True
+    return gone
+
+
+def _tint(colours: FloatArray, rows: BoolArray, colour: Colour, share: float) -> None:
+    """Mix a colour into those of some rows, in place."""
+    colours[rows] = (1 - share) * colours[rows] + share * np.array(colour, np.float32) / 255
+
+
+def _joined(parts: list[Splats]) -> Splats:
+    if len(parts) == 1:
+        return parts[0]
+    return Splats(
+        np.concatenate([part.centres for part in parts]), np.concatenate([part.covariances for part in parts]),
+        np.concatenate([part.colours for part in parts]), np.concatenate([part.opacities for part in parts]),
+    )  # fmt: skip

@@ -1,0 +1,114 @@
+"""What the app saves: what the command line would, with the marks that make it again."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.app.documents import Document, MarkedObject, Progress, Snapshot
+from gaussian_trimmer.atomic import atomic_folder
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.output.objects import objects_files, write_objects
+from gaussian_trimmer.output.report import RESULTS, result_files
+from gaussian_trimmer.output.saving import suffix_of, write_trim
+from gaussian_trimmer.selecting.marks import FromFile, FromMasks
+from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.several_objects import trim_objects
+
+MARKS = "selection.json"
+"""Name of the file of marks among the results, as of the command line's."""
+
+
+def save_one(
+    document: Document, now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False
+) -> str:
+    """Save the trim of the active object and its marks; returns the command that makes the same.
+
+    Args:
+        format: ending of the splat files; that of the scene if it is not given.
+        overwrite: replace earlier results in the folder.
+
+    Raises:
+        InputError: the object has not been trimmed since it was marked, or the files cannot be written.
+    """
+    part = now.object
+    if part.result is None:
+        raise InputError(f"'{part.name}' has not been trimmed since it was marked; trim it first.")
+    suffix = _suffix(document, format)
+    names = (*result_files(suffix), MARKS)
+    with atomic_folder(
+        folder, RESULTS, names=names, inputs=_inputs(document, [part]), overwrite=overwrite
+    ) as results:  # fmt: skip
+        write_marks(replace(now.basis, marks=part.marks), results / MARKS)
+        write_trim(part.result, results, suffix, {**_shown(document), "name": part.name})
+    return command_for(document, now, folder, suffix)
+
+
+def save_all(
+    document: Document, now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False,
+    progress: Progress = lambda stage: None,
+) -> str:  # fmt: skip
+    """Trim all marked objects together, so that no Gaussian is in two, and save them with the marks of each.
+
+    Args:
+        progress: called with what begins.
+
+    Raises:
+        InputError: no object is marked, or the files cannot be written.
+    """
+    marked = [part for part in now.objects if part.n_selected]
+    if not marked:
+        raise InputError("No object is marked; mark one first.")
+    suffix = _suffix(document, format)
+    names = (*objects_files(suffix), "selection_*.json")
+    inputs = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
+    with atomic_folder(
+        folder, RESULTS, names=names, inputs=_inputs(document, marked), overwrite=overwrite
+    ) as results:  # fmt: skip
+        config = replace(now.object.choices.config(now.up), fill=False)
+        selections = {part.id: part.selected.mask for part in marked}
+        result = trim_objects(
+            document.scene, selections, config=config, renderer=document.renderer, cameras=document.cameras,
+            progress=progress,
+        )  # fmt: skip
+        progress("write")
+        write_objects(result, results, suffix, inputs)
+        for part in marked:
+            write_marks(replace(now.basis, marks=part.marks), results / f"selection_{part.id}.json")
+    return f"{len(marked)} objects with {sum(len(part.gaussians) for part in result.objects):,} Gaussians"
+
+
+def command_for(document: Document, now: Snapshot, folder: Path, suffix: str) -> str:
+    """The command that makes what was saved in a folder again."""
+    parts = ["gaussian-trimmer", "select", str(document.path), "--marks", str(folder / MARKS)]
+    if document.camera_path is not None:
+        parts += ["--cameras", str(document.camera_path)]
+    if now.up.source == "given":
+        parts += ["--up", *(repr(value) for value in now.up.direction.tolist())]
+    if suffix != _suffix(document, None):
+        parts += ["--format", suffix.lstrip(".")]
+    return shlex.join([*parts, *now.object.choices.arguments(), "--output", "again.npy", "--trim", "again"])
+
+
+def _suffix(document: Document, format: str | None) -> str:
+    return formats.format_suffix(formats.find_scene(document.path)) if format is None else suffix_of(format)
+
+
+def _inputs(document: Document, objects: list[MarkedObject]) -> list[Path]:
+    """Files that must not be replaced."""
+    given = [document.path, document.camera_path]
+    for mark in (mark for part in objects for mark in part.marks):
+        given += [mark.path] if isinstance(mark, FromFile) else [mark.folder] if isinstance(mark, FromMasks) else []
+    return [path for path in given if path is not None and (path.is_file() or path is not document.camera_path)]
+
+
+def _shown(document: Document) -> Mapping[str, Any]:
+    return {
+        "scene": str(document.path),
+        "cameras": str(document.camera_path) if document.camera_path else None,
+        "selection": MARKS,
+    }

@@ -1,0 +1,183 @@
+"""What is seen in the browser's 3D view: splats, virtual cameras, the up vector, and the tools' gizmos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.app.display import Splats
+from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import Float64Array, quaternions_of
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.selecting.marks import Box3D, Effect, Point
+from gaussian_trimmer.views import TrimmedView
+
+_GOOD, _BAD = (60, 200, 90), (230, 60, 60)
+_MASK_TINT = (40, 230, 120)
+_THUMBNAIL = 192
+"""Pixels of the pictures in the virtual cameras."""
+_FRUSTUM = 0.3
+"""Size of a virtual camera, relative to the object's radius."""
+_ARROW = 2.5
+"""Length of the up arrow in the viewer's units."""
+
+
+class SceneView:
+    """The 3D view that all tabs share. Points and sizes are given in the scene's coordinates."""
+
+    def __init__(self, server: Any) -> None:
+        self._server = server
+        self._splats: Any = None
+        self._views: list[Any] = []
+        self._points: list[Any] = []
+        self._box: tuple[Any, Any] | None = None
+        self._ball: Any = None
+        self.frame = Frame(np.zeros(3), 1.0)
+
+    def show(self, splats: Splats) -> None:
+        """Show Gaussians in place of those before."""
+        centres, colours = splats.centres, splats.colours
+        covariances, opacities = splats.covariances, splats.opacities
+        if not len(splats):  # an invisible one, since an empty buffer has no texture
+            centres, colours = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.float32)
+            covariances, opacities = np.eye(3, dtype=np.float32)[None] * 1e-4, np.zeros((1, 1), np.float32)
+        if self._splats is None:
+            self._splats = self._server.scene.add_gaussian_splats(
+                "/splats", centres, covariances, colours, opacities
+            )  # fmt: skip
+        else:
+            self._splats.set_gaussians(centres, covariances, colours, opacities)
+        self._server.flush()
+
+    def show_up(self, up: Float64Array, visible: bool) -> None:
+        """Turn the view so that up is up, and show the direction as an arrow."""
+        self._server.scene.set_up_direction(tuple(up.tolist()))
+        points = np.array([[np.zeros(3), _ARROW * up]], np.float32)
+        self._server.scene.add_arrows(
+            "/up", points, (40, 120, 255), shaft_radius=0.03, head_radius=0.09, head_length=0.25, visible=visible
+        )
+        self._server.scene.add_label("/up/label", "up", position=tuple((1.08 * _ARROW * up).tolist()), visible=visible)
+
+    def show_views(self, result: TrimResult | None) -> None:
+        """Show the virtual cameras of a trim with what they saw and its masks, or none."""
+        for handle in self._views:
+            handle.remove()
+        self._views = []
+        for number, view in enumerate(result.views if result is not None else ()):
+            assert result is not None
+            size = _FRUSTUM * result.bounds.radius * self.frame.scale
+            self._views.append(self._frustum(f"/views/{number}", view, size))
+
+    def show_points(self, points: Sequence[Point]) -> None:
+        """Show points that were clicked."""
+        for handle in self._points:
+            handle.remove()
+        self._points = [
+            self._server.scene.add_icosphere(
+                f"/points/{number}", 0.06, (40, 120, 255), position=self._place(point), cast_shadow=False
+            )
+            for number, point in enumerate(points)
+        ]
+
+    def show_box(self, centre: Point, size: Sequence[float], up: Float64Array) -> None:
+        """Show a box that stands upright, with handles to move it."""
+        turn = quaternions_of(up_frame(up).T[None])[0]
+        dimensions = tuple(float(value * self.frame.scale) for value in size)
+        self.hide_box()
+        gizmo = self._server.scene.add_transform_controls(
+            "/box3d", scale=1.5, disable_rotations=True, depth_test=False, wxyz=turn, position=self._place(centre)
+        )  # fmt: skip
+        solid = self._server.scene.add_box(
+            "/box3d/shape", (255, 170, 40), dimensions, opacity=0.25, side="double", cast_shadow=False
+        )  # fmt: skip
+        self._box = gizmo, solid
+
+    def hide_box(self) -> None:
+        """Take the box away."""
+        if self._box is not None:
+            for handle in reversed(self._box):
+                handle.remove()
+        self._box = None
+
+    def box_mark(self, size: Sequence[float], up: Float64Array, effect: Effect) -> Box3D | None:
+        """The mark that the box stands for; None if there is no box."""
+        if self._box is None:
+            return None
+        centre = up_frame(up) @ self.frame.to_scene(self._box[0].position)
+        half = np.array(size, np.float64) / 2
+        low, high = (centre - half).tolist(), (centre + half).tolist()
+        return Box3D((low[0], low[1], low[2]), (high[0], high[1], high[2]), "up", effect)
+
+    def resize_box(self, size: Sequence[float]) -> None:
+        """Give the box another size."""
+        if self._box is not None:
+            self._box[1].dimensions = tuple(float(value * self.frame.scale) for value in size)
+
+    def show_ball(self, point: Point, radius: float, dragged: Callable[[Any], None]) -> None:
+        """Show the brush where it touched the surface; what happens when it is dragged is told to a function."""
+        if self._ball is not None:
+            self._ball.remove()
+        self._ball = self._server.scene.add_icosphere(
+            "/brush", radius * self.frame.scale, (255, 255, 255), opacity=0.35, position=self._place(point),
+            cast_shadow=False,
+        )  # fmt: skip
+        for modifier in (None, "shift", "cmd/ctrl"):
+            self._ball.on_drag("left", modifier=modifier)(dragged)
+
+    def move_ball(self, point: Point) -> None:
+        """Move the brush."""
+        if self._ball is not None:
+            self._ball.position = self._place(point)
+
+    def hide_ball(self) -> None:
+        """Take the brush away."""
+        if self._ball is not None:
+            self._ball.remove()
+        self._ball = None
+
+    def look(self, client: Any, eye: Point, target: Point, up: Float64Array) -> None:
+        """Let one tab, or all tabs that open later, look from one point at another."""
+        camera: Any = self._server.initial_camera if client is None else client.camera
+        if client is None:
+            camera.up = tuple(up.tolist())
+        camera.position = self._place(eye)
+        camera.look_at = self._place(target)
+
+    def _place(self, point: Point) -> tuple[float, float, float]:
+        x, y, z = self.frame.to_viewer(np.array(point)).tolist()
+        return x, y, z
+
+    def _frustum(self, name: str, view: TrimmedView, size: float) -> Any:
+        camera = view.view.camera
+        return self._server.scene.add_camera_frustum(
+            name,
+            fov=float(2 * np.arctan(camera.height / 2 / camera.K[1, 1])),
+            aspect=camera.width / camera.height,
+            scale=size,
+            color=_BAD if view.rejected else _GOOD,
+            image=_thumbnail(view),
+            format="jpeg",
+            wxyz=quaternions_of(camera.rotation.T[None])[0],
+            position=self._place(_centre(camera)),
+            cast_shadow=False,
+        )
+
+
+def _centre(camera: Camera) -> Point:
+    x, y, z = camera.centre.tolist()
+    return x, y, z
+
+
+def _thumbnail(view: TrimmedView) -> NDArray[np.uint8]:
+    """What a view saw, its mask tinted."""
+    picture = np.clip(view.view.rgb, 0, 1) * 255
+    tinted = np.where(view.mask[..., None], 0.5 * picture + 0.5 * np.array(_MASK_TINT), picture)
+    scale = _THUMBNAIL / max(tinted.shape[:2])
+    size = max(1, round(tinted.shape[1] * scale)), max(1, round(tinted.shape[0] * scale))
+    return np.asarray(cv2.resize(tinted.astype(np.uint8), size, interpolation=cv2.INTER_AREA))

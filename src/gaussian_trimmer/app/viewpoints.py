@@ -1,0 +1,110 @@
+"""Between the browser's picture of a scene and the scene: coordinates, cameras and points on surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.selecting.clicks import small_view
+from gaussian_trimmer.selecting.marks import Point, Viewpoint
+from gaussian_trimmer.selecting.segment_in_box import CONTRIBUTORS, surface_depths
+
+_SIZE = 5.0
+"""Median distance of the Gaussians from their middle, in the viewer's units."""
+_LARGEST_PICTURE = 1 << 14
+_SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The viewer's coordinates: the scene's, moved and scaled.
+
+    A viewer that sends covariances in half precision loses Gaussians that are small in its units, and float32 loses
+    detail far from the origin.
+    """
+
+    centre: Float64Array
+    """The viewer's origin in the scene, (3,)."""
+    scale: float
+    """The viewer's units in a unit of the scene."""
+
+    @classmethod
+    def around(cls, means: FloatArray) -> Frame:
+        """The frame in which half of the centres (N, 3) lie within five units of the origin."""
+        centre = np.median(means, axis=0).astype(np.float64)
+        distance = float(np.median(np.linalg.norm(means - centre, axis=1)))
+        return cls(centre, _SIZE / distance if distance > 0 else 1.0)
+
+    def to_viewer(self, points: Float64Array | FloatArray) -> Float64Array:
+        """Points of the scene (..., 3) in the viewer's coordinates."""
+        return np.asarray((np.asarray(points, np.float64) - self.centre) * self.scale)
+
+    def to_scene(self, points: Float64Array | Sequence[float]) -> Float64Array:
+        """Points in the viewer's coordinates (..., 3) in those of the scene."""
+        return np.asarray(np.asarray(points, np.float64) / self.scale + self.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class BrowserCamera:
+    """Where a browser looks from, in the viewer's coordinates."""
+
+    position: Float64Array
+    """(3,)."""
+    quaternion: Float64Array
+    """Rotation (w, x, y, z) from camera axes, x right, y down, z forward, to the viewer's, (4,)."""
+    fov_radians: float
+    """Vertical field of view."""
+    width: int
+    """Pixels of the picture."""
+    height: int
+    near: float = 0.01
+    """Nothing nearer than this is drawn."""
+
+    def viewpoint(self, frame: Frame) -> Viewpoint:
+        """The same view of the scene, to which marks can refer."""
+        width, height = (int(np.clip(size, 1, _LARGEST_PICTURE)) for size in (self.width, self.height))
+        rotation = rotation_matrices(np.asarray(self.quaternion, np.float32)[None])[0].T
+        pose = np.eye(4)
+        pose[:3, :3] = rotation
+        pose[:3, 3] = -rotation @ frame.to_scene(self.position)
+        fov = float(np.clip(self.fov_radians, _SMALLEST_FOV, _LARGEST_FOV))
+        focal = height / 2 / np.tan(fov / 2)
+        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+        return Viewpoint(Camera(pose, K, width, height, near=max(self.near / frame.scale, 1e-9)))
+
+
+def pixel_at(view: Viewpoint, place: Sequence[float]) -> tuple[int, int]:
+    """The pixel at a place of the picture, whose left upper corner is (0, 0) and right lower one (1, 1)."""
+    sizes = (view.camera.width, view.camera.height)
+    x, y = (min(max(int(share * size), 0), size - 1) for share, size in zip(place, sizes, strict=True))
+    return x, y
+
+
+def box_at(view: Viewpoint, low: Sequence[float], high: Sequence[float]) -> tuple[int, int, int, int]:
+    """The box of pixels between two places of the picture, as `pixel_at`; right and lower ends are exclusive."""
+    x0, y0 = pixel_at(view, low)
+    x1, y1 = pixel_at(view, high)
+    return x0, y0, x1 + 1, y1 + 1
+
+
+def surface_points(
+    gaussians: Gaussians, view: Viewpoint, places: Sequence[Sequence[float]], renderer: Renderer
+) -> list[Point | None]:
+    """The points of the scene that show at places of the picture, as `pixel_at`; None where nothing is seen."""
+    small = small_view(view.camera)
+    pixels = np.array([pixel_at(Viewpoint(small), place) for place in places])
+    rows, weights = renderer.top_contributors(gaussians, small, pixels, CONTRIBUTORS)
+    depths = surface_depths(gaussians, small, rows, weights)
+    rays = small.ray_directions(pixels + 0.5)
+    points = small.centre + rays * (depths / (rays @ small.forward))[:, None]
+    return [_point(point) if np.isfinite(point).all() else None for point in points]
+
+
+def _point(values: Float64Array) -> Point:
+    x, y, z = values.tolist()
+    return x, y, z

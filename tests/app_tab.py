@@ -1,0 +1,85 @@
+"""A tab of a headless browser that uses the app."""
+
+import time
+from io import BytesIO
+
+import numpy as np
+
+PATIENCE = 300
+"""Seconds: software rendering on a busy machine is slow."""
+
+
+class Tab:
+    """One tab with the app."""
+
+    def __init__(self, browser, app, width=1366, height=768):
+        self.app = app
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.page.set_default_timeout(1000 * PATIENCE)
+        self.errors = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        known = set(app.server.get_clients())
+        self.page.goto(app.address)
+        (self.client,) = until(lambda: set(app.server.get_clients()) - known, "the page to connect")
+
+    def wait(self, text):
+        """Until the page shows a text."""
+        self.page.get_by_text(text).first.wait_for()
+
+    def panel(self, name):
+        """Open one of the tabs of the controls."""
+        self.page.get_by_role("tab", name=name).click()
+
+    def press(self, button):
+        """Press a button by its label."""
+        self.page.get_by_role("button", name=button, exact=True).click()
+
+    def write(self, label, text):
+        """Write into a field, whose label is its parent's text."""
+        field = self._field(label)
+        field.fill(text)
+        field.blur()
+
+    def choose(self, label, option):
+        """Choose from a list by its label."""
+        self._field(label).click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+
+    def _field(self, label):
+        return self.page.locator(f'xpath=//*[text()="{label}"]/following::input[1]').first
+
+    def place(self, point):
+        """Pixels of the page at which a point of the scene shows."""
+        view = self.app.controller.tools.viewpoint(self.app.server.get_clients()[self.client])
+        x, y = view.camera.project(np.array(point, np.float64)[None])[0][0]
+        box = self.page.locator("canvas").first.bounding_box()
+        assert abs(box["width"] - view.camera.width) < 2
+        return box["x"] + float(x), box["y"] + float(y)
+
+    def colour(self, point, half=3):
+        """Mean colour of the page around a point of the scene, (3,), 0 to 255."""
+        x, y = self.place(point)
+        return self.picture(x - half, y - half, 2 * half, 2 * half).mean(axis=(0, 1))
+
+    def picture(self, x, y, width, height):
+        """A part of the page, (H, W, 3)."""
+        import cv2
+
+        data = self.page.screenshot(clip={"x": x, "y": y, "width": width, "height": height})
+        return cv2.imdecode(np.frombuffer(BytesIO(data).getbuffer(), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+    def until_colour(self, point, test):
+        """Wait until the colour at a point passes a test; returns it."""
+        until(lambda: test(self.colour(point)), lambda: f"another colour than {self.colour(point)}")
+        return self.colour(point)
+
+
+def until(happened, what):
+    """What a function returns once it is true."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        found = happened()
+        if found:
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"waited in vain for {what() if callable(what) else what}")

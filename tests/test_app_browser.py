@@ -1,0 +1,184 @@
+"""The app in a real browser: open the sample, mark, trim, toggle, undo, save; and what goes wrong is a message."""
+
+import shlex
+
+import numpy as np
+import pytest
+from app_tab import Tab, until
+from browser import chromium
+from command_line import run
+
+from gaussian_trimmer import formats, sample
+
+pytest.importorskip("viser", reason="needs viser: the app extra")
+
+UP = np.array([0, 0, 0.16])
+SHOWN = 4000
+"""Gaussians that are shown: software rendering of all of them takes seconds."""
+LAPTOP, SMALL = (1366, 768), (1000, 640)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def lighthouse():
+    """A point in the middle of the lighthouse."""
+    scene = formats.read(sample.SCENE)
+    points = scene.means[np.load(sample.SELECTION)]
+    return np.median(points, axis=0).astype(float)
+
+
+@pytest.fixture
+def app():
+    from gaussian_trimmer.app.serving import serving
+
+    with serving(sample.SCENE, sample.CAMERAS, port=0, most=SHOWN) as running:
+        yield running
+
+
+def orange(colour):
+    return colour[0] > 1.4 * colour[2] and colour[0] > 90
+
+
+def click(tab, point, **options):
+    x, y = tab.place(point)
+    tab.page.mouse.click(x, y, **options)
+
+
+def marked(tab, lighthouse):
+    """Mark the lighthouse by a click."""
+    tab.wait("59,472 Gaussians")
+    tab.panel("Mark")
+    tab.page.keyboard.press("c")
+    tab.wait("Click on the object")
+    click(tab, lighthouse)
+    tab.wait("an object that stands on a surface")
+
+
+def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeypatch):
+    tab = Tab(browser, app, *LAPTOP)
+    tab.wait("59,472 Gaussians")
+    before = tab.until_colour(lighthouse, lambda colour: colour.max() > 100)  # once it has faded in
+    assert not orange(before) or before[1] < 80  # red and white, not orange
+    marked(tab, lighthouse)
+    tinted = tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() > 25)
+    assert tinted[0] > tinted[2] + 60
+
+    tab.page.keyboard.press("t")
+    tab.wait("views accepted")
+    tab.page.keyboard.press("3")  # the background alone
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() > 40)
+    tab.page.keyboard.press("2")  # the object alone
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() < 25)
+    tab.page.keyboard.press("1")
+
+    tab.page.keyboard.press("Control+z")
+    tab.wait("Undone: trim.")
+    assert app.controller.session.now.object.result is None
+    tab.page.keyboard.press("Control+Shift+z")
+    tab.wait("Done again: trim.")
+    tab.page.keyboard.press("Space")
+    until(lambda: app.controller.panels.when.value == "Before", "the view before the trim")
+
+    tab.panel("Save")
+    tab.write("Folder", str(tmp_path / "by app"))
+    tab.press("Save the object")
+    tab.wait("Saved in")
+    command = tab.page.locator("pre").first.inner_text().strip()
+    monkeypatch.chdir(tmp_path)
+    assert run(*shlex.split(command)[1:], "--quiet") == 0
+    for file in sorted((tmp_path / "again").rglob("*")):
+        if file.is_file() and file.name not in ("report.json", "manifest.json"):
+            assert file.read_bytes() == (tmp_path / "by app" / file.relative_to(tmp_path / "again")).read_bytes(), file
+    assert len(formats.read(tmp_path / "again" / "object.ply")) > 1000
+    assert tab.errors == []
+
+
+def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
+    session = app.controller.session
+    tab = Tab(browser, app, *SMALL)
+    tab.wait("59,472 Gaussians")
+    tab.panel("Mark")
+    tab.page.keyboard.press("r")
+    tab.wait("Drag a box")
+    x, y = tab.place(lighthouse)
+    corner = abs(tab.place(lighthouse + UP)[1] - y)
+    tab.page.mouse.move(x - 0.6 * corner, y - 1.1 * corner)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x, y, steps=4)
+    tab.page.mouse.move(x + 0.6 * corner, y + corner, steps=4)
+    tab.page.mouse.up()
+    tab.wait("Gaussians selected")
+    by_box = session.now.object.n_selected
+
+    beside = np.array([lighthouse[0] + 0.3, lighthouse[1], 0])
+    tab.page.keyboard.press("b")
+    tab.wait("Click on a surface")
+    click(tab, beside)
+    until(lambda: session.now.object.n_selected > by_box, "what the brush adds")
+    with_brush = session.now.object.n_selected
+    tab.page.keyboard.down("Control")
+    x, y = tab.place(beside)
+    tab.page.mouse.click(x, y + 20)
+    tab.page.keyboard.up("Control")
+    until(lambda: session.now.object.n_selected < with_brush, "what the brush removes")
+
+    tab.page.keyboard.press("x")
+    tab.wait("Move the box")
+    tab.choose("It does", "Keep only")
+    tab.press("Apply the box")
+    until(lambda: session.now.object.marks[-1].effect == "intersect", "the box in space")
+
+    tab.panel("Scene")
+    tab.press("Up by three clicks on the ground")
+    tab.wait("Click three points of the ground.")
+    for step, said in (([0.1, 0.0], "2 more"), ([0.4, 0.1], "1 more"), ([0.3, -0.3], "Up is")):
+        tab.page.wait_for_timeout(1000)  # what the browser listens for arrives just before the text
+        click(tab, [*(lighthouse[:2] + step), 0.0])
+        tab.wait(said)
+    until(lambda: session.now.up.source == "given", "the up vector")
+    assert session.now.up.direction[2] > 0.98
+    assert tab.errors == []
+
+
+def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lighthouse, tmp_path):
+    tab = Tab(browser, app, *SMALL)
+    tab.wait("59,472 Gaussians")
+    (tmp_path / "broken.ply").write_bytes(b"ply\nno more")
+    for path in (tmp_path / "broken.ply", tmp_path / "none.ply"):
+        tab.write("Scene", str(path))
+        tab.press("Open")
+        tab.wait(path.name)
+    tab.page.keyboard.press("t")
+    tab.wait("Nothing is selected; mark an object first.")
+    tab.panel("Save")
+    tab.press("Save the object")
+    tab.wait("has not been trimmed since it was marked")
+
+    other = Tab(browser, app, *SMALL)
+    other.wait("All tabs show and change the same scene.")
+    marked(other, lighthouse)
+    tab.wait("an object that stands on a surface")
+
+    app.server._websock_server.disconnect_all_clients()
+    until(lambda: len(app.server.get_clients()) == 2, "both tabs to come back")
+    other.page.close()
+    until(lambda: len(app.server.get_clients()) == 1, "one tab")
+    (tab.client,) = app.server.get_clients()
+    tab.page.keyboard.press("Control+Shift+a")
+    tab.wait("Cleared.")
+    marked(tab, lighthouse)
+    assert tab.errors == []
+
+
+def test_the_page_says_that_the_program_has_ended(browser):
+    from gaussian_trimmer.app.serving import serving
+
+    with serving(None, None, port=0) as app:
+        tab = Tab(browser, app, *SMALL)
+        tab.wait("Open a scene.")
+    tab.wait("Connecting...")

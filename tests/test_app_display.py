@@ -1,0 +1,216 @@
+"""Tests of what the app shows: which Gaussians, in which colours, from where, and what is highlighted."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.app.display import STRADDLER, UNCHECKED, Painter, Showing, thinned
+from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
+from gaussian_trimmer.app.highlights import Highlights, find_highlights
+from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, box_at, pixel_at, surface_points
+from gaussian_trimmer.cameras import intrinsics, look_at
+from gaussian_trimmer.formats import write
+from gaussian_trimmer.gaussians import concatenate, quaternions_of
+from gaussian_trimmer.pipeline import BoundaryConfig, SplitConfig, TrimConfig, trim
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting.marks import FromFile, Sphere, Viewpoint
+from gaussian_trimmer.selecting.select import Selected
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    scene, truth = toy.ball_on_floor()
+    write(scene, folder / "scene.ply")
+    np.save(folder / "rough.npy", toy.dilated(scene, truth))
+    opened = Session()
+    opened.open(folder / "scene.ply")
+    opened.set_up((0.0, 0.0, 1.0))
+    opened.mark(FromFile(folder / "rough.npy"))
+    opened.trim()
+    opened.add_object()
+    opened.mark(Sphere((2.5, 2.5, 0.0), 0.5))
+    return opened
+
+
+@pytest.fixture
+def painter(session):
+    return Painter(session.document, 10**6)
+
+
+def tinted(splats, plain):
+    return np.abs(splats.colours - plain.colours).max(axis=1) > 0.01
+
+
+def test_before_the_objects_have_their_colours_and_nothing_else(session, painter):
+    now, plain = session.now, painter.paint(session.now, Showing(colours=False))
+    shown = painter.paint(now, Showing())
+    assert len(shown) == len(session.document.scene)
+    owner = np.any([part.selected.mask for part in now.objects], axis=0)
+    assert np.array_equal(tinted(shown, plain), owner)
+    first, second = (shown.colours[part.selected.mask].mean(axis=0) for part in now.objects)
+    assert np.abs(first - second).max() > 0.2
+
+
+def test_parts_are_the_object_and_the_rest(session, painter):
+    now, scene = session.now, session.document.scene
+    result = now.objects[0].result
+    for when, rest in (("before", now.objects[0].selected.mask), ("after", result.object_mask)):
+        object_ = painter.paint(now, Showing("object", when))
+        background = painter.paint(now, Showing("background", when))
+        both = painter.paint(now, Showing("both", when))
+        assert len(object_) == now.object.n_selected  # the second object has not been trimmed
+        gone = len(result.dropped) if when == "after" else 0
+        assert len(background) == (~(rest | now.object.selected.mask)).sum() - gone
+        assert len(both) == len(scene) - gone
+    assert rest.sum() < now.objects[0].n_selected
+
+
+def test_after_the_active_object_is_what_was_trimmed(session, painter):
+    session.activate(1)
+    try:
+        splats = painter.paint(session.now, Showing("object", "after", colours=False))
+        trimmed = session.now.object.result.object
+        centres = painter.frame.to_scene(splats.centres.astype(np.float64))
+        assert np.allclose(np.sort(centres, axis=0), np.sort(trimmed.means, axis=0), atol=1e-5)
+    finally:
+        session.activate(2)
+
+
+def large_ball():
+    """A ball of Gaussians so large that they straddle its outline, and which they are."""
+    scene, truth = toy.ball_on_floor()
+    return scene.replace(log_scales=scene.log_scales + np.log(3) * truth[:, None].astype(np.float32)), truth
+
+
+def test_split_parts_and_filled_gaussians_are_shown():
+    scene, truth = large_ball()
+    boundary = BoundaryConfig(min_share=0.05, min_area=1e-6)
+    result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane"), boundary=boundary, fill=True), up="z")
+    n_split = len(result.outside_parts)
+    assert n_split > 0
+    document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))
+    first = first_snapshot(document, up_of(document, (0.0, 0.0, 1.0)))
+    now = first.with_object(
+        replace(first.object, selected=Selected(truth, np.zeros_like(truth)), result=result), "trim"
+    )
+    painter = Painter(document, 10**6)
+    assert len(painter.paint(now, Showing("object", "after"))) == len(result.object)
+    assert len(painter.paint(now, Showing("background", "after"))) == len(result.background)
+    assert len(painter.paint(now, Showing("both", "after"))) == len(result.object) + len(result.background)
+
+
+def test_highlights_are_drawn_where_they_are_asked_for(session, painter):
+    now = session.now
+    n = len(session.document.scene)
+    flags = Highlights(np.arange(n) == 3, np.arange(n) == 5)
+    plain = painter.paint(now, Showing(when="after", colours=False))
+    shown = painter.paint(now, Showing(when="after", colours=False, straddlers=True, unchecked=True), flags)
+    rows = np.flatnonzero(~np.isin(np.arange(n), now.objects[0].result.dropped))
+    assert np.array_equal(rows[tinted(shown, plain)], [3, 5])
+    for row, colour in ((3, STRADDLER), (5, UNCHECKED)):
+        assert np.abs(shown.colours[rows == row] * 255 - colour).max() < 40
+    only = painter.paint(now, Showing(when="after", colours=False, straddlers=True), flags)
+    assert np.array_equal(rows[tinted(only, plain)], [3])
+
+
+def test_what_no_view_shows_is_unchecked():
+    scene, truth = toy.ball_on_floor(n_ball=3000)
+    core = toy.gaussians(toy.CENTRE + np.random.default_rng(0).normal(0, 0.1, (40, 3)), (0.02, 0.02, 0.02), toy.RED)
+    result = trim(concatenate([scene, core]), np.append(truth, np.ones(40, bool)), up="z")
+    found = find_highlights(result).unchecked
+    assert result.object_mask[-40:].all()
+    assert found[-40:].all()  # nothing shows the inside
+    assert found[:-40][truth].mean() < 0.4
+    assert not (found & ~result.object_mask).any()
+
+
+def test_straddlers_lie_at_the_outline_and_belong_to_the_object():
+    scene, truth = large_ball()
+    result = trim(scene, truth, up="z")
+    found = find_highlights(result).straddlers
+    assert found.any()
+    assert not (found & ~result.object_mask).any()
+    assert not find_highlights(trim(*toy.ball_on_floor(), up="z")).straddlers.any()
+
+
+def test_large_scenes_are_thinned_for_display_only(session):
+    n = len(session.document.scene)
+    few = Painter(session.document, n // 4)
+    assert few.shown == n // 4
+    shown = few.paint(session.now, Showing(colours=False))
+    whole = Painter(session.document, n).paint(session.now, Showing(colours=False))
+    assert len(shown) == n // 4
+    assert np.trace(shown.covariances, axis1=1, axis2=2).mean() > 3 * np.trace(
+        whole.covariances, axis1=1, axis2=2
+    ).mean()  # fmt: skip
+    object_ = few.paint(session.now, Showing("object"))
+    assert len(object_) == min(session.now.object.n_selected, n // 4)  # the object keeps all that there is room for
+
+
+def test_thinning_is_the_same_every_time():
+    visible = np.arange(1000) % 2 == 0
+    rows, growth = thinned(visible, 100)
+    assert np.array_equal(rows, thinned(visible, 100)[0])
+    assert len(np.unique(rows)) == 100 and visible[rows].all() and growth == 5
+    assert thinned(visible, 500)[1] == 1
+
+
+def test_the_frame_makes_any_scene_a_few_units_large():
+    scene, _ = toy.ball_on_floor()
+    for scale, shift in ((1e-4, 0.0), (1.0, 1e5), (1e4, 3.0)):
+        frame = Frame.around((scene.means * np.float32(scale) + np.float32(shift)).astype(np.float32))
+        points = scene.means.astype(np.float64) * scale + shift
+        assert np.median(np.linalg.norm(frame.to_viewer(points), axis=1)) == pytest.approx(5, rel=0.05)
+        assert np.allclose(frame.to_scene(frame.to_viewer(points)), points)
+    assert Frame.around(np.ones((3, 3), np.float32)).scale == 1
+
+
+def browser(frame, eye=(0.0, -8.0, 4.0), width=200, height=100):
+    pose = look_at(np.array(eye), toy.CENTRE, toy.UP)
+    turn = quaternions_of(pose[:3, :3].T[None])[0]
+    return BrowserCamera(frame.to_viewer(np.array(eye)), turn, 0.8, width, height)
+
+
+def test_a_browsers_camera_is_the_same_camera_in_the_scene():
+    scene, _ = toy.ball_on_floor()
+    frame = Frame.around(scene.means)
+    camera = browser(frame).viewpoint(frame).camera
+    assert np.allclose(camera.centre, (0, -8, 4))
+    assert np.allclose(camera.world_to_camera, look_at(np.array([0.0, -8, 4]), toy.CENTRE, toy.UP), atol=1e-6)
+    assert np.allclose(camera.project(toy.CENTRE[None])[0], (100, 50), atol=1e-4)
+    assert 2 * np.arctan(50 / camera.K[1, 1]) == pytest.approx(0.8)
+
+
+def test_pixels_and_boxes_stay_within_the_picture():
+    view = Viewpoint(browser(Frame(np.zeros(3), 1.0)).viewpoint(Frame(np.zeros(3), 1.0)).camera)
+    assert pixel_at(view, (0.0, 0.0)) == (0, 0)
+    assert pixel_at(view, (1.0, 1.0)) == (199, 99)
+    assert pixel_at(view, (-3.0, 7.0)) == (0, 99)
+    assert box_at(view, (0.1, 0.5), (0.2, 1.0)) == (20, 50, 41, 100)
+
+
+def test_surface_points_lie_on_the_surface_and_are_none_in_the_void():
+    scene, _ = toy.ball_on_floor(n_floaters=0)
+    frame = Frame.around(scene.means)
+    view = browser(frame).viewpoint(frame)
+    on_ball, void = surface_points(scene, view, [(0.5, 0.5), (0.5, 0.0)], get_renderer("numba"))
+    assert np.linalg.norm(np.array(on_ball) - toy.CENTRE) == pytest.approx(toy.RADIUS, abs=0.12)
+    assert on_ball[1] < 0
+    assert void is None
+
+
+def test_intrinsics_follow_the_smaller_side_of_a_browser():
+    view = browser(Frame(np.zeros(3), 1.0), width=100, height=100).viewpoint(Frame(np.zeros(3), 1.0))
+    assert np.allclose(view.camera.K, intrinsics(0.8, 100, 100))
+
+
+def test_a_painter_keeps_no_more_than_it_shows():
+    scene, _ = toy.ball_on_floor()
+    painter = Painter(Document(Path("a.ply"), None, scene, None, get_renderer("numba")), 50)
+    kept = painter._whole
+    assert len(kept.covariances) == len(kept.centres) == 50

@@ -1,0 +1,310 @@
+"""Tests of the app's state, without a browser: what is opened, marked, undone, trimmed and saved."""
+
+import itertools
+import threading
+
+import numpy as np
+import pytest
+import toy
+from command_line import run, save_ball
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.app.documents import TrimChoices
+from gaussian_trimmer.app.session import MAX_STEPS, Cancelled, Session
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.selecting.marks import Box3D, Click, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
+
+BALL = Sphere((0.0, 0.0, 1.0), 1.2)
+TOP = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ball")
+    return folder, *save_ball(folder)
+
+
+@pytest.fixture
+def session(ball):
+    opened = Session()
+    opened.open(ball[0] / "scene.ply", ball[0] / "cameras.json")
+    return opened
+
+
+def state(session):
+    now = session.now
+    return [(part.name, part.colour, part.marks, part.n_selected, part.result) for part in now.objects], now.active
+
+
+def click_on_ball(session):
+    camera = session.document.cameras.cameras[0]
+    x, y = camera.project(toy.CENTRE[None])[0][0].astype(int).tolist()
+    return Click(x, y, Viewpoint(camera))
+
+
+def test_nothing_can_be_done_before_a_scene_is_open():
+    empty = Session()
+    assert empty.glance() is None
+    for act in (empty.undo, empty.redo, empty.clear, empty.trim, lambda: empty.mark(BALL), lambda: empty.now):
+        with pytest.raises(InputError, match="Open a scene first"):
+            act()
+
+
+def test_opening_tells_its_stages_and_keeps_the_scene_where_a_file_is_bad(session, tmp_path):
+    stages = []
+    session.open(session.document.path, None, stages.append)
+    assert len(stages) == len(set(stages)) >= 3
+    session.mark(BALL)
+    before = state(session)
+    (tmp_path / "broken.ply").write_bytes(b"ply\nformat nonsense")
+    for path, message in ((tmp_path / "broken.ply", "broken.ply"), (tmp_path / "none.ply", "no file")):
+        with pytest.raises(InputError, match=message):
+            session.open(path)
+    assert state(session) == before
+
+
+def test_warming_up_changes_nothing(session):
+    before = state(session)
+    session.warm_up()
+    assert state(session) == before
+    with pytest.raises(InputError, match="nothing to undo"):
+        session.undo()
+
+
+def test_marks_add_up_as_select_has_them(session, ball):
+    from gaussian_trimmer.selecting.select import select, settle_marks
+
+    marks = [click_on_ball(session), TOP, Box3D((-3, -3, 0.3), (3, 3, 3), "up", "intersect")]
+    for mark in marks:
+        session.mark(mark)
+    scene, cameras = session.document.scene, session.document.cameras
+    expected = select(scene, settle_marks(scene, marks, cameras=cameras), cameras=cameras).mask
+    assert np.array_equal(session.now.object.selected.mask, expected)
+    assert 0 < expected.sum() < ball[2].sum()
+
+
+def test_a_mark_after_which_nothing_is_selected_is_refused(session):
+    with pytest.raises(InputError, match="nothing is selected before"):
+        session.mark(TOP)
+    session.mark(BALL)
+    before = state(session)
+    with pytest.raises(InputError, match="nothing would be selected"):
+        session.mark(Sphere((0.0, 0.0, 1.0), 9.0, effect="remove"))
+    assert state(session) == before
+
+
+def test_undo_and_redo_go_through_everything(session):
+    states = [state(session)]
+    for act in (
+        lambda: session.mark(BALL), lambda: session.mark(TOP, BALL), lambda: session.trim(), session.add_object,
+        lambda: session.mark(BALL), lambda: session.rename("ball"), lambda: session.recolour((1, 2, 3)),
+        session.remove_object, session.clear,
+    ):  # fmt: skip
+        act()
+        states.append(state(session))
+    assert all(one != other for one, other in itertools.pairwise(states))
+    for expected in states[-2::-1]:
+        session.undo()
+        assert state(session) == expected
+    with pytest.raises(InputError, match="nothing to undo"):
+        session.undo()
+    for expected in states[1:]:
+        session.redo()
+        assert state(session) == expected
+    with pytest.raises(InputError, match="nothing to redo"):
+        session.redo()
+
+
+def test_what_was_undone_is_gone_after_another_step(session):
+    session.mark(BALL)
+    session.mark(TOP)
+    assert session.undo() == "a sphere"
+    session.mark(Sphere((0.0, 0.0, 0.0), 0.5))
+    with pytest.raises(InputError, match="nothing to redo"):
+        session.redo()
+
+
+def test_the_history_is_bounded(session):
+    session.mark(BALL)
+    for _ in range(MAX_STEPS + 5):
+        session.mark(BALL)
+    steps = 0
+    with pytest.raises(InputError):
+        while True:
+            session.undo()
+            steps += 1
+    assert steps == MAX_STEPS
+
+
+def test_a_trim_is_that_of_the_library_and_a_mark_makes_it_out_of_date(session, ball):
+    import gaussian_trimmer as gt
+
+    session.mark(click_on_ball(session))
+    stages = []
+    said = session.trim(progress=stages.append)
+    result = session.now.object.result
+    alone = gt.trim(session.document.scene, session.now.object.selected.mask, cameras=session.document.cameras)
+    assert np.array_equal(result.source_index, alone.source_index)
+    assert toy.jaccard(result.object_mask, ball[2]) > 0.9
+    assert "views accepted" in said
+    assert stages[0] == "plan"
+    session.mark(TOP)
+    assert session.now.object.result is None
+    session.undo()
+    assert session.now.object.result is result
+
+
+def test_a_cancelled_trim_changes_nothing(session):
+    session.mark(BALL)
+    before, stages = state(session), []
+    with pytest.raises(Cancelled):
+        session.trim(progress=stages.append, cancelled=lambda: len(stages) == 3)
+    assert len(stages) == 3
+    assert state(session) == before
+
+
+def test_trimming_nothing_is_an_error(session):
+    with pytest.raises(InputError, match="mark an object first"):
+        session.trim()
+
+
+def test_up_by_axis_by_points_and_found(session):
+    assert session.now.up.source == "camera file"
+    session.mark(Box3D((-1.2, -1.2, 0.1), (1.2, 1.2, 2.2), "up"))
+    selected = session.now.object.n_selected
+    up = session.up_from_points([(0, 0, 0), (1, 0, 0.5), (0, 1, 0)], (0, 0, -5))
+    assert up.direction @ np.array([0.5, 0, -1]) / np.hypot(1, 0.5) == pytest.approx(1)
+    assert session.now.object.n_selected != selected  # a box that stands upright has turned
+    assert session.set_up(None).source == "camera file"
+    assert session.now.object.n_selected == selected
+    with pytest.raises(InputError, match="in a line"):
+        session.up_from_points([(0, 0, 0), (1, 1, 1), (2, 2, 2)], (0, 0, 5))
+    with pytest.raises(InputError, match="up vector"):
+        session.set_up((0, 0, 0))
+
+
+def test_objects_have_names_and_colours_of_their_own(session):
+    session.mark(BALL)
+    added = session.add_object()
+    assert added.colour != session.now.objects[0].colour
+    assert session.now.object.n_selected == 0
+    with pytest.raises(InputError, match="Another object"):
+        session.rename("object 1")
+    for name in ("", "x" * 61, "a\x1b[31m"):
+        with pytest.raises(InputError, match="no name"):
+            session.rename(name)
+    session.activate(1)
+    assert session.now.object.n_selected > 0
+    with pytest.raises(InputError, match="no object 7"):
+        session.activate(7)
+    session.activate(2)
+    session.remove_object()
+    with pytest.raises(InputError, match="only object"):
+        session.remove_object()
+    assert session.add_object().id == 3  # a number never means two objects
+
+
+def test_selection_files_and_marks_files_are_loaded(session, ball, tmp_path):
+    np.save(tmp_path / "ball.npy", ball[2])
+    session.mark(TOP.__class__((0.0, 0.0, 0.0), 1.0))
+    session.load(tmp_path / "ball.npy")
+    assert np.array_equal(session.now.object.selected.mask, ball[2])
+    session.mark(TOP)
+    write_marks(session.now.basis.__class__(session.now.object.marks, (0.0, 0.0, 1.0)), tmp_path / "marks.json")
+    expected = session.now.object.selected.mask
+    session.clear()
+    session.load(tmp_path / "marks.json")
+    assert np.array_equal(session.now.object.selected.mask, expected)
+
+
+def test_files_that_do_not_fit_change_nothing(session, tmp_path):
+    session.mark(BALL)
+    before = state(session)
+    n = len(session.document.scene)
+    np.save(tmp_path / "long.npy", np.ones(n + 1, bool))
+    np.save(tmp_path / "empty.npy", np.zeros(n, bool))
+    (tmp_path / "text.npy").write_text("no array")
+    basis = session.now.basis
+    write_marks(basis.__class__((BALL,), basis.up, scene_size=n + 1), tmp_path / "other.json")
+    for name in ("long.npy", "empty.npy", "text.npy", "other.json", "none.npy"):
+        with pytest.raises(InputError):
+            session.load(tmp_path / name)
+        assert state(session) == before
+
+
+def test_the_up_vector_of_loaded_marks_comes_along(session, tmp_path):
+    basis = session.now.basis
+    write_marks(basis.__class__((Box3D((-9, -9, -9), (9, 0, 9), "up"),), (1.0, 0.0, 0.0)), tmp_path / "tilted.json")
+    session.load(tmp_path / "tilted.json")
+    assert session.now.up.direction.tolist() == [1, 0, 0]
+    assert session.now.up.source == "given"
+
+
+@pytest.mark.parametrize(
+    ("choices", "up", "format"),
+    [(TrimChoices(), None, None), (TrimChoices(False, False, True), (0.0, 0.1, 1.0), "splat")],
+)
+def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch, choices, up, format):
+    import shlex
+
+    if up:
+        session.set_up(up)
+    session.mark(click_on_ball(session))
+    session.mark(Sphere((0.0, 0.0, 0.0), 0.4))
+    session.trim(choices)
+    command = session.save(tmp_path / "by app", format)
+    monkeypatch.chdir(tmp_path)
+    assert run(*shlex.split(command)[1:], "--quiet") == 0
+    for file in (tmp_path / "by app").rglob("*"):
+        if file.is_file() and file.name not in ("report.json", "manifest.json"):
+            assert file.read_bytes() == (tmp_path / "again" / file.relative_to(tmp_path / "by app")).read_bytes(), file
+    suffix = format or "ply"
+    assert {f"object.{suffix}", f"background.{suffix}", "selection.json", "labels.npz"} <= {
+        path.name for path in (tmp_path / "again").iterdir()
+    }
+
+
+def test_saving_asks_for_a_trim_and_never_replaces_unasked(session, tmp_path):
+    session.mark(BALL)
+    with pytest.raises(InputError, match="trim it first"):
+        session.save(tmp_path / "out")
+    session.trim()
+    session.save(tmp_path / "out")
+    with pytest.raises(InputError):
+        session.save(tmp_path / "out")
+    session.save(tmp_path / "out", overwrite=True)
+    with pytest.raises(InputError, match="Unknown format"):
+        session.save(tmp_path / "other", "obj")
+    assert not (tmp_path / "other").exists()
+
+
+def test_several_objects_share_nothing(session, tmp_path):
+    session.mark(BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
+    session.add_object()
+    session.mark(BALL, Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
+    session.save_objects(tmp_path / "out", "ply")
+    n = len(session.document.scene)
+    parts = [formats.read(tmp_path / "out" / f"{name}.ply") for name in ("object_1", "object_2", "background")]
+    assert sum(map(len, parts)) == n
+    assert read_marks(tmp_path / "out" / "selection_2.json").marks == session.now.object.marks
+    with pytest.raises(Cancelled):
+        session.save_objects(tmp_path / "never", cancelled=lambda: True)
+    assert not (tmp_path / "never").exists()
+
+
+def test_calls_from_many_threads_follow_each_other(session):
+    session.mark(BALL)
+    places = [(np.cos(k), np.sin(k), 1.0) for k in range(16)]
+    threads = [
+        threading.Thread(target=session.mark, args=(Sphere((float(x), float(y), z), 0.2, effect="remove"),))
+        for x, y, z in places
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(session.now.object.marks) == 1 + len(places)
+    for _ in places:
+        session.undo()
+    assert session.now.object.marks == (BALL,)
