@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import FromFile, Sphere
 from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
+from gaussian_trimmer.several_objects import trim_objects
 
 SCENE, TRUTH = toy.ball_on_floor()
 BALL = Sphere((0, 0, 1), 1.1)
@@ -44,6 +45,15 @@ def test_what_a_mark_removed_is_not_recovered():
     assert trimmed(selection.mask)[IN_PATCH].sum() > 20  # the trimmer sees that the patch belongs to the ball
     assert not trimmed(selection)[IN_PATCH].any()
     assert not trimmed(selection.mask, excluded=IN_PATCH)[IN_PATCH].any()
+
+
+def test_what_a_mark_removed_stays_out_of_that_one_of_several_objects():
+    config, selection = toy.small_config(), ball_without_its_patch()
+    kept_out, taken_in = (
+        trim_objects(SCENE, {3: one}, config=config).objects[0].source_index for one in (selection, selection.mask)
+    )
+    assert IN_PATCH[taken_in].sum() > 20
+    assert not IN_PATCH[kept_out].any()
 
 
 def test_what_is_selected_cannot_be_excluded():

@@ -12,11 +12,11 @@ from command_line import SMALL, run, save_ball
 from format_samples import sample
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.commands.select import _save
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.selecting.saved_selection import save_array
 
 resource = pytest.importorskip("resource", reason="needs limits on the size of files")
 
@@ -24,7 +24,7 @@ GAUSSIANS = sample(150, 1)
 PICTURE = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
 WRITERS = {
     **{suffix: (lambda path: formats.write(GAUSSIANS, path)) for suffix in formats.FORMATS},
-    ".npy": lambda path: _save(np.arange(6000) % 3 == 0, path),
+    ".npy": lambda path: save_array(np.arange(6000) % 3 == 0, path),
     ".png": lambda path: write_picture(PICTURE, path),
 }
 

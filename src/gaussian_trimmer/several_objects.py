@@ -149,7 +149,8 @@ def trim_objects(
 
     Args:
         scene: all N Gaussians.
-        objects: the rough selections by the objects' ids, each as `trim` takes it. They may overlap.
+        objects: the rough selections by the objects' ids, each as `trim` takes it. They may overlap. What marks removed
+            from one stays out of that one.
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
@@ -171,13 +172,15 @@ def trim_objects(
     check_magnitudes(scene)
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
-    masks = {int(number): mask_of_selection(selection, len(scene)) for number, selection in objects.items()}
+    objects = {int(number): selection for number, selection in objects.items()}
+    masks = {number: mask_of_selection(selection, len(scene)) for number, selection in objects.items()}
     known_up = _common_up(scene, np.any(list(masks.values()), axis=0), config, cameras)
-    alone, kept_out = replace(config, background="exact"), mask_of_excluded(None, excluded, len(scene))
+    alone, from_all = replace(config, background="exact"), mask_of_excluded(None, excluded, len(scene))
     claims, seconds = [], {}
     for number, mask in masks.items():
         progress(f"object {number}")
         start = time.perf_counter()
+        kept_out = from_all | mask_of_excluded(objects[number], None, len(scene))
         result = trim_checked(scene, mask, kept_out, alone, renderer, segmenter, cameras, known_up=known_up)
         claims.append(_claim(number, result))
         seconds[f"object {number}"] = time.perf_counter() - start

@@ -17,6 +17,7 @@ from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.select import Selection
 from gaussian_trimmer.several_objects import trim_objects
 
 MARKS = "selection.json"
@@ -70,7 +71,7 @@ def save_all(
         folder, RESULTS, names=names, inputs=_inputs(document, marked), overwrite=overwrite
     ) as results:  # fmt: skip
         config = replace(now.object.choices.config(now.up), fill=False)
-        selections = {part.id: part.selected.mask for part in marked}
+        selections = {part.id: _selection(now, part) for part in marked}
         result = trim_objects(
             document.scene, selections, config=config, renderer=document.renderer, cameras=document.cameras,
             progress=progress,
@@ -92,6 +93,11 @@ def command_for(document: Document, now: Snapshot, folder: Path, suffix: str) ->
     if suffix != _suffix(document, None):
         parts += ["--format", suffix.lstrip(".")]
     return shlex.join([*parts, *now.object.choices.arguments(), "--output", "again.npy", "--trim", "again"])
+
+
+def _selection(now: Snapshot, part: MarkedObject) -> Selection:
+    selected = part.selected
+    return Selection(selected.mask, replace(now.basis, marks=part.marks), selected.ways, selected.excluded)
 
 
 def _suffix(document: Document, format: str | None) -> str:

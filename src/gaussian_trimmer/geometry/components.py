@@ -69,13 +69,14 @@ def _compact_keys(points: Float64Array, size: float) -> IntArray:
 def _connect(voxels):  # type: ignore[no-untyped-def]
     """Label 26-connected components of sorted voxel keys by union-find; a label is the smallest member's index."""
     parent = np.arange(len(voxels))
+    firsts = np.zeros((2, 3), np.int64)
     for i in range(len(voxels)):
-        for dx in range(-1, 2):
+        for dx in range(-1, 1):
             for dy in range(-1, 2):
-                for dz in range(-1, 2):
-                    j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
-                    if j >= 0:
-                        _join(parent, _root(parent, i), _root(parent, j))
+                j = _first_in_row(voxels, i, dx, dy, 1, firsts)
+                while j < i and voxels[j] <= voxels[i] + (dx << 42) + (dy << 21) + 1:
+                    _join(parent, _root(parent, i), _root(parent, j))
+                    j += 1
     return _flattened(parent)
 
 
@@ -83,30 +84,30 @@ def _connect(voxels):  # type: ignore[no-untyped-def]
 def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-def]
     """Label cells (V,) whose points (N, 3), sorted by cell, come within a squared distance, by union-find."""
     parent = np.arange(len(voxels))
+    firsts = np.zeros((3, 5), np.int64)
     for i in range(len(voxels)):
         for dx in range(-2, 1):
             for dy in range(-2, 3):
-                for dz in range(-2, 3):
-                    j = _find(voxels, voxels[i] + (dx << 42) + (dy << 21) + dz, i)
-                    if j < 0:
-                        continue
+                j = _first_in_row(voxels, i, dx, dy, 2, firsts)
+                while j < i and voxels[j] <= voxels[i] + (dx << 42) + (dy << 21) + 2:
                     a, b = _root(parent, i), _root(parent, j)
                     if a != b and _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit):
                         _join(parent, a, b)
+                    j += 1
     return _flattened(parent)
 
 
 @numba.njit(cache=CACHE)
-def _find(keys, key, end):  # type: ignore[no-untyped-def]
-    """Place of a key among the first `end` of the sorted keys; -1 if it is not there."""
-    low, high = 0, end
-    while low < high:
-        middle = (low + high) // 2
-        if keys[middle] < key:
-            low = middle + 1
-        else:
-            high = middle
-    return low if low < end and keys[low] == key else -1
+def _first_in_row(keys, i, dx, dy, reach, firsts):  # type: ignore[no-untyped-def]
+    """Place of the first key that is at most `reach` cells before the cell (dx, dy) beside cell i, at most i.
+
+    Cells are gone through in order, so each row's place only moves on: `firsts` keeps the places.
+    """
+    first = firsts[dx + reach, dy + reach]
+    while first < i and keys[first] < keys[i] + (dx << 42) + (dy << 21) - reach:
+        first += 1
+    firsts[dx + reach, dy + reach] = first
+    return first
 
 
 @numba.njit(cache=CACHE)
