@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -56,6 +56,17 @@ class Splats:
         return len(self.centres)
 
 
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Splats, and what they stand for."""
+
+    rows: IntArray
+    """Rows of the scene that they come from, -1 for none, (M,)."""
+    splats: Splats
+    owner: NDArray[np.int16]
+    """Place of the object that has each of them, -1 for none, (M,)."""
+
+
 class Painter:
     """Draws the states of one document. What it keeps is bounded by the number of Gaussians that are shown at most."""
 
@@ -88,21 +99,12 @@ class Painter:
         else:
             visible = ~_gone(now, after)
         rows, splats = self._splats(visible)
-        colours = splats.colours.copy()
-        if showing.colours and showing.part != "background":
-            for place, part in enumerate(now.objects):
-                _tint(colours, owner[rows] == place, part.colour, _TINT)
-        if highlights is not None and after and showing.part != "background":
-            for flagged, wanted, colour in (
-                (highlights.unchecked, showing.unchecked, UNCHECKED),
-                (highlights.straddlers, showing.straddlers, STRADDLER),
-            ):
-                if wanted:
-                    _tint(colours, flagged[rows], colour, _HIGHLIGHT)
-        parts = [Splats(splats.centres, splats.covariances, colours, splats.opacities)]
+        shown = [_Shown(rows, splats, owner[rows])]
         if after:
-            parts += [splats_of(extra, self.frame) for extra in self._extras(now, showing.part)]
-        return _joined(parts)
+            shown += self._replacements(now, showing.part)
+        if showing.part == "background":
+            return _joined([part.splats for part in shown])
+        return _joined([_coloured(part, now, showing, highlights if after else None) for part in shown])
 
     def _splats(self, visible: BoolArray) -> tuple[IntArray, Splats]:
         """Scene rows of what is shown of the visible Gaussians (N,), and these as splats."""
@@ -115,18 +117,21 @@ class Painter:
         rows, growth = thinned(visible, self._most)
         return rows, splats_of(self._scene.select(rows), self.frame, growth)
 
-    def _extras(self, now: Snapshot, part: Part) -> list[Gaussians]:
+    def _replacements(self, now: Snapshot, part: Part) -> list[_Shown]:
         """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
-        extras: list[Gaussians] = []
+        found: list[_Shown] = []
         for place, marked in enumerate(now.objects):
             result = marked.result
             if result is None:
                 continue
             if part != "background" and (part == "both" or place == now.active):
-                extras.append(result.object.select(_changed_rows(marked)))
+                rows = _changed_rows(marked)
+                splats = splats_of(result.object.select(rows), self.frame)
+                found.append(_Shown(result.source_index[rows], splats, np.full(len(rows), place, np.int16)))
             if part != "object":
-                extras.append(result.appended)
-        return [extra for extra in extras if len(extra)]
+                nothing = np.full(len(result.appended), -1)
+                found.append(_Shown(nothing, splats_of(result.appended, self.frame), nothing.astype(np.int16)))
+        return [part for part in found if len(part.rows)]
 
 
 def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
@@ -190,6 +195,22 @@ def _gone(now: Snapshot, after: bool) -> BoolArray:
             gone[part.result.dropped] = True
             gone[_replaced(part)] = True
     return gone
+
+
+def _coloured(part: _Shown, now: Snapshot, showing: Showing, highlights: Highlights | None) -> Splats:
+    """Splats with the colours of the objects and of the highlights."""
+    colours, known = part.splats.colours.copy(), part.rows >= 0
+    if showing.colours:
+        for place, marked in enumerate(now.objects):
+            _tint(colours, part.owner == place, marked.colour, _TINT)
+    if highlights is not None:
+        for flagged, wanted, colour in (
+            (highlights.unchecked, showing.unchecked, UNCHECKED),
+            (highlights.straddlers, showing.straddlers, STRADDLER),
+        ):
+            if wanted:
+                _tint(colours, known & flagged[part.rows], colour, _HIGHLIGHT)
+    return replace(part.splats, colours=colours)
 
 
 def _tint(colours: FloatArray, rows: BoolArray, colour: Colour, share: float) -> None:

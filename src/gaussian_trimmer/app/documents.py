@@ -56,10 +56,14 @@ class TrimChoices:
     """Leave out of the background what only the object hid."""
     fill: bool = False
     """Close the hole in a flat support."""
+    fit: bool = True
+    """Cut and fit the Gaussians at the object's outline."""
 
     def config(self, up: UpVector) -> TrimConfig:
         """The settings of all stages; an up vector that was not given is found anew, as the command line does."""
-        config = TrimConfig(fill=self.fill, background="clean" if self.clean else "exact")
+        config = TrimConfig(
+            fill=self.fill, background="clean" if self.clean else "exact", refine="fit" if self.fit else "off"
+        )
         if up.source == "given":
             x, y, z = up.direction.tolist()
             config = replace(config, up=(x, y, z))
@@ -67,7 +71,9 @@ class TrimChoices:
 
     def arguments(self) -> list[str]:
         """The same on the command line."""
-        chosen = ((self.fill, ["--fill"]), (not self.clean, ["--background", "exact"]))
+        chosen = (
+            (self.fill, ["--fill"]), (not self.clean, ["--background", "exact"]), (not self.fit, ["--refine", "off"]),
+        )  # fmt: skip
         options = [part for given, parts in chosen if given for part in parts]
         return options if self.recover else [*options, "--evidence.no-recover"]
 

@@ -64,7 +64,7 @@ class Panels:
     @property
     def choices(self) -> TrimChoices:
         """The settings of the next trim."""
-        return TrimChoices(self.recover.value, self.clean.value, self.fill.value)
+        return TrimChoices(self.recover.value, self.clean.value, self.fill.value, self.fit.value)
 
     def say(self, text: str) -> None:
         """Show a sentence at the top."""
@@ -130,6 +130,7 @@ class Panels:
 
     def _make_trim(self, gui: Any) -> None:
         self.recover = gui.add_checkbox("Take in what is attached", True)
+        self.fit = gui.add_checkbox("Fit the outline", True)
         self.clean = gui.add_checkbox("Clean the background", True)
         self.fill = gui.add_checkbox("Close the hole below", False)
         self.trim = gui.add_button("Trim", icon="cut", color="green")
