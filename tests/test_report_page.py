@@ -10,7 +10,7 @@ from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
 from gaussian_trimmer.output.html import turntable
-from gaussian_trimmer.output.html.changes import DROPPED, coloured_changes, label_colours, legend_of
+from gaussian_trimmer.output.html.changes import DROPPED, FITTED, coloured_changes, label_colours, legend_of
 from gaussian_trimmer.output.html.pictures import data_uris
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
@@ -95,13 +95,23 @@ def test_counts_times_settings_and_doubts_are_told(result):
 
 def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page, result):
     legend = legend_of(result)
-    assert [change.name for change in legend] == [*LABEL_NAMES, DROPPED]
+    assert [change.name for change in legend] == [*LABEL_NAMES, DROPPED, FITTED]
     assert len({change.colour for change in legend}) == len(legend)
     counts = {change.name: change.count for change in legend}
     assert counts["pruned"] == result.count(RowLabel.PRUNED) > 0
-    assert counts[DROPPED] == len(result.dropped)
+    assert (counts[DROPPED], counts[FITTED]) == (len(result.dropped), len(result.fitted))
     for change in legend:
         assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")
+
+
+def test_fitted_gaussians_have_a_colour_and_a_line_in_the_legend():
+    result = trimmed(refine="fit")
+    assert len(result.fitted)
+    colours = {change.name: change.colour for change in legend_of(result)}
+    amber = np.argmax(coloured_changes(result).sh_dc[result.fitted], axis=1)
+    assert colours[FITTED] == "#e69f00" and (amber == 0).all()
+    untouched = np.setdiff1d(np.arange(len(result.object)), result.fitted)
+    assert np.ptp(coloured_changes(result).sh_dc[untouched], axis=1).max() < 1e-5
 
 
 def test_labels_of_other_versions_get_colours_too():
