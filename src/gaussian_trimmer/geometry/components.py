@@ -32,10 +32,13 @@ def connected_points(points: Float64Array, reach: float) -> IntArray:
     """
     points = points - points.min(axis=0, initial=np.inf)
     keys = _compact_keys(points, reach / np.sqrt(3))
-    voxels, members, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    order = np.argsort(members.reshape(-1), kind="stable")
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    return np.asarray(_connect_within(voxels, points[order], starts, reach * reach)[members.reshape(-1)])
+    order = np.argsort(keys)
+    ordered = keys[order]
+    starts = np.append(np.flatnonzero(np.diff(ordered, prepend=-1)), len(keys))
+    pieces = _connect_within(ordered[starts[:-1]], points[order], starts, reach * reach)
+    result = np.empty(len(points), np.int64)
+    result[order] = np.repeat(pieces, np.diff(starts))
+    return result
 
 
 def _cell_keys(points: Float64Array, size: float) -> IntArray:
