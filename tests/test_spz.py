@@ -7,6 +7,7 @@ import struct
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -101,8 +102,7 @@ def test_what_cannot_be_held_is_refused(tmp_path: Path) -> None:
 
 def as_version_4(version_3: bytes) -> bytes:
     """The same Gaussians as plain header, table and zstd streams."""
-    name = "compression.zstd" if find_spec("compression") else "backports.zstd"
-    zstd = pytest.importorskip(name, reason="zstd comes with Python 3.14 or backports.zstd")
+    zstd = zstd_or_skip()
     data = gzip.decompress(version_3)
     magic, _, count, degree, bits, _, _ = HEADER.unpack(data[:16])
     sizes = [count * size for size in (9, 1, 3, 3, 4, 3 * ((degree + 1) ** 2 - 1)) if size]
@@ -127,14 +127,14 @@ def test_version_4_is_version_3_in_other_wrapping(tmp_path: Path, degree: int) -
             formats.read(tmp_path / "4.spz")
 
 
-def needs_zstd() -> None:
-    if not find_spec("compression") and not find_spec("backports.zstd"):
-        pytest.skip("zstd comes with Python 3.14 or backports.zstd")
+def zstd_or_skip() -> ModuleType:
+    name = "compression.zstd" if find_spec("compression") else "backports.zstd"
+    return pytest.importorskip(name, reason="zstd comes with Python 3.14 or backports.zstd")
 
 
 @pytest.mark.parametrize("degree", [0, 3])
 def test_both_versions_are_written_alike(tmp_path: Path, degree: int) -> None:
-    needs_zstd()
+    zstd_or_skip()
     gaussians = sample(300, degree)
     three = round_trip(gaussians, tmp_path / "3.spz")
     formats.write(gaussians, tmp_path / "4.spz", version=4)
@@ -148,7 +148,7 @@ def test_both_versions_are_written_alike(tmp_path: Path, degree: int) -> None:
 
 @pytest.mark.parametrize("version", [3, 4])
 def test_the_converter_reads_the_same_numbers(tmp_path: Path, version: int) -> None:
-    needs_zstd()
+    zstd_or_skip()
     formats.write(sample(200, 3), tmp_path / "ours.spz", version=version)
     splat_transform(tmp_path / "ours.spz", tmp_path / "ours.ply")
     ours, theirs = formats.read(tmp_path / "ours.spz"), formats.read(tmp_path / "ours.ply")
