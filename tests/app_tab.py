@@ -5,7 +5,7 @@ from io import BytesIO
 
 import numpy as np
 
-PATIENCE = 300
+PATIENCE = 200
 """Seconds: software rendering on a busy machine is slow."""
 
 
