@@ -6,7 +6,9 @@ import numpy as np
 import toy
 
 from gaussian_trimmer.config import EvidenceConfig
+from gaussian_trimmer.decomposition.underside import reaching_into_ground
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_from
 
@@ -50,3 +52,16 @@ def test_views_from_another_height_keep_yaw_distance_and_field_of_view():
         assert across @ lower_across > 0.999 * np.linalg.norm(across) * np.linalg.norm(lower_across)
         assert (lower.width, lower.height) == (64, 64)
         np.testing.assert_allclose(lower.K[0, 0] / 64, camera.K[0, 0] / camera.width)
+
+
+def test_a_plane_that_cuts_through_the_object_is_not_the_ground():
+    _, bounds = plan_cameras(SCENE.select(TRUTH), toy.UP)
+    keep = TRUTH
+    heights = ((SCENE.means[keep] - bounds.centre) @ bounds.axes[2]) / bounds.radius
+    planes = [
+        SupportPlane(np.quantile(heights, share), 0.01, np.ones(len(SCENE), bool), np.zeros(len(SCENE), bool))
+        for share in (0.01, 0.5)
+    ]
+    few, none = (reaching_into_ground(SCENE, keep, bounds, plane) for plane in planes)
+    assert 0 < few.sum() < 0.1 * keep.sum()
+    assert not none.any()

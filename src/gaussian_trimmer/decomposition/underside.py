@@ -23,17 +23,20 @@ _REACH = 2.0
 """Standard deviations that a Gaussian is taken to reach down."""
 _DEEP = 2.0
 """Depth below the middle of the plane, relative to half of its thickness, from which on that is deep."""
+_MOST = 0.1
+"""Share of an object's Gaussians that may reach into the ground; where more do, the object does not stand on it."""
 _MIN_SHOWN = 1e-3
 """Blend weight in pixels, summed over the views, below which nothing is noticed."""
 
 
 def reaching_into_ground(gaussians: Gaussians, keep: BoolArray, bounds: Bounds, plane: SupportPlane) -> BoolArray:
-    """Which Gaussians of an object (N,) reach deep below the plane that it stands on, (N,)."""
+    """Which Gaussians of an object (N,) reach deep below the plane that it stands on, (N,); none if it stands in it."""
     up, part = bounds.axes[2], gaussians.select(keep)
     deviations = np.sqrt(np.einsum("i,nij,j->n", up, part.covariances(), up))
     lowest = (part.means - bounds.centre) @ up - _REACH * deviations
+    deep = lowest < (plane.height - _DEEP * plane.thickness) * bounds.radius
     reaching = keep.copy()
-    reaching[keep] = lowest < (plane.height - _DEEP * plane.thickness) * bounds.radius
+    reaching[keep] = deep & (np.count_nonzero(deep) <= _MOST * len(deep))
     return reaching
 
 
