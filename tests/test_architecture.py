@@ -28,6 +28,7 @@ LAYERS = (
     STAGES,
     ("config", "plugin_checks"),
     ("arguments", "result"),
+    ("steps",),
     ("pipeline",),
     ("several_objects",),
     ("output", "selecting"),

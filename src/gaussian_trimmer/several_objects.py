@@ -25,7 +25,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
-from gaussian_trimmer.pipeline import KnownUp, small_views, trim_checked
+from gaussian_trimmer.pipeline import KnownUp, trim_checked
 from gaussian_trimmer.planning.diagnosis import doubts_about_up
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.plugin_checks import CheckedRenderer
@@ -33,6 +33,7 @@ from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
+from gaussian_trimmer.steps.finishing import small_views
 from gaussian_trimmer.views import TrimmedView
 
 _VOTERS = 8
