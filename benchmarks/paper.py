@@ -22,6 +22,7 @@ from gaussian_trimmer.evaluation.runs import Run, measure
 from gaussian_trimmer.evaluation.scoring import Judge
 from gaussian_trimmer.evaluation.variants import chosen_variants
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 
 Table = Literal["gain", "ablations", "views", "splits"]
 TABLES: dict[Table, dict[str, str]] = {
@@ -64,6 +65,8 @@ class Arguments:
     """Only these kinds of coarse selection."""
     tables: tuple[Table, ...] = ("gain", "ablations", "views", "splits")
     """Which tables."""
+    times: bool = False
+    """Let every trim encode its views anew and tell its seconds. Else those of one object share what is encoded."""
 
 
 def main() -> None:
@@ -73,7 +76,8 @@ def main() -> None:
     for model in find_models(arguments.models):
         rows = _measure(model, arguments, console)
         for table in arguments.tables:
-            console.print(f"\n{model.name}, {table}\n" + markdown(TABLES[table], rows), markup=False, highlight=False)
+            text = markdown(TABLES[table], rows, arguments.times)
+            console.print(f"\n{model.name}, {table}\n{text}", markup=False, highlight=False)
 
 
 def find_models(folder: Path) -> list[Path]:
@@ -82,9 +86,9 @@ def find_models(folder: Path) -> list[Path]:
     return [path for path in folders if any("encoder" in file.name for file in path.glob("*.o*"))]
 
 
-def markdown(names: dict[str, str], rows: Sequence[Run]) -> str:
-    """One line for each variant: IoU before and after, gain in IoU and accuracy, worst trim, and median seconds."""
-    heads = ("", "trims", "IoU", "gain in IoU", "in accuracy", "worst", "losses", "s a trim")
+def markdown(names: dict[str, str], rows: Sequence[Run], times: bool) -> str:
+    """One line for each variant: IoU before and after, gain in IoU and accuracy, worst trim, perhaps median seconds."""
+    heads = ["", "trims", "IoU", "gain in IoU", "in accuracy", "worst", "losses", *(["s a trim"] if times else [])]
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for variant, name in names.items():
         chosen = [row for row in rows if row.variant == variant]
@@ -93,10 +97,10 @@ def markdown(names: dict[str, str], rows: Sequence[Run]) -> str:
         gains = {m: np.mean([row.after[m] - row.before[m] for row in chosen]) for m in ("iou", "accuracy")}
         before, after = (np.mean([getattr(row, side)["iou"] for row in chosen]) for side in ("before", "after"))
         worst = min(chosen, key=lambda row: row.iou_change)
+        seconds = f" {np.median([row.seconds for row in chosen]):.1f} |" if times else ""
         lines.append(
             f"| {name} | {len(chosen)} | {before:.2f} -> {after:.2f} | {gains['iou']:+.2f} | {gains['accuracy']:+.2f} "
-            f"| {worst.iou_change:+.2f} {worst.scene}/{worst.object} | {sum(row.loses for row in chosen)} "
-            f"| {np.median([row.seconds for row in chosen]):.1f} |"
+            f"| {worst.iou_change:+.2f} {worst.scene}/{worst.object} | {sum(row.loses for row in chosen)} |{seconds}"
         )
     return "\n".join(lines)
 
@@ -108,9 +112,13 @@ def _measure(model: Path, arguments: Arguments, console: Console) -> list[Run]:
     runs = []
     for task in benchmark_tasks(arguments.root, options):
         if task.scene in arguments.scenes:
-            for run in measure(task, chosen, [judge], fidelity=False):
-                console.print(f"{model.name} {run.variant} {run.scene}/{run.object} {run.kind} {run.iou_change:+.2f}")
-                runs.append(run)
+            for name, variant in chosen.items():
+                if arguments.times and isinstance(variant.segmenter, SamSegmenter):
+                    variant.segmenter.forget()
+                for run in measure(task, {name: variant}, [judge], fidelity=False):
+                    gain = f"{run.iou_change:+.2f}"
+                    console.print(f"{model.name} {run.variant} {run.scene}/{run.object} {run.kind} {gain}")
+                    runs.append(run)
     return runs
 
 

@@ -26,6 +26,16 @@ class Tab:
         """Until the page shows a text."""
         self.page.get_by_text(text).first.wait_for()
 
+    def shows(self, text, seconds):
+        """Whether the page shows a text within some seconds."""
+        from playwright.sync_api import TimeoutError as Late
+
+        try:
+            self.page.get_by_text(text).first.wait_for(timeout=1000 * seconds)
+        except Late:
+            return False
+        return True
+
     def panel(self, name):
         """Open one of the tabs of the controls."""
         self.page.get_by_role("tab", name=name).click()

@@ -171,13 +171,19 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     marked(other, lighthouse)
     tab.wait("an object that stands on a surface")
 
+    lost = set(app.server.get_clients())
     app.server._websock_server.disconnect_all_clients()
-    until(lambda: len(app.server.get_clients()) == 2, "both tabs to come back")
+    until(lambda: len(set(app.server.get_clients()) - lost) == 2, "both tabs to come back")
     other.page.close()
     until(lambda: len(app.server.get_clients()) == 1, "one tab")
     (tab.client,) = app.server.get_clients()
-    tab.page.keyboard.press("Control+Shift+a")
-    tab.wait("Cleared.")
+
+    def cleared():
+        # A tab that has come back listens to keys only when it has received what it shows.
+        tab.page.keyboard.press("Control+Shift+a")
+        return tab.shows("Cleared.", 5)
+
+    until(cleared, "the tab to answer to keys")
     marked(tab, lighthouse)
     assert tab.errors == []
 

@@ -228,6 +228,9 @@ def test_a_view_is_encoded_once_however_often_it_is_prompted(tmp_path, monkeypat
     for _ in range(2):
         segmenter.segment([first, second])
     assert len(encoded) == 2
+    segmenter.forget()
+    segmenter.segment([first])
+    assert len(encoded) == 3
     monkeypatch.setattr("gaussian_trimmer.segmentation.segmenters.sam._KEPT_BYTES", 1)
     segmenter.segment([view(rectangle(64, 64, (8, 8, 48, 48)))])
     assert len(segmenter._embeddings) == 1

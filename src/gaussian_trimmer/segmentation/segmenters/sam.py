@@ -127,6 +127,10 @@ class SamSegmenter:
         """
         return self.model.decode(self._embedding(rgb), prompt)
 
+    def forget(self) -> None:
+        """Drop the embeddings that are kept, so that every picture is encoded anew, as in the first trim."""
+        self._embeddings.clear()
+
     def _logits(self, views: Sequence[View]) -> list[FloatArray]:
         """The chosen mask of each view as logits, (H, W)."""
         logits = []
