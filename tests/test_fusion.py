@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.rendering import Rendering, get_renderer
 from gaussian_trimmer.segmentation.fusion import fuse_with_silhouettes
 from gaussian_trimmer.views import View
@@ -24,25 +24,31 @@ def wall():
     )  # fmt: skip
 
 
-def cameras(n=4):
-    K = intrinsics(np.radians(60), SIZE, SIZE)
+def cameras(n=4, size=SIZE):
+    K = intrinsics(np.radians(60), size, size)
     places = [np.array([np.sin(a), 0.2, -np.cos(a)]) * 3 for a in np.linspace(-0.5, 0.5, n)]
-    return [Camera(look_at(place, np.zeros(3), np.array([0.0, -1, 0])), K, SIZE, SIZE) for place in places]
+    return [Camera(look_at(place, np.zeros(3), np.array([0.0, -1, 0])), K, size, size) for place in places]
 
 
-def masks_of(inside, shown):
+def masks_of(inside, shown, scene=None):
     """What the cameras see of the Gaussians that are inside, as masks."""
     part = inside.astype(np.float32)[:, None]
-    return [RENDERER.blend_values(SCENE, camera, part)[..., 0] > 0.5 for camera in shown]
+    return [RENDERER.blend_values(scene or SCENE, camera, part)[..., 0] > 0.5 for camera in shown]
+
+
+def views_of(shown):
+    """Views that show nothing."""
+    return [
+        View(camera, Rendering(blank := np.zeros((camera.height, camera.width, 3), np.float32), blank[..., 0],
+                               blank[..., 0]), blank[..., 0], blank[..., 0], blank[..., 0],
+             (0, 0, camera.width, camera.height))
+        for camera in shown
+    ]  # fmt: skip
 
 
 SCENE = wall()
 CAMERAS = cameras()
-VIEWS = [
-    View(camera, Rendering(blank := np.zeros((SIZE, SIZE, 3), np.float32), blank[..., 0], blank[..., 0]),
-         blank[..., 0], blank[..., 0], blank[..., 0], (0, 0, SIZE, SIZE))
-    for camera in CAMERAS
-]  # fmt: skip
+VIEWS = views_of(CAMERAS)
 LEFT = SCENE.means[:, 0] < 0
 WIDER = SCENE.means[:, 0] < 0.4
 NARROWER = SCENE.means[:, 0] < -0.4
@@ -83,6 +89,26 @@ def test_unsure_masks_are_not_followed():
     masks = [*masks_of(WIDER, CAMERAS)[:2], *silhouettes[2:]]
     fused, _ = fuse(silhouettes, logits_of(masks, 0.1))
     assert all(overlap(mask, silhouette) > 0.97 for mask, silhouette in zip(fused, silhouettes, strict=True))
+
+
+@pytest.mark.parametrize(("half_width", "stays"), [(0.008, True), (0.1, False)], ids=["rod", "bar"])
+def test_what_is_too_thin_for_masks_is_not_removed_by_them(half_width, stays):
+    """Half of the wall with a rod, or a wide bar, to its right, which no mask shows."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 0.8, 0.01), np.arange(-half_width, half_width, 0.008)))
+    n = len(x)
+    bar = Gaussians.from_arrays(
+        np.stack([x, y, np.zeros(n)], -1), np.tile([1.0, 0, 0, 0], (n, 1)), np.zeros((n, 1, 3)),
+        scales=np.full((n, 3), 0.006), opacities=np.full(n, 0.95),
+    )  # fmt: skip
+    scene, shown = concatenate([SCENE.select(LEFT), bar]), cameras(size=512)
+    wall_alone = np.arange(len(scene)) < np.count_nonzero(LEFT)
+    silhouettes, masks = masks_of(np.ones(len(scene), np.bool_), shown, scene), masks_of(wall_alone, shown, scene)
+    fused, aside = fuse_with_silhouettes(views_of(shown), silhouettes, logits_of(masks), scene, RENDERER)
+    assert aside == 0
+    for mask, silhouette, without in zip(fused, silhouettes, masks, strict=True):
+        beside = silhouette & ~without
+        assert np.count_nonzero(beside) > 30
+        assert (mask[beside].mean() > 0.9) if stays else (mask[beside].mean() < 0.05)
 
 
 def test_masks_of_something_else_are_set_aside_and_say_nothing_to_the_others():

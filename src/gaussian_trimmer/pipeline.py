@@ -171,10 +171,9 @@ def trim_checked(
     not_fitted, filled = "", None
     if config.refine == "fit":
         with clock("refine"):
-            seen = accepted if view_cameras or segmenter.name != DEFAULT_SEGMENTER else []
-            rows, fitted, not_fitted = refine_boundary(
-                scope, rows, dropped, seen, segmenter.name != DEFAULT_SEGMENTER, bool(view_cameras), known, config
-            )
+            # Masks of renders know no outline better than the labels do; those of photographs may.
+            seen, trust = (accepted, segmenter.name != DEFAULT_SEGMENTER) if view_cameras else ([], False)
+            rows, fitted, not_fitted = refine_boundary(scope, rows, dropped, seen, trust, known, config)
             _LOG.info("fitted %d of the object's rows%s", len(fitted), f": {not_fitted}" if not_fitted else "")
     if config.fill:
         with clock("fill"):

@@ -4,6 +4,8 @@ A segmenter that looks at pictures knows the edges of large Gaussians and of thi
 labels know what is hidden and what belongs together, and their silhouettes agree from view to view. Where the two
 differ in a view, the mask is followed if it is sure of itself there and the masks of the other views say the same of
 the Gaussians that are shown there. Both are evidence of the masks themselves: no threshold on the labels is involved.
+What is so thin that it falls between the cells of a mask's grid, a rod or a wire, is not removed because masks lack it:
+they all do.
 
 The weights are a logistic regression of which of the two was right, by the ground truth of 66 selections of 12 objects
 in three scenes; they hold when each scene is left out in turn (docs/experiments.md).
@@ -34,6 +36,10 @@ _TILE = 32
 """Side of the tiles, in pixels of a view of 512, that regions are cut into: a mask may be right at one end of a long
 seam and wrong at the other."""
 _REFERENCE_SIDE = 512
+_THIN = 3.0
+"""Width, in cells of the grid that masks are drawn on, below which they do not show things."""
+_GRID = 256
+"""Cells on the longer side of that grid, of all models of the SAM family."""
 _MIN_OVERLAP = 0.5
 """Smallest intersection over union with the silhouette from which on a mask is taken for one of the object."""
 _SEEN = 1e-3
@@ -94,7 +100,7 @@ def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32],
     height, width = mask.shape
     tile = max(1, round(_TILE * max(height, width) / _REFERENCE_SIDE))
     regions, count = np.zeros(mask.shape, np.int32), 0
-    for change in (mask & ~silhouette, silhouette & ~mask):
+    for change in (mask & ~silhouette, silhouette & ~mask & ~_thin(silhouette)):
         for y in range(0, height, tile):
             for x in range(0, width, tile):
                 part = change[y : y + tile, x : x + tile]
@@ -104,6 +110,14 @@ def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32],
                 regions[y : y + tile, x : x + tile] += np.where(part, numbered + count, 0).astype(np.int32)
                 count += found - 1
     return regions, count
+
+
+def _thin(silhouette: BoolArray) -> BoolArray:
+    """What of a silhouette is too thin for a mask to show, (H, W)."""
+    width = max(2, round(_THIN * max(silhouette.shape) / _GRID))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    opened = cv2.morphologyEx(silhouette.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
+    return np.asarray(silhouette & ~opened)
 
 
 def _shares_elsewhere(

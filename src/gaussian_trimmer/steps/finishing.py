@@ -51,25 +51,27 @@ def small_views(bounds: Bounds) -> list[Camera]:
 
 
 def refine_boundary(
-    scope: Scope, rows: Rows, dropped: IntArray, seen: Sequence[TrimmedView], trust: bool, given: bool,
-    known: Sequence[Camera], config: TrimConfig,
+    scope: Scope, rows: Rows, dropped: IntArray, seen: Sequence[TrimmedView], trust: bool, known: Sequence[Camera],
+    config: TrimConfig,
 ) -> tuple[Rows, IntArray, str]:  # fmt: skip
     """All rows, with the object's boundary fitted, the object's rows that are, and why none is, if the views forbid it.
 
-    The views that were `seen` are fitted to their masks if these can be trusted to be more than what labels show, and
-    small views from several heights to that; these are left out where the cameras were given.
+    Views from given cameras that were `seen` are fitted to their masks if these can be trusted to know more than the
+    labels show. Else small views from several heights are fitted to what the labels show.
     """
     inner, outer, source, label = rows
     how, n = config.refinement, len(inner)
-    cameras: list[Camera] = []
-    masks: list[FloatArray | None] = []
-    for trimmed in seen[:: max(1, len(seen) // how.views)]:
-        camera, part = close_up_of(trimmed.view.camera, scope.bounds, how.size)
-        cameras.append(camera)
-        masks.append(resized_mask(trimmed.mask[part], camera) if trust else None)
-    if not given:
-        near = views_at_heights(scope.bounds, scope.cameras, known, how.views, how.size)
-        cameras, masks = cameras + near, masks + [None] * len(near)
+    if seen:
+        some = seen[:: max(1, len(seen) // how.views)]
+        close = [close_up_of(trimmed.view.camera, scope.bounds, how.size) for trimmed in some]
+        cameras = [camera for camera, _ in close]
+        masks = [
+            resized_mask(trimmed.mask[part], camera) if trust else None
+            for trimmed, (camera, part) in zip(some, close, strict=True)
+        ]
+    else:
+        cameras = views_at_heights(scope.bounds, scope.cameras, known, how.views, how.size)
+        masks = [None] * len(cameras)
     others = ~np.isin(scope.rows, source[:n]) & ~np.isin(scope.rows, dropped)
     around = concatenate([scope.local.select(others), outer])
     refined = refine(inner, around, cameras, masks, scope.bounds.radius, how)
