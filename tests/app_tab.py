@@ -7,6 +7,8 @@ import numpy as np
 
 PATIENCE = 200
 """Seconds: software rendering on a busy machine is slow."""
+LOST = 40
+"""Seconds after which what got no answer never arrived."""
 
 
 class Tab:
@@ -26,15 +28,21 @@ class Tab:
         """Until the page shows a text."""
         self.page.get_by_text(text).first.wait_for()
 
-    def shows(self, text, seconds):
-        """Whether the page shows a text within some seconds."""
+    def until_said(self, act, text):
+        """Do something again and again until the page shows a text.
+
+        The browser shows that it waits for a click or a key a moment before it does, and longer on a busy machine.
+        """
         from playwright.sync_api import TimeoutError as Late
 
-        try:
-            self.page.get_by_text(text).first.wait_for(timeout=1000 * seconds)
-        except Late:
-            return False
-        return True
+        for seconds in (LOST, LOST, PATIENCE):
+            act()
+            try:
+                self.page.get_by_text(text).first.wait_for(timeout=1000 * seconds)
+            except Late:
+                continue
+            return
+        raise AssertionError(f"the page never said '{text}'")
 
     def panel(self, name):
         """Open one of the tabs of the controls."""

@@ -62,8 +62,7 @@ def marked(tab, lighthouse):
     tab.panel("Mark")
     tab.page.keyboard.press("c")
     tab.wait("Click on the object")
-    click(tab, lighthouse)
-    tab.wait("an object that stands on a surface")
+    tab.until_said(lambda: click(tab, lighthouse), "an object that stands on a surface")
 
 
 def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeypatch):
@@ -144,9 +143,8 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     tab.press("Up by three clicks on the ground")
     tab.wait("Click three points of the ground.")
     for step, said in (([0.1, 0.0], "2 more"), ([0.4, 0.1], "1 more"), ([0.3, -0.3], "Up is")):
-        tab.page.wait_for_timeout(1000)  # what the browser listens for arrives just before the text
-        click(tab, [*(lighthouse[:2] + step), 0.0])
-        tab.wait(said)
+        place = [*(lighthouse[:2] + step), 0.0]
+        tab.until_said(lambda place=place: click(tab, place), said)
     until(lambda: session.now.up.source == "given", "the up vector")
     assert session.now.up.direction[2] > 0.98
     assert tab.errors == []
@@ -177,13 +175,7 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     other.page.close()
     until(lambda: len(app.server.get_clients()) == 1, "one tab")
     (tab.client,) = app.server.get_clients()
-
-    def cleared():
-        # A tab that has come back listens to keys only when it has received what it shows.
-        tab.page.keyboard.press("Control+Shift+a")
-        return tab.shows("Cleared.", 5)
-
-    until(cleared, "the tab to answer to keys")
+    tab.until_said(lambda: tab.page.keyboard.press("Control+Shift+a"), "Cleared.")
     marked(tab, lighthouse)
     assert tab.errors == []
 
