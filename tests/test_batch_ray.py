@@ -124,6 +124,14 @@ def test_killed_driver_started_again(cluster, batch, tmp_path, moment):
     assert parts(tmp_path) == []
 
 
+def test_more_workers_than_the_cluster_has_room_for(cluster, batch, tmp_path):
+    manifest, names, expected = batch
+    code, out, err = run(manifest, tmp_path, *on(cluster), "--workers", 4)
+    assert (code, err) == (0, "")
+    assert fresh_of(out) == len(names)
+    assert contents(tmp_path) == expected
+
+
 def test_lost_node(cluster, batch, tmp_path):
     manifest, names, expected = batch
     node = cluster.add_node(num_cpus=1, memory=MEMORY, object_store_memory=100 << 20)

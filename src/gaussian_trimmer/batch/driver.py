@@ -23,6 +23,8 @@ _POLL = 0.5
 _BUSY_PAUSE = 1.0
 _START_SECONDS = 300.0
 """What a new worker is granted beyond the time limit: it loads libraries, and may have to compile kernels."""
+_ROOM_SECONDS = 10.0
+"""For how long a worker may wait for room beside workers that have nothing to do, before these are ended."""
 _WRITE_FAILURES, _START_FAILURES = 3, 5
 """In a row, after which it makes no sense to go on."""
 
@@ -48,6 +50,10 @@ class Engine(Protocol):
 
     def wait(self, seconds: float) -> list[tuple[int, Json]]:
         """Replies that have come, waiting for the first no longer than this; {"death": words} where a worker died."""
+        ...
+
+    def without_room(self) -> set[int]:
+        """Workers that were started and wait for room."""
         ...
 
     def kill(self, worker: int) -> None:
@@ -109,6 +115,7 @@ class _Slot:
     scene: str = ""
     item: int | None = None
     is_read: bool = False
+    started: float = 0.0
     since: float = 0.0
     deadline: float = float("inf")
 
@@ -286,6 +293,8 @@ class _Driver:
         """Changes of the schedule when every worker without work was last given some."""
         self._done = self._found = self._failed = 0
         self._last_look = 0.0
+        self._crowded = False
+        """Whether workers wait for room: then no more are started."""
 
     def run(self, engine: Engine, workers: int) -> None:
         """Do everything, unless nothing can be written or no worker be started."""
@@ -296,6 +305,8 @@ class _Driver:
             if not self._stopped and self._schedule.changes != self._tried_at:
                 self._tried_at = self._schedule.changes
                 for slot in [slot for slot in self._slots.values() if not slot.doing]:
+                    if self._crowded and not slot.alive:
+                        continue
                     self._give(slot)
                     if self._schedule.barren:
                         break
@@ -349,10 +360,14 @@ class _Driver:
     def _send(self, slot: _Slot, what: str, request: Json) -> None:
         if not slot.alive:
             self._engine.start(slot.number)
-            slot.alive, slot.fresh = True, True
-        slot.doing, slot.since = what, time.monotonic()
-        slot.deadline = slot.since + self._limit + (_START_SECONDS if slot.fresh else 0)
+            slot.alive, slot.fresh, slot.started = True, True, time.monotonic()
+        slot.doing = what
+        self._set_clock(slot, time.monotonic())
         self._engine.send(slot.number, {"do": what, **request})
+
+    def _set_clock(self, slot: _Slot, now: float) -> None:
+        slot.since = now
+        slot.deadline = now + self._limit + (_START_SECONDS if slot.fresh else 0)
 
     def _bring_back(self) -> None:
         """Have items tried again that another run was writing."""
@@ -465,8 +480,23 @@ class _Driver:
         if now - self._last_look < _POLL:
             return
         self._last_look = now
+        self._make_room(now)
         self._mind_deadlines(now)
         self._tell_status(now)
+
+    def _make_room(self, now: float) -> None:
+        """End workers that have nothing to do where others wait for their place, and let no clock run for these."""
+        waiting = [self._slots[number] for number in self._engine.without_room()]
+        for slot in waiting:
+            self._set_clock(slot, now)
+        if self._crowded and not waiting:
+            self._tried_at = -1
+        self._crowded = bool(waiting)
+        if any(now - slot.started > _ROOM_SECONDS for slot in waiting):
+            for slot in self._slots.values():
+                if slot.alive and not slot.doing:
+                    self._engine.kill(slot.number)
+                    self._bury(slot)
 
     def _mind_deadlines(self, now: float) -> None:
         for slot in self._slots.values():

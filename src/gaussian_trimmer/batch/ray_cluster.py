@@ -6,6 +6,7 @@ driver sees it die as it sees a process die, and starts another in its place, wh
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import socket
@@ -41,6 +42,7 @@ class RayEngine:
         self._resources = {"num_cpus": _THREADS, "num_gpus": gpus}
         self._workers: dict[int, Any] = {}
         self._waiting: dict[Any, int] = {}
+        self._placing: dict[int, Any] = {}
 
     def room(self, need: float) -> int:
         """How many workers the cluster has room for that take so many bytes each, at least one."""
@@ -68,6 +70,7 @@ class RayEngine:
             max_restarts=0, max_task_retries=0, runtime_env={"env_vars": variables}, **self._resources
         )(GaussianTrimmerWorker)
         self._workers[worker] = kind.remote(self._output)
+        self._placing[worker] = self._workers[worker].is_here.remote()
 
     def send(self, worker: int, request: Json) -> None:
         """Send a request."""
@@ -83,9 +86,19 @@ class RayEngine:
             found, _ = self._ray.wait(waiting, num_returns=min(len(waiting), _MOST_AT_ONCE), timeout=0)
         return [(self._waiting[reference], self._reply(reference)) for reference in found]
 
+    def without_room(self) -> set[int]:
+        """Workers that the cluster has no processor or memory for yet."""
+        references = list(self._placing.values())
+        if references:
+            placed, _ = self._ray.wait(references, num_returns=len(references), timeout=0)
+            here = set(placed)
+            self._placing = {worker: asked for worker, asked in self._placing.items() if asked not in here}
+        return set(self._placing)
+
     def kill(self, worker: int) -> None:
         """End a worker, whatever it is doing."""
         actor = self._workers.pop(worker, None)
+        self._placing.pop(worker, None)
         self._waiting = {reference: number for reference, number in self._waiting.items() if number != worker}
         if actor is not None:
             self._ray.kill(actor, no_restart=True)
@@ -120,6 +133,10 @@ class GaussianTrimmerWorker:
         cv2.setNumThreads(_THREADS)
         self._worker = SceneWorker(open_store(output))
 
+    def is_here(self) -> bool:
+        """An answer to this tells that the cluster had room."""
+        return True
+
     def serve(self, request: Json) -> Json:
         """The reply to a request."""
         return self._worker.serve(request)
@@ -142,9 +159,9 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     if address is not None:
         _check_address(address)
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    options = {"include_dashboard": False} if address is None else {}
+    options: dict[str, Any] = {"include_dashboard": False} if address is None else {}
     try:
-        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **options)
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **options)
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:300]
         raise InputError(f"There is no Ray cluster at '{address}' ({reason}).") from error
