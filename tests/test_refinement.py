@@ -154,36 +154,32 @@ def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:
         np.tile([1.0, 0, 0, 0], (60, 1)), np.full(60, 4.0), np.zeros((60, 3)), np.zeros((60, 3, 0)),
     )  # fmt: skip
     haze = _sphere(40, 0.6, 0.2, 0.4)
-    left = refine(wire, haze, cameras, [None] * len(cameras), 1.0, _CONFIG)
+    left = refine(wire, haze, cameras, None, 1.0, _CONFIG)
     assert "three pixels wide" in left.left and not left.fitted.any() and left.object is wire
-    fitted = refine(
-        wire, haze, cameras, [None] * len(cameras), 1.0, RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1)
-    )
+    fitted = refine(wire, haze, cameras, None, 1.0, RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1))
     assert fitted.left == "" and fitted.fitted.any()
 
 
 def test_an_object_that_other_things_hide_is_left_alone() -> None:
     ball, cameras = _sphere(2000, 0.8, 0.05, 1.0), _views()
     wall = _sphere(3000, 2.0, 0.2, -1.0)  # between the object and all views
-    nothing: list[np.ndarray | None] = [None] * len(cameras)
-    hidden = refine(ball, wall, cameras, nothing, 1.0, _CONFIG)
+    hidden = refine(ball, wall, cameras, None, 1.0, _CONFIG)
     assert "hidden" in hidden.left and not hidden.fitted.any()
-    assert refine(ball, wall, cameras, nothing, 1.0, RefineConfig(steps=2, max_hidden=1.0)).left == ""
+    assert refine(ball, wall, cameras, None, 1.0, RefineConfig(steps=2, max_hidden=1.0)).left == ""
 
 
 def test_an_object_whose_outline_is_drawn_by_others_is_left_alone() -> None:
     rng, ball, cameras = np.random.default_rng(3), _sphere(3000, 0.8, 0.08, 1.0), _views()
     missing = (ball.means[:, 0] > 0.3) & (rng.random(3000) < 0.7)
-    nothing: list[np.ndarray | None] = [None] * len(cameras)
     inner, others = ball.select(~missing), ball.select(missing)
-    holey = refine(inner, others, cameras, nothing, 1.0, _CONFIG)
+    holey = refine(inner, others, cameras, None, 1.0, _CONFIG)
     assert "take away" in holey.left and not holey.fitted.any()
-    assert refine(inner, others, cameras, nothing, 1.0, RefineConfig(steps=2, max_lost=1.0)).left == ""
-    assert refine(ball, others.select(np.zeros(0, int)), cameras, nothing, 1.0, _CONFIG).left == ""
+    assert refine(inner, others, cameras, None, 1.0, RefineConfig(steps=2, max_lost=1.0)).left == ""
+    assert refine(ball, others.select(np.zeros(0, int)), cameras, None, 1.0, _CONFIG).left == ""
 
 
 @pytest.mark.parametrize("n", [0, 1])
 def test_objects_of_hardly_any_gaussian_are_no_problem(n: int) -> None:
     few, cameras = _sphere(n, 0.5, 0.2, 0.5), _views(32)
-    refined = refine(few, few.select(slice(0, 0)), cameras, [None] * len(cameras), 1.0, RefineConfig(steps=2))
+    refined = refine(few, few.select(slice(0, 0)), cameras, None, 1.0, RefineConfig(steps=2))
     assert set(refined.parent) == set(range(n))

@@ -79,7 +79,7 @@ def refine(
     inner: Gaussians,
     background: Gaussians,
     cameras: Sequence[Camera],
-    masks: Sequence[FloatArray | None],
+    masks: Sequence[FloatArray] | None,
     radius: float,
     config: RefineConfig,
 ) -> Refined:
@@ -89,21 +89,21 @@ def refine(
         inner: the object's Gaussians.
         background: those around it.
         cameras: views to fit in.
-        masks: coverage of the object in each view, (H, W), where it is known; else it follows from the two parts.
+        masks: coverage of the object in each view, (H, W); None if it is not known and must follow from the two parts.
         radius: the object's radius in scene units.
         config: settings.
     """
     together = concatenate([inner, background])
     drawings = [draw(inner, camera) for camera in cameras]
-    unknown = all(mask is None for mask in masks)
-    thin = thin_share(drawings) if unknown else 0.0
+    thin = thin_share(drawings) if masks is None else 0.0
     if thin > config.max_thin:
         return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
+    given: Sequence[FloatArray | None] = [None] * len(cameras) if masks is None else masks
     targets = [
         coverage_target(draw(together, camera), alone, len(inner), radius, mask)
-        for camera, mask, alone in zip(cameras, masks, drawings, strict=True)
+        for camera, mask, alone in zip(cameras, given, drawings, strict=True)
     ]
-    if unknown and (doubt := _doubt(drawings, targets, config)):
+    if masks is None and (doubt := _doubt(drawings, targets, config)):
         return _unchanged(inner, doubt)
     wrong = np.zeros((len(inner), 2), np.float32)
     for alone, target in zip(drawings, targets, strict=True):

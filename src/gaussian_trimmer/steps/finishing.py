@@ -61,17 +61,15 @@ def refine_boundary(
     """
     inner, outer, source, label = rows
     how, n = config.refinement, len(inner)
+    masks = None
     if seen:
         some = seen[:: max(1, len(seen) // how.views)]
         close = [close_up_of(trimmed.view.camera, scope.bounds, how.size) for trimmed in some]
         cameras = [camera for camera, _ in close]
-        masks = [
-            resized_mask(trimmed.mask[part], camera) if trust else None
-            for trimmed, (camera, part) in zip(some, close, strict=True)
-        ]
+        if trust:
+            masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(some, close, strict=True)]
     else:
         cameras = views_at_heights(scope.bounds, scope.cameras, known, how.views, how.size)
-        masks = [None] * len(cameras)
     others = ~np.isin(scope.rows, source[:n]) & ~np.isin(scope.rows, dropped)
     around = concatenate([scope.local.select(others), outer])
     refined = refine(inner, around, cameras, masks, scope.bounds.radius, how)
