@@ -112,13 +112,12 @@ def _measure(model: Path, arguments: Arguments, console: Console) -> list[Run]:
     runs = []
     for task in benchmark_tasks(arguments.root, options):
         if task.scene in arguments.scenes:
-            for name, variant in chosen.items():
-                if arguments.times and isinstance(variant.segmenter, SamSegmenter):
-                    variant.segmenter.forget()
-                for run in measure(task, {name: variant}, [judge], fidelity=False):
-                    gain = f"{run.iou_change:+.2f}"
-                    console.print(f"{model.name} {run.variant} {run.scene}/{run.object} {run.kind} {gain}")
-                    runs.append(run)
+            for run in measure(task, chosen, [judge], fidelity=False):
+                console.print(f"{model.name} {run.variant} {run.scene}/{run.object} {run.kind} {run.iou_change:+.2f}")
+                runs.append(run)
+                segmenter = chosen[run.variant].segmenter
+                if arguments.times and isinstance(segmenter, SamSegmenter):
+                    segmenter.forget()  # before the next variant is run
     return runs
 
 
