@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -93,6 +94,20 @@ def test_a_cluster_of_its_own(batch, tmp_path):
     assert fresh_of(out) == 2
 
 
+def test_a_cluster_of_its_own_joins_no_other(cluster, tmp_path):
+    """Ray would join the cluster that was started last, and what it asks of it can differ from what that expects."""
+    code = f"""
+from gaussian_trimmer.batch.ray_cluster import RayEngine
+import ray
+engine = RayEngine({str(tmp_path)!r})
+print(ray.get_runtime_context().gcs_address)
+engine.close()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert done.stdout.strip() != cluster.address
+
+
 @pytest.mark.parametrize("moment", [is_trimming, is_writing])
 def test_killed_workers(cluster, batch, tmp_path, moment):
     manifest, names, expected = batch
@@ -176,8 +191,6 @@ def test_two_drivers_on_one_output(cluster, batch, tmp_path):
 
 
 def test_full_disk(cluster, batch, tmp_path):
-    import subprocess
-
     manifest, names, expected = batch
     disk = tmp_path / "disk"
     disk.mkdir()

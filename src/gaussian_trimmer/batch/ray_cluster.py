@@ -19,6 +19,7 @@ from gaussian_trimmer.errors import InputError
 Json = dict[str, Any]
 _MOST_AT_ONCE = 64
 _SECONDS_TO_ANSWER = 10.0
+_LONGEST_REASON = 400
 _THREADS = 1
 """Processors, and so threads, of a worker: objects are many, and each thread more saves less."""
 
@@ -116,8 +117,7 @@ class RayEngine:
             reply: Json = self._ray.get(reference)
         except (self._ray.exceptions.RayActorError, self._ray.exceptions.RayTaskError) as error:
             self.kill(worker)
-            words = str(error).strip().splitlines()
-            return {"death": f"was lost ({words[-1][:300] if words else type(error).__name__})"}
+            return {"death": f"was lost ({_reason(error)})"}
         return reply
 
 
@@ -159,13 +159,24 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     if address is not None:
         _check_address(address)
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    options: dict[str, Any] = {"include_dashboard": False} if address is None else {}
+    logging.getLogger("ray").setLevel(logging.ERROR)  # Before `init` sets it, it has told of tokens already.
+    # Without an address, `init` would join whatever cluster was started on this machine last.
+    options: dict[str, Any] = (
+        {"address": "local", "include_dashboard": False} if address is None else {"address": address}
+    )
     try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **options)
+        ray.init(log_to_driver=False, logging_level=logging.ERROR, **options)
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:300]
-        raise InputError(f"There is no Ray cluster at '{address}' ({reason}).") from error
+        what = "No Ray cluster could be started here" if address is None else f"There is no Ray cluster at '{address}'"
+        raise InputError(f"{what} ({reason}).") from error
     return ray, address is None
+
+
+def _reason(error: Exception) -> str:
+    """The last sentences of what Ray says of a death, without the lines that name actors and addresses."""
+    lines = [line.strip() for line in str(error).splitlines() if not line.startswith("\t")]
+    return " ".join(filter(None, lines))[-_LONGEST_REASON:] or type(error).__name__
 
 
 def _check_address(address: str) -> None:
