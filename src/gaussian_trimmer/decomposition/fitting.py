@@ -15,7 +15,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
-from gaussian_trimmer.rendering.gradients import draw, gradients
+from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
 
 _VIEWS_A_STEP = 2
 _ROUNDING = 0.1
@@ -94,9 +94,7 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
 
 def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
     drawing = draw(gaussians, target.camera)
-    difference = drawing.image - target.picture
-    difference[np.abs(difference) < _INVISIBLE] = 0  # Tiles without any difference are not differentiated.
-    return gradients(drawing, target.weight * difference / np.sqrt(difference**2 + np.float32(_ROUNDING**2)), moving)
+    return gradients(drawing, slopes_towards(drawing, target.picture, target.weight, _ROUNDING, _INVISIBLE), moving)
 
 
 def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: FloatArray) -> Gaussians:

@@ -99,10 +99,7 @@ def refine(
     if thin > config.max_thin:
         return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
     given: Sequence[FloatArray | None] = [None] * len(cameras) if masks is None else masks
-    targets = [
-        coverage_target(draw(together, camera), alone, len(inner), radius, mask)
-        for camera, mask, alone in zip(cameras, given, drawings, strict=True)
-    ]
+    targets = [coverage_target(alone, together, radius, mask) for alone, mask in zip(drawings, given, strict=True)]
     if masks is None and (doubt := _doubt(drawings, targets, config)):
         return _unchanged(inner, doubt)
     wrong = np.zeros((len(inner), 2), np.float32)

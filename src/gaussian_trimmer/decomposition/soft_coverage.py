@@ -17,8 +17,8 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.fitting import Target
-from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.rendering.gradients import Drawing
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.rendering.gradients import Drawing, draw_with
 from gaussian_trimmer.views import HALF
 
 _SHARPENING = 2.0
@@ -31,29 +31,27 @@ _SHOWN = 0.02
 """Opacity from which on the object shows at a pixel."""
 
 
-def coverage_target(
-    together: Drawing, alone: Drawing, n_object: int, radius: float, mask: FloatArray | None = None
-) -> Target:
+def coverage_target(alone: Drawing, everything: Gaussians, radius: float, mask: FloatArray | None = None) -> Target:
     """What the object alone should show in a view, with no weight where something nearer hides it.
 
     Args:
-        together: object and background; the object's Gaussians come first.
         alone: the object.
-        n_object: number of the object's Gaussians.
+        everything: object and background; the object's Gaussians come first.
         radius: the object's radius in scene units.
         mask: known coverage of what is visible of the object, in place of the labels', (H, W).
     """
-    opacity = alone.image[3]
+    opacity, n_object = alone.image[3], len(alone.gaussians)
+    member = np.zeros((len(everything), 1), np.float32)
+    member[:n_object] = 1
+    # Where the object does not reach, only a mask can ask for something to be shown.
+    together, (share,) = draw_with(everything, alone.camera, member, alone.reached if mask is None else None)
     coverage = mask
-    share = np.zeros_like(opacity)
     if coverage is None:
-        member = np.zeros((len(together.gaussians), 1), np.float32)
-        member[:n_object] = 1
-        share = together.blend(member)[0]
         coverage = np.clip(HALF + _SHARPENING * (np.sqrt(np.maximum(opacity * share, 0)) - HALF), 0, 1)
     scene_depth, object_depth = together.depth, alone.depth
     hidden = (scene_depth > 0) & (scene_depth < object_depth - _OCCLUDER_DISTANCE * radius) & (opacity > _SHOWN)
-    hidden &= share < _HIDDEN * opacity  # Else it is an outline at which something shines through.
+    if mask is None:
+        hidden &= share < _HIDDEN * opacity  # Else it is an outline at which something shines through.
     picture = np.concatenate([np.clip(together.image[:3], 0, 1) * coverage, coverage[None]]).astype(np.float32)
     counts = np.where(hidden, np.float32(0), np.float32(1))
     # The three channels of colour count as much together as coverage does.

@@ -19,11 +19,13 @@ import math
 import numba
 import numpy as np
 
+from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.rendering import LARGEST_SPREAD
 from gaussian_trimmer.rendering.numba_kernels import (
     _AREA,
     _CAP,
+    _CHECK_EVERY,
     _CUTOFF,
     _ONE,
     _QUARTER,
@@ -43,23 +45,39 @@ N_PARAMETERS = 13
 _FOUR, _SIXTEEN = np.float32(4), np.float32(16)
 
 
+@numba.njit(cache=CACHE, inline="always")
+def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
+    """Blend weight of a Gaussian at a pixel, and the light behind it, less than zero where blending has stopped."""
+    alpha = min(full, _CAP)
+    alpha = alpha if alpha >= _CUTOFF else _ZERO
+    weight = alpha * before
+    after = before - weight
+    goes_on = after >= _STOP
+    return (weight if goes_on else _ZERO), (after if goes_on else -abs(before))
+
+
 @_parallel
-def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile, width, height, image, slopes, busy):  # type: ignore[no-untyped-def]
+def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile, width, height, image, slopes):  # type: ignore[no-untyped-def]
     """Sums over the pixels of each pair of a tile and a Gaussian, (P, 9): what `gather` turns into derivatives.
+
+    Also which tiles have pairs whose sums are not zero, (T,).
 
     Args:
         splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
         moves: which of them are asked for, (M,); the rows of others stay zero.
         starts, lists, spans: lists of the tiles from `first_tile` on.
-        image: what the view shows, (4, H', W'), colour and alpha.
-        slopes: derivatives of the loss by that, (4, H', W').
-        busy: tiles that are looked at, (T,); the slopes must be zero in all others.
+        image: what the view shows, (5, H', W'): colour, depth and alpha.
+        slopes: derivatives of the loss by colour and alpha, (4, H', W').
     """
     across, n_tiles = -(-width // TILE), len(starts) - 1
     pairs = np.zeros((lists.shape[0], N_SUMS), np.float32)
+    busy = np.zeros(n_tiles, np.bool_)
     for job in numba.prange(n_tiles):
         tile = _interleave(job, n_tiles)
-        if not busy[tile]:
+        end = starts[tile + 1]
+        while end > starts[tile] and not moves[lists[end - 1]]:
+            end -= 1  # What lies behind the last one that is asked for changes nothing.
+        if end == starts[tile]:
             continue
         left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
         column = np.empty(_AREA, np.float32)
@@ -67,6 +85,7 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
         transmittance = np.ones(_AREA, np.float32)
         slope = np.empty((4, _AREA), np.float32)
         farther = np.empty(_AREA, np.float32)
+        steepest = _ZERO
         for p in range(_AREA):
             column[p] = np.float32(p % TILE) + np.float32(0.5)
             row[p] = np.float32(p // TILE) + np.float32(0.5)
@@ -75,13 +94,19 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
             total = _ZERO
             for c in range(4):
                 slope[c, p] = slopes[c, top + p // TILE, left + p % TILE]
-                total += slope[c, p] * image[c, top + p // TILE, left + p % TILE]
+                total += slope[c, p] * image[c + c // 3, top + p // TILE, left + p % TILE]
+                steepest = max(steepest, abs(slope[c, p]))
             farther[p] = total
-        us = np.empty(_AREA, np.float32)
-        vs = np.empty(_AREA, np.float32)
-        hs = np.empty(_AREA, np.float32)
-        ws = np.empty(_AREA, np.float32)
-        for pair in range(starts[tile], starts[tile + 1]):
+        if steepest == _ZERO:
+            continue
+        busy[tile] = True
+        for pair in range(starts[tile], end):
+            if (pair - starts[tile]) % _CHECK_EVERY == 0:
+                passing = _ZERO
+                for p in range(_AREA):
+                    passing += max(transmittance[p], _ZERO)
+                if passing <= _ZERO:
+                    break
             i = lists[pair]
             x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
             A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]
@@ -100,45 +125,65 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
                 slope[2, first:last],
                 slope[3, first:last],
             )
-            u_, v_, h_, w_ = us[first:last], vs[first:last], hs[first:last], ws[first:last]
-            for p in range(len(u_)):
-                u = A * columns[p] + (B * rows[p] + u0)
-                v = C * rows[p] + v0
-                full = opacity * _falloff(u * u + v * v)
-                alpha = min(full, _CAP)
-                alpha = alpha if alpha >= _CUTOFF else _ZERO
-                before = light[p]
-                weight = alpha * before
-                after = before - weight
-                goes_on = after >= _STOP
-                light[p] = after if goes_on else -abs(before)
-                weight = weight if goes_on else _ZERO
-                value = red * slope_r[p] + green * slope_g[p] + blue * slope_b[p] + slope_a[p]
-                rest = behind[p] - weight * value
-                behind[p] = rest
-                # Where the alpha is capped it does not change with the Gaussian.
-                h = weight * value - rest * (alpha / (_ONE - alpha))
-                h_[p] = h if goes_on and full <= _CAP else _ZERO
-                u_[p], v_[p], w_[p] = u, v, weight
             if not moves[i]:
+                for p in range(len(light)):
+                    u = A * columns[p] + (B * rows[p] + u0)
+                    v = C * rows[p] + v0
+                    weight, light[p] = _weight_and_light(opacity * _falloff(u * u + v * v), light[p])
+                    value = red * slope_r[p] + green * slope_g[p] + blue * slope_b[p] + slope_a[p]
+                    behind[p] -= weight * value
                 continue
             h, hu, hv, huu, huv, hvv = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
             wr, wg, wb = _ZERO, _ZERO, _ZERO
-            for p in range(len(u_)):
-                h += h_[p]
-                hu += h_[p] * u_[p]
-                hv += h_[p] * v_[p]
-                huu += h_[p] * u_[p] * u_[p]
-                huv += h_[p] * u_[p] * v_[p]
-                hvv += h_[p] * v_[p] * v_[p]
-                wr += w_[p] * slope_r[p]
-                wg += w_[p] * slope_g[p]
-                wb += w_[p] * slope_b[p]
+            for p in range(len(light)):
+                u = A * columns[p] + (B * rows[p] + u0)
+                v = C * rows[p] + v0
+                full = opacity * _falloff(u * u + v * v)
+                weight, light[p] = _weight_and_light(full, light[p])
+                value = red * slope_r[p] + green * slope_g[p] + blue * slope_b[p] + slope_a[p]
+                rest = behind[p] - weight * value
+                behind[p] = rest
+                alpha = min(full, _CAP)
+                of_p = weight * value - rest * (alpha / (_ONE - alpha))
+                # Where the alpha is capped it does not change with the Gaussian.
+                of_p = of_p if light[p] > _ZERO and full >= _CUTOFF and full <= _CAP else _ZERO
+                h += of_p
+                hu += of_p * u
+                hv += of_p * v
+                huu += of_p * u * u
+                huv += of_p * u * v
+                hvv += of_p * v * v
+                wr += weight * slope_r[p]
+                wg += weight * slope_g[p]
+                wb += weight * slope_b[p]
             # Offsets are in quarters of standard deviations here.
             pairs[pair, 0], pairs[pair, 1], pairs[pair, 2] = h, _FOUR * hu, _FOUR * hv
             pairs[pair, 3], pairs[pair, 4], pairs[pair, 5] = _SIXTEEN * huu, _SIXTEEN * huv, _SIXTEEN * hvv
             pairs[pair, 6], pairs[pair, 7], pairs[pair, 8] = wr, wg, wb
-    return pairs
+    return pairs, busy
+
+
+@_jit
+def robust_slopes(image, picture, weight, rounding, invisible):  # type: ignore[no-untyped-def]
+    """Derivatives of the sum of weight * sqrt(d^2 + rounding^2) by an image's values, (4, H', W').
+
+    Args:
+        image: colour, depth and alpha, (5, H', W').
+        picture: the colour and alpha that it should have, (4, H, W); d is the difference.
+        weight: of each value, (4, H, W); beside the picture it is zero.
+        rounding: difference from which on the sum grows in proportion.
+        invisible: difference that counts as none.
+    """
+    out = np.zeros((4, image.shape[1], image.shape[2]), np.float32)
+    square = rounding * rounding
+    for c in range(4):
+        for y in range(picture.shape[1]):
+            ours, theirs, weights, slopes = image[c + c // 3, y], picture[c, y], weight[c, y], out[c, y]
+            for x in range(len(theirs)):
+                difference = ours[x] - theirs[x]
+                slope = weights[x] * difference / math.sqrt(difference * difference + square)
+                slopes[x] = slope if abs(difference) >= invisible else _ZERO
+    return out
 
 
 @_jit

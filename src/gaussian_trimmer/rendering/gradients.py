@@ -10,8 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.compiling import KERNELS
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.rendering import gradient_kernels as kernels
-from gaussian_trimmer.rendering.numba_cpu import Projection, blend_view, lens_of, project_view
-from gaussian_trimmer.rendering.numba_kernels import TILE
+from gaussian_trimmer.rendering.numba_cpu import Projection, blend_view, lens_of, project_view, whole_tiles
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +34,10 @@ class Drawing:
         depth, alpha = self.padded[3:, : self.camera.height, : self.camera.width]
         return np.asarray(np.divide(depth, alpha, out=np.zeros_like(depth), where=alpha > 0))
 
-    def blend(self, values: FloatArray) -> FloatArray:
-        """Sum over Gaussians of blend weight times values (N, C) at each pixel, (C, H, W)."""
-        ordered = np.ascontiguousarray(values[self.projection.rows])
-        return blend_view(self.projection, ordered, self.camera)[0][:-1, : self.camera.height, : self.camera.width]
+    @property
+    def reached(self) -> BoolArray:
+        """Which tiles any Gaussian reaches, (T,)."""
+        return np.diff(self.projection.tile_starts) > 0
 
     def weigh(self, images: FloatArray) -> FloatArray:
         """Sum over pixels of each Gaussian's blend weight times each of the images (L, H, W), (N, L)."""
@@ -53,6 +52,46 @@ def draw(gaussians: Gaussians, camera: Camera) -> Drawing:
     return Drawing(gaussians, camera, projection, blend_view(projection, projection.colours, camera)[0])
 
 
+def draw_with(
+    gaussians: Gaussians, camera: Camera, values: FloatArray, wanted: BoolArray | None = None
+) -> tuple[Drawing, FloatArray]:
+    """Draw a view, and with it values of the Gaussians that are blended like colours.
+
+    Args:
+        gaussians: N Gaussians.
+        camera: the view.
+        values: of the Gaussians, (N, C).
+        wanted: tiles to draw, (T,), as `Drawing.reached` gives them; others stay empty. None: all.
+
+    Returns:
+        The view, and the sum over Gaussians of blend weight times values at each pixel, (C, H, W).
+    """
+    projection = project_view(gaussians, camera, wanted)
+    blended = blend_view(projection, np.concatenate([projection.colours, values[projection.rows]], axis=1), camera)[0]
+    drawing = Drawing(gaussians, camera, projection, np.concatenate([blended[:4], blended[-1:]]))
+    return drawing, blended[4:-1, : camera.height, : camera.width]
+
+
+def slopes_towards(
+    drawing: Drawing, picture: FloatArray, weight: FloatArray, rounding: float, invisible: float
+) -> FloatArray:
+    """Derivatives of the weighted sum of sqrt(d^2 + rounding^2) by what a view shows, d its difference from a picture.
+
+    Args:
+        drawing: the view.
+        picture, weight: colour and alpha that it should have, and how much each counts, (4, H, W).
+        rounding: difference from which on it counts in proportion rather than by its square.
+        invisible: difference that counts as none.
+
+    Returns:
+        For colour and alpha of all pixels of whole tiles, (4, H', W').
+    """
+    with KERNELS:
+        return np.asarray(
+            kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding), np.float32(invisible))
+        )
+
+
 def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatArray:
     """Derivatives of a loss by the parameters of Gaussians, (N, 13).
 
@@ -62,25 +101,20 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
 
     Args:
         drawing: the view.
-        slopes: derivatives of the loss by colour and alpha of each pixel, (4, H, W).
+        slopes: derivatives of the loss by colour and alpha of each pixel, (4, H, W), or of whole tiles.
         moving: which Gaussians are asked for, (N,); the rows of the others are zero.
     """
     camera, gaussians, projection = drawing.camera, drawing.gaussians, drawing.projection
-    padded = np.zeros((4, *drawing.padded.shape[1:]), np.float32)
-    padded[:, : camera.height, : camera.width] = slopes
-    image = np.ascontiguousarray(drawing.padded[[0, 1, 2, 4]])
-    down, across = padded.shape[1] // TILE, padded.shape[2] // TILE
-    busy = padded.any(axis=0).reshape(down, TILE, across, TILE).any(axis=(1, 3)).ravel()
+    padded = whole_tiles(np.asarray(slopes, np.float32))
     moves = moving[projection.rows]
     sums = np.zeros((len(projection.rows), kernels.N_SUMS), np.float32)
     for tiles in projection.parts(camera, kernels.N_SUMS):
-        part = busy[tiles.first : tiles.first + len(tiles.starts) - 1]
         with KERNELS:
-            pairs = kernels.differentiate_tiles(
+            pairs, busy = kernels.differentiate_tiles(
                 projection.splats, projection.colours, moves, tiles.starts, tiles.lists, tiles.spans, tiles.first,
-                camera.width, camera.height, image, padded, part,
+                camera.width, camera.height, drawing.padded, padded,
             )  # fmt: skip
-            kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, part, sums)
+            kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, busy, sums)
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.compiling import KERNELS
-from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
@@ -182,8 +182,8 @@ class NumbaRenderer:
             held -= self._kept.popitem(last=False)[1][2].nbytes
 
 
-def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
-    """Project, sort by depth (ties by row) and bin into tiles."""
+def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None = None) -> Projection:
+    """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given."""
     lens, limits = lens_of(camera)
     with KERNELS:
         splats, colours, drawn = project(
@@ -198,6 +198,8 @@ def project_view(gaussians: Gaussians, camera: Camera) -> Projection:
         rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
         splats, colours = splats[rows], colours[rows]
         counts = count_tiles(splats, camera.width, camera.height)
+        if wanted is not None:
+            counts[~wanted] = 0
         starts = np.zeros(len(counts) + 1, np.int64)
         np.cumsum(counts, out=starts[1:])
         check_pairs(int(starts[-1]), camera)
@@ -231,7 +233,7 @@ def blend_view(
     projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray = _NO_LABELS
 ) -> tuple[FloatArray, FloatArray]:
     """The same, on images of whole tiles: (C + 1, H', W') and (M, L)."""
-    labels = _padded(labels)
+    labels = whole_tiles(labels)
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
     sums = np.zeros((len(projection.rows), len(labels)), np.float32)
@@ -245,7 +247,7 @@ def blend_view(
     return image, sums
 
 
-def _padded(indicators: FloatArray) -> FloatArray:
-    """Images (L, H, W) extended with zeros to whole tiles."""
-    _, height, width = indicators.shape
-    return np.pad(indicators, ((0, 0), (0, -height % TILE), (0, -width % TILE)))
+def whole_tiles(images: FloatArray) -> FloatArray:
+    """Images (L, H, W) extended with zeros to whole tiles, (L, H', W'); the same array if they are that already."""
+    missing = -images.shape[1] % TILE, -images.shape[2] % TILE
+    return np.pad(images, ((0, 0), (0, missing[0]), (0, missing[1]))) if any(missing) and len(images) else images

@@ -200,7 +200,8 @@ def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     is beside the tiles, at the pixel column nearest to it. No row for an ellipse that is not finite.
     """
     A, B, C = float(splat[2]), float(splat[3]), float(splat[4])
-    q = 2.0 * math.log(splat[5] / ALPHA_CUTOFF) + 1e-3  # The margin covers the blending's rounding.
+    reach = splat[7] * C  # In standard deviations: `project` has taken the logarithm already.
+    q = reach * reach + 1e-3  # The margin covers the blending's rounding.
     square = B * B + C * C
     lean = B / A * splat[7]
     x0, x1 = left + 0.5 - splat[0], left + TILE - 0.5 - splat[0]
@@ -291,6 +292,9 @@ def blend_tiles(splats, values, starts, lists, spans, first_tile, width, height,
         # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
         tile = _interleave(job, n_tiles)
         left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
+        if starts[tile] == starts[tile + 1]:
+            image[:, top : top + TILE, left : left + TILE] = _ZERO
+            continue
         column = np.empty(_AREA, np.float32)
         row = np.empty(_AREA, np.float32)
         for p in range(_AREA):
