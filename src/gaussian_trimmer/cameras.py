@@ -65,6 +65,12 @@ class Camera:
         directions = homogeneous @ np.linalg.inv(self.K).T @ self.rotation
         return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
+    def part(self, left: int, top: int, right: int, bottom: int) -> Camera:
+        """The same view, of which only the pixels from (left, top) up to before (right, bottom) are kept."""
+        K = self.K.copy()
+        K[:2, 2] -= left, top
+        return replace(self, K=K, width=right - left, height=bottom - top)
+
     def resized(self, scale: float) -> Camera:
         """The same view on an image larger or smaller by a factor; sizes are rounded to whole pixels, at least one."""
         width, height = max(1, round(self.width * scale)), max(1, round(self.height * scale))

@@ -23,7 +23,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.views import HALF, bounding_box
 
 _ROUNDS = 3
 """What a ghost has hidden shows when it is gone, and may be another ghost."""
@@ -227,6 +227,15 @@ def _over_black_and_white(gaussians: Gaussians, camera: Camera, renderer: Render
     return np.asarray(np.clip([drawn.rgb, drawn.rgb + (1 - drawn.alpha)[..., None]], 0, 1))
 
 
+def _part_that_shows(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> tuple[Camera, int] | None:
+    """The part of a view outside which Gaussians change nothing, and the view's number of pixels; None: nowhere."""
+    shown = renderer.render(gaussians, camera).alpha > 0
+    if not shown.any():
+        return None
+    left, top, right, bottom = bounding_box(shown)
+    return camera.part(left, top, right, bottom), shown.size
+
+
 def _droppable(
     gaussians: Gaussians, ghosts: BoolArray, visible: FloatArray, shown: FloatArray, cameras: Sequence[Camera],
     renderer: Renderer,
@@ -238,8 +247,10 @@ def _droppable(
     """
     rows = np.flatnonzero(ghosts)
     rows = rows[np.argsort((visible.astype(np.float64) ** 2 / np.maximum(shown, 1e-9))[rows], kind="stable")]
-    looked_from = cameras if len(rows) else []
-    before = [(camera, _over_black_and_white(gaussians, camera, renderer)) for camera in looked_from]
+    if not len(rows):
+        return ghosts
+    parts = [part for camera in cameras if (part := _part_that_shows(gaussians.select(rows), camera, renderer))]
+    before = [(part, pixels, _over_black_and_white(gaussians, part, renderer)) for part, pixels in parts]
 
     def without(count: int) -> BoolArray:
         dropped = np.zeros(len(ghosts), np.bool_)
@@ -248,14 +259,15 @@ def _droppable(
 
     def looks_the_same(count: int) -> bool:
         rest = gaussians.select(~without(count))
-        for place, (camera, pictures) in enumerate(before):
-            difference = pictures - _over_black_and_white(rest, camera, renderer)
-            if np.mean(difference**2, axis=(1, 2, 3), dtype=np.float64).max() > 10 ** (-_MIN_PSNR / 10):
+        for place, (part, pixels, pictures) in enumerate(before):
+            difference = pictures - _over_black_and_white(rest, part, renderer)
+            error = np.sum(difference**2, axis=(1, 2, 3), dtype=np.float64).max() / (3 * pixels)
+            if error > 10 ** (-_MIN_PSNR / 10):
                 before.insert(0, before.pop(place))  # what shows it here will show it again
                 return False
         return True
 
-    if not len(rows) or looks_the_same(len(rows)):
+    if looks_the_same(len(rows)):
         return ghosts
     fine, spoiled = 0, len(rows)
     for _ in range(_TRIALS):

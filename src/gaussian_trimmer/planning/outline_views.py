@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -75,9 +74,7 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
         last = np.clip(np.ceil(pixels.max(axis=0) + margin), 0, (x1, y1)).astype(int)
         if (last - first >= 1).all():
             (x0, y0), (x1, y1) = first.tolist(), last.tolist()
-    K = camera.K.copy()
-    K[:2, 2] -= (x0, y0)
-    part = replace(camera, K=K, width=x1 - x0, height=y1 - y0)
+    part = camera.part(x0, y0, x1, y1)
     return part.resized(min(1.0, size / max(part.width, part.height))), (slice(y0, y1), slice(x0, x1))
 
 

@@ -10,7 +10,7 @@ surroundings. Where the box shows surfaces at several depths, each depth is sear
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -227,6 +227,4 @@ def _cropped(camera: Camera, box: Box) -> tuple[Camera, Box]:
     border = int(_BORDER * max(x1 - x0, y1 - y0)) + 2
     left, top = max(0, x0 - border), max(0, y0 - border)
     right, bottom = min(camera.width, x1 + border), min(camera.height, y1 + border)
-    K = camera.K.copy()
-    K[:2, 2] -= left, top
-    return replace(camera, K=K, width=right - left, height=bottom - top), (x0 - left, y0 - top, x1 - left, y1 - top)
+    return camera.part(left, top, right, bottom), (x0 - left, y0 - top, x1 - left, y1 - top)
