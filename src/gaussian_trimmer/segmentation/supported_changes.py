@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.views import HALF, View, box_slices
+from gaussian_trimmer.views import HALF, View, bounding_box, box_slices
 
 _DEPTH_WEIGHT = 0.16
 """Weight of the logarithm of the ratio of depth edges, relative to that of colour edges."""
@@ -33,6 +33,8 @@ _COLOUR_NOISE, _DEPTH_NOISE = 1.0, 0.002
 """Edges that count as none: Lab units a pixel, and relative depth a pixel."""
 _BLUR = 1.0
 """Standard deviation of the blur before gradients are taken, in pixels."""
+_REACH = 8
+"""Farthest that the edges of a pixel are found from, in pixels: by the blur, the slope and the neighbourhood."""
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
 
@@ -40,13 +42,22 @@ def supported_silhouette(view: View) -> BoolArray:
     """The silhouette of the selection, moved to that of the corrected labels where the picture supports it, (H, W)."""
     before, after = view.object_visible > HALF, view.silhouette
     mask = before.copy()
-    count, regions, boxes, _ = cv2.connectedComponentsWithStats((before != after).astype(np.uint8), connectivity=8)
-    if count == 1:
+    if (before == after).all():
         return mask
-    edges = _colour_edges(view), _depth_edges(view)
+    window = box_slices(bounding_box(before != after, _REACH))
+    mask[window] = _supported(view, window, before[window], after[window])
+    return mask
+
+
+def _supported(view: View, window: tuple[slice, slice], before: BoolArray, after: BoolArray) -> BoolArray:
+    """The same within a window of the image that holds all that may change and what its edges are found from."""
+    mask = before.copy()
+    count, regions, boxes, _ = cv2.connectedComponentsWithStats((before != after).astype(np.uint8), connectivity=8)
+    farthest = float(view.depth.max())
+    edges = _colour_edges(view.rgb[window]), _depth_edges(view.depth[window], farthest)
     left, reached = _outline(before), _outline(after)
     old, new = left & ~reached, reached & ~left
-    certainty = np.abs(view.object_prior - HALF)
+    certainty = np.abs(view.object_prior[window] - HALF)
     for region in range(1, count):
         x, y, width, height = boxes[region, :4]
         part = box_slices((max(x - 1, 0), max(y - 1, 0), x + width + 1, y + height + 1))
@@ -70,15 +81,14 @@ def _gain(edges: tuple[FloatArray, FloatArray], old: BoolArray, new: BoolArray) 
     return colour + _DEPTH_WEIGHT * float(np.clip(depth, -_MAX_DEPTH_RATIO, _MAX_DEPTH_RATIO))
 
 
-def _colour_edges(view: View) -> FloatArray:
+def _colour_edges(rgb: FloatArray) -> FloatArray:
     """Strongest colour gradient of each pixel's neighbourhood, in Lab units a pixel, (H, W)."""
-    return _gradient(np.asarray(cv2.cvtColor(np.clip(view.rgb, 0, 1), cv2.COLOR_RGB2Lab), np.float32))
+    return _gradient(np.asarray(cv2.cvtColor(np.clip(rgb, 0, 1), cv2.COLOR_RGB2Lab), np.float32))
 
 
-def _depth_edges(view: View) -> FloatArray:
+def _depth_edges(depth: FloatArray, farthest: float) -> FloatArray:
     """Strongest gradient of the logarithm of depth; nothing lies at twice the largest depth, (H, W)."""
-    farthest = float(view.depth.max())
-    depth = np.where(view.depth > 0, view.depth, 2 * farthest if farthest > 0 else 1.0)
+    depth = np.where(depth > 0, depth, 2 * farthest if farthest > 0 else 1.0)
     return _gradient(np.log(depth).astype(np.float32))
 
 
