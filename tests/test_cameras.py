@@ -27,6 +27,14 @@ def test_target_appears_at_the_centre(position):
     assert depths[0] == pytest.approx(np.linalg.norm(target - position))
 
 
+def test_a_part_of_a_view_shows_the_same_from_its_own_corner():
+    camera = placed(POSITIONS[0])
+    part = camera.part(30, 10, 100, 60)
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 3))
+    np.testing.assert_allclose(part.project(points)[0], camera.project(points)[0] - [30, 10], atol=1e-9)
+    assert (part.width, part.height) == (70, 50)
+
+
 @pytest.mark.parametrize("position", POSITIONS)
 def test_up_is_up_and_right_is_right(position):
     camera = placed(position)

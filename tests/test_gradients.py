@@ -9,7 +9,7 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, quaternions_of, rotation_matrices
 from gaussian_trimmer.rendering import reference
-from gaussian_trimmer.rendering.gradients import draw, gradients
+from gaussian_trimmer.rendering.gradients import draw, draw_with, gradients, slopes_towards
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 _NAMES = (
@@ -105,6 +105,51 @@ def test_derivatives_do_not_depend_on_the_number_of_threads() -> None:
         numba.set_num_threads(before)
     for other in found[1:]:
         np.testing.assert_array_equal(found[0], other)
+
+
+def test_what_no_light_reaches_changes_nothing_and_is_not_changed() -> None:
+    gaussians, camera = _scene(80)
+    wall = gaussians.replace(
+        log_scales=np.full((80, 3), 0.5, np.float32), opacity_logits=np.full(80, 2.0, np.float32)
+    )  # fmt: skip
+    drawing, everything = draw(wall, camera), np.ones(len(wall), np.bool_)
+    seen = drawing.weigh(np.ones((1, camera.height, camera.width), np.float32))[:, 0] > 0
+    assert 3 < seen.sum() < 40
+    found = gradients(drawing, _slopes(camera), everything)
+    assert not found[~seen].any()
+    np.testing.assert_array_equal(found[seen], gradients(draw(wall.select(seen), camera), _slopes(camera), seen[seen]))
+
+
+def test_slopes_towards_a_picture_are_derivatives_of_the_rounded_difference() -> None:
+    gaussians, camera = _scene()
+    drawing, rng = draw(gaussians, camera), np.random.default_rng(0)
+    picture, weight = rng.uniform(0, 1, (2, 4, camera.height, camera.width)).astype(np.float32)
+    picture[:, :5] = drawing.image[:, :5] + np.float32(0.003)
+    found = slopes_towards(drawing, picture, weight, 0.1, 1 / 255)
+    assert found.shape == (4, 48, 48)
+    assert not found[:, :5].any() and not found[:, camera.height :].any() and not found[:, :, camera.width :].any()
+    difference = (drawing.image - picture).astype(np.float64)
+
+    def loss(by: float) -> np.ndarray:
+        return weight * np.sqrt((difference + by) ** 2 + 0.01)
+
+    expected = np.where(np.abs(difference) < 1 / 255, 0, (loss(1e-5) - loss(-1e-5)) / 2e-5)
+    np.testing.assert_allclose(found[:, : camera.height, : camera.width], expected, atol=1e-4)
+
+
+def test_values_are_blended_as_by_the_renderer_and_only_in_the_tiles_asked_for() -> None:
+    gaussians, camera = _scene(30)
+    values = np.random.default_rng(1).uniform(0, 1, (30, 2)).astype(np.float32)
+    drawing, blended = draw_with(gaussians, camera, values)
+    expected = ReferenceRenderer().blend_values(gaussians, camera, values).transpose(2, 0, 1)
+    np.testing.assert_allclose(blended, expected, atol=2e-4)
+    np.testing.assert_array_equal(drawing.image, draw(gaussians, camera).image)
+    np.testing.assert_array_equal(drawing.depth, draw(gaussians, camera).depth)
+    some = np.arange(len(drawing.reached)) % 2 == 0
+    partly, partly_blended = draw_with(gaussians, camera, values, some)
+    pixels = np.kron(some.reshape(3, 3), np.ones((16, 16), np.bool_))[: camera.height, : camera.width]
+    np.testing.assert_array_equal(partly.image, drawing.image * pixels)
+    np.testing.assert_array_equal(partly_blended, blended * pixels)
 
 
 def test_gaussians_that_are_degenerate_have_finite_derivatives() -> None:

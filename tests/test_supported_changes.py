@@ -72,6 +72,16 @@ def test_each_region_is_decided_by_itself():
     np.testing.assert_array_equal(mask, X < EDGE)
 
 
+def test_what_lies_far_from_a_change_has_no_part_in_it():
+    one = view(48, EDGE)
+    around = [np.pad(image, 40, mode="edge") for image in (one.object_visible, one.object_prior, one.depth)]
+    rgb = np.pad(one.rgb, ((40, 40), (40, 40), (0, 0)), mode="edge")
+    rgb[:10] = np.random.default_rng(0).uniform(0, 1, rgb[:10].shape)
+    around[1][30:40, :80] = 1
+    larger = View(one.camera, Rendering(rgb, np.ones_like(around[2]), around[2]), around[0], *around[:2], one.box)
+    np.testing.assert_array_equal(supported_silhouette(larger)[60:100, 40:120], supported_silhouette(one)[20:60])
+
+
 def test_the_default_segmenter_checks_edges_unless_told_otherwise():
     leaving = view(EDGE, 48)
     assert width(get_segmenter("silhouette").segment([leaving])[0]) == EDGE
