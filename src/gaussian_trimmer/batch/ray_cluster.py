@@ -168,8 +168,12 @@ def _connect(address: str | None) -> tuple[Any, bool]:
         ray.init(log_to_driver=False, logging_level=logging.ERROR, **options)
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:300]
-        what = "No Ray cluster could be started here" if address is None else f"There is no Ray cluster at '{address}'"
-        raise InputError(f"{what} ({reason}).") from error
+        if address is None:
+            raise InputError(f"No Ray cluster could be started here ({reason}).") from error
+        raise InputError(
+            f"There is no Ray cluster at '{address}' ({reason}). If it is there and asks for a token, "
+            "set RAY_AUTH_MODE=token."
+        ) from error
     return ray, address is None
 
 
