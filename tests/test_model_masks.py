@@ -56,15 +56,31 @@ def test_what_the_built_in_way_finds_too_is_left_to_it(ball):
     assert oracle.prompts[0].box == box
 
 
-def test_a_click_on_a_whole_object_selects_it_whatever_the_scores_say(ball):
+def test_a_click_on_what_stands_on_something_means_that_without_asking(ball):
     scene, truth = ball
     camera = camera_at((5, 0, 3))
     x, y = camera.project(np.atleast_2d(np.asarray(toy.CENTRE, float)))[0][0]
-    marks, oracle = [(int(x), int(y))], Oracle(scene, truth, camera, scores=(0.9, 0.1, 0.95))
+    marks, oracle = [(int(x), int(y))], Oracle(scene, truth, camera)
     pick = select_by_model(scene, camera, marks, toy.UP, RENDERER, oracle)
     np.testing.assert_array_equal(pick.selection, select_by_clicks(scene, camera, marks, toy.UP, RENDERER).selection)
+    assert pick.ways == ("piece",)
+    assert not oracle.prompts
+
+
+@pytest.mark.parametrize(("agreeing", "scores"), [(True, (0.9, 0.1, 0.95)), (False, (0.2, 0.9, 0.1))])
+def test_other_clicks_are_the_models_to_understand(ball, monkeypatch, agreeing, scores):
+    """It takes the mask that the built-in way agrees with, whatever the scores say, and the best one if none does."""
+    scene, truth = ball
+    part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
+    camera = camera_at((5, 0, 3))
+    x, y = camera.project(np.atleast_2d(np.asarray(toy.CENTRE, float)))[0][0]
+    oracle = Oracle(scene, truth if agreeing else part, camera, scores)
+    monkeypatch.setattr(model_masks, "select_by_clicks", lambda *_: Pick(truth, ("colour",)))
+    pick = select_by_model(scene, camera, [(int(x), int(y))], toy.UP, RENDERER, oracle)
     assert oracle.prompts[0].inside.all()
     np.testing.assert_allclose(oracle.prompts[0].points, [[int(x) + 0.5, int(y) + 0.5]])
+    assert pick.ways == (("colour",) if agreeing else ("part",))
+    assert toy.jaccard(pick.selection, truth) == 1 if agreeing else toy.jaccard(pick.selection, part) > 0.6
 
 
 def test_a_part_is_carried_around_the_object(ball, monkeypatch):

@@ -1,9 +1,11 @@
 """Clicks and boxes understood by a promptable model, such as the segmenter sam, and carried to the other sides.
 
-The built-in ways find whole objects that stand on something, from all around; a model of pictures also knows parts
-that nothing separates from the rest. So the model is asked what it sees in the user's view. Where that is what the
-built-in way found, the built-in selection is taken, since it knows the far side. Otherwise the model's mask is carried
-on over the surface, and corrected in views around it, in each of which the model is prompted with what is expected.
+The built-in ways find whole objects that stand on something, from all around; a model of pictures also knows what
+stands on nothing, and parts that nothing separates from the rest. A lone click says little to it: of a leaf, a plant
+and a table it takes any. So a click on what stands on something means that, and the model is asked about other clicks,
+and about boxes. Where it sees what the built-in way found, the built-in selection is taken, since it knows the far
+side. Otherwise the model's mask is carried on over the surface, and corrected in views around it, in each of which the
+model is prompted with what is expected.
 """
 
 from __future__ import annotations
@@ -70,6 +72,8 @@ def select_by_model(
         built_in = select_by_box(gaussians, camera, box, up, renderer, seen_from)
     else:
         built_in = select_by_clicks(gaussians, camera, list(marks), up, renderer, seen_from)  # type: ignore[arg-type]
+        if set(built_in.ways) == {"piece"}:
+            return built_in
     picture = renderer.render(gaussians, camera)
     silhouette = shown(gaussians, built_in.selection, camera, renderer) > HALF
     mask = _mask_of(model.propose(picture.rgb, _prompt(marks, box)), box, silhouette)
