@@ -12,12 +12,12 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
-from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.clicks import Target, _views_around, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
-from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
+from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.views import bounding_box
 
 RENDERER = get_renderer("numba")
@@ -120,9 +120,28 @@ def test_seeds_all_over_a_ball_mean_the_same_things(apart):
     for row in np.flatnonzero(positions[:1500, 0] > 0.9)[:10]:
         seeds = np.zeros(len(positions), np.float32)
         seeds[row] = 1
-        pieces = pieces_on_plane(positions - positions[row], seeds, visible, 3.5 - 0.6 * positions[row, 0])
+        scale = 3.5 - 0.6 * positions[row, 0]
+        pieces = pieces_on_plane(positions - positions[row], seeds, visible, scale, windows_around(scale, positions))
         shares.append(pieces[0][second].mean())
     assert max(shares) < 0.1 or min(shares) > 0.9
+
+
+def test_what_few_large_gaussians_show_is_one_object():
+    """A ball of sixty Gaussians on a floor of two hundred: their centres alone are too few and too far apart."""
+    rng = np.random.default_rng(0)
+    outward = rng.normal(size=(60, 3))
+    ball = outward / np.linalg.norm(outward, axis=1, keepdims=True) + [0, 0, 1]
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-4, 4, 0.57), np.arange(-4, 4, 0.57)))
+    floor = np.column_stack([x, y, np.full(len(x), -0.1)])
+    means = np.concatenate([ball, floor])
+    scales = np.concatenate([np.full((60, 3), 0.2), np.tile([0.4, 0.4, 0.03], (len(floor), 1))])
+    colours = np.concatenate([rng.uniform(-1.5, 1.5, (60, 3)), rng.uniform(-1.5, 1.5, (len(floor), 3))])
+    n = len(means)
+    scene = Gaussians(means, np.log(scales), [[1.0, 0, 0, 0]] * n, np.full(n, 3.0), colours, np.zeros((n, 3, 0)))
+    camera = camera_at((6, 1, 4), (0, 0, 1))
+    pick = click_on((0, 0, 1), camera, scene)
+    assert pick.ways == ("piece",)
+    np.testing.assert_array_equal(pick.selection, np.arange(n) < 60)
 
 
 def test_neighbouring_clicks_agree():
@@ -203,7 +222,7 @@ def test_nearer_surface_comes_first():
     def asked(row):
         seeds = np.zeros(len(positions), np.float32)
         seeds[row] = 1
-        return pieces_on_plane(positions - positions[row], seeds, visible, 5.0)
+        return pieces_on_plane(positions - positions[row], seeds, visible, 5.0, windows_around(5.0, positions))
 
     on_ball = asked(int(np.argmin(np.linalg.norm(positions[:n] - [1, 0, 1], axis=1))))
     assert toy.jaccard(on_ball[0], parts == 0) > 0.9

@@ -9,7 +9,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
 from gaussian_trimmer.selecting import model_masks
-from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.clicks import NothingToldApartError, Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.model_masks import select_by_model, shown
 from gaussian_trimmer.views import bounding_box
 
@@ -108,6 +108,21 @@ def test_what_leaks_away_while_it_is_carried_around_is_dropped(ball, monkeypatch
     monkeypatch.setattr(model_masks, "_corrected", lambda *_: np.ones_like(truth))
     pick = select_by_model(scene, camera, box_of(scene, part, camera), toy.UP, RENDERER, Oracle(scene, part, camera))
     np.testing.assert_array_equal(pick.selection, truth)
+
+
+def test_where_the_built_in_way_finds_nothing_the_model_is_asked_all_the_same(ball, monkeypatch):
+    scene, truth = ball
+    camera, marks = camera_at((5, 0, 3)), [(100, 100)]
+
+    def refuse(*_):
+        raise NothingToldApartError("Nothing could be told apart there.")
+
+    monkeypatch.setattr(model_masks, "select_by_clicks", refuse)
+    pick = select_by_model(scene, camera, marks, toy.UP, RENDERER, Oracle(scene, truth, camera))
+    assert pick.ways == ("part",)
+    assert toy.jaccard(pick.selection, truth) > 0.6
+    with pytest.raises(NothingToldApartError, match="told apart"):
+        select_by_model(scene, camera, marks, toy.UP, RENDERER, Oracle(scene, np.zeros_like(truth), camera))
 
 
 def test_a_model_that_sees_nothing_changes_nothing(ball):

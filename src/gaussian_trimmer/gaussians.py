@@ -259,6 +259,18 @@ def rotation_matrices(quaternions: FloatArray) -> Float64Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def ellipsoid_points(gaussians: Gaussians) -> Float64Array:
+    """The centre of each Gaussian, and the points one standard deviation from it along its axes, (N, 7, 3).
+
+    >>> one = Gaussians([[0, 0, 5]], np.log([[1, 2, 3]]), [[1, 0, 0, 0]], [0], [[0, 0, 0]], np.zeros((1, 3, 0)))
+    >>> ellipsoid_points(one)[0, 4:].round(6).tolist()
+    [[-1.0, 0.0, 5.0], [0.0, -2.0, 5.0], [0.0, 0.0, 2.0]]
+    """
+    axes = rotation_matrices(gaussians.quaternions) * np.exp(gaussians.log_scales.astype(np.float64))[:, None, :]
+    axes = np.swapaxes(axes, 1, 2)
+    return np.asarray(gaussians.means[:, None] + np.concatenate([np.zeros((len(axes), 1, 3)), axes, -axes], axis=1))
+
+
 def quaternions_of(rotations: Float64Array) -> FloatArray:
     """Unit quaternions (w, x, y, z) with w >= 0 of rotation matrices (N, 3, 3).
 

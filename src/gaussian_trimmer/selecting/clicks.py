@@ -15,14 +15,21 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import (
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    Gaussians,
+    IntArray,
+    ellipsoid_points,
+)
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
 from gaussian_trimmer.selecting.propagation import propagate_mask
 from gaussian_trimmer.selecting.segment_in_box import CONTRIBUTORS, box_overlap, segment_in_box, surface_depths
-from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane
+from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
 from gaussian_trimmer.views import Box, bounding_box
 
 Way = Literal["piece", "part", "colour"]
@@ -34,6 +41,8 @@ _AROUND = 8
 _PITCH_DEGREES = (10.0, 60.0)
 _BOX_SEEDS = ((0.5, 0.5), (0.5, 0.3), (0.5, 0.7), (0.3, 0.5), (0.7, 0.5))
 """Pixels in a box at which objects are searched, relative to its sides."""
+_FEW = 15_000
+"""Gaussians around a point up to which objects are of so few that the extents of each count."""
 _GOOD_BOX_OVERLAP = 0.85
 _MIN_BOX_OVERLAP = 0.5
 
@@ -47,6 +56,10 @@ class Pick:
     ways: tuple[Way, ...]
     """How each click was understood: as a `piece` that stands on a plane, or as a region of its `colour`. A box may
     also be a `part`, which stands on nothing."""
+
+
+class NothingToldApartError(InputError):
+    """Something is seen at a mark, and nothing of it can be told from the rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +158,9 @@ def _object_in_mask(
     whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
     selection = whole if whole.any() else lift_visible(gaussians, camera, picture, mask, renderer)
     if not selection.any():
-        raise InputError("Nothing could be told apart there; choose another pixel, or draw a box around the object.")
+        raise NothingToldApartError(
+            "Nothing could be told apart there; choose another pixel, or draw a box around the object."
+        )
     return selection
 
 
@@ -166,15 +181,33 @@ def _pieces_in_box(
     middle = sorted(targets, key=lambda target: target.depth)[len(targets) // 2]
     visible = _visible_around(gaussians, camera, middle, up, renderer)
     for target in targets:
-        yield from _pieces_at(gaussians, camera, target, visible, up)
+        yield from _pieces_at(gaussians, camera, target, visible, up, extents=False)
 
 
 def _pieces_at(
-    gaussians: Gaussians, camera: Camera, target: Target, visible: FloatArray, up: Float64Array
+    gaussians: Gaussians, camera: Camera, target: Target, visible: FloatArray, up: Float64Array, extents: bool = True
 ) -> list[BoolArray]:
-    positions = (gaussians.means - target.point) @ up_frame(up).T
+    """Objects that stand at a point that a view shows, (N,) each, the likeliest first.
+
+    Where objects are of few Gaussians, these connect by their extents: each stands for points on its ellipsoid. Without
+    `extents` only centres count, which finds fewer objects there, but does not take along what is under them.
+    """
+    frame = up_frame(up)
+    positions = (gaussians.means - target.point) @ frame.T
     scale = target.depth * max(camera.width, camera.height) / (2 * camera.K[0, 0])
-    return pieces_on_plane(positions, target.seeds, visible, scale)
+    windows = windows_around(scale, positions)
+    near = np.flatnonzero(np.linalg.norm(positions, axis=1) < REACH * windows.max())
+    if not extents or len(near) > _FEW:
+        return pieces_on_plane(positions, target.seeds, visible, scale, windows)
+    ellipsoids = ellipsoid_points(gaussians.select(near))
+    points, of = (ellipsoids.reshape(-1, 3) - target.point) @ frame.T, np.repeat(near, ellipsoids.shape[1])
+    pieces = pieces_on_plane(points, target.seeds[of], visible[of], scale, windows)
+    return [_held(piece, of, len(positions)) for piece in pieces]
+
+
+def _held(points: BoolArray, of: IntArray, count: int) -> BoolArray:
+    """Which Gaussians (count,) have more than half of their points, that `of` (P,) gives them, among some (P,)."""
+    return np.asarray(2 * np.bincount(of, points, count) > np.bincount(of, minlength=count))
 
 
 def pieces_at_click(

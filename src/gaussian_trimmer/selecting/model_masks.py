@@ -21,7 +21,7 @@ from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
-from gaussian_trimmer.selecting.clicks import Pick, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.clicks import NothingToldApartError, Pick, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.propagation import propagate_mask
 from gaussian_trimmer.views import HALF, Box, bounding_box
@@ -65,31 +65,35 @@ def select_by_model(
         seen_from: training cameras, if known.
 
     Raises:
-        InputError: the marks are outside the picture, nothing is seen there, or the model cannot be run.
+        InputError: the marks are outside the picture, nothing is seen or can be told apart there, or the model cannot
+            be run.
     """
-    box = _as_box(marks)
-    if box is not None:
-        built_in = select_by_box(gaussians, camera, box, up, renderer, seen_from)
-    else:
-        built_in = select_by_clicks(gaussians, camera, list(marks), up, renderer, seen_from)  # type: ignore[arg-type]
-        if set(built_in.ways) == {"piece"}:
-            return built_in
+    box, refused = _as_box(marks), None
+    try:
+        if box is not None:
+            built_in = select_by_box(gaussians, camera, box, up, renderer, seen_from)
+        else:
+            built_in = select_by_clicks(gaussians, camera, list(marks), up, renderer, seen_from)  # type: ignore[arg-type]
+            if set(built_in.ways) == {"piece"}:
+                return built_in
+    except NothingToldApartError as error:
+        built_in, refused = Pick(np.zeros(len(gaussians), np.bool_), ("colour",)), error
     picture = renderer.render(gaussians, camera)
     silhouette = shown(gaussians, built_in.selection, camera, renderer) > HALF
     mask = _mask_of(model.propose(picture.rgb, _prompt(marks, box)), box, silhouette)
-    if overlap(mask, silhouette) >= _SAME or not mask.any():
-        return built_in
-    whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
-    if not whole.any():
-        return built_in
-    part = _corrected(gaussians, whole, (camera, mask), up, renderer, model, seen_from)
-    # What was carried around must still show the mask in the user's own view, and fill the box, and both better than
-    # the built-in selection does.
-    seen = shown(gaussians, part, camera, renderer) > HALF
-    worse = overlap(seen, mask) <= overlap(silhouette, mask)
-    if worse or (box is not None and _box_overlap(seen, box) <= _box_overlap(silhouette, box)):
-        return built_in
-    return Pick(part, ("part",))
+    if mask.any() and overlap(mask, silhouette) < _SAME:
+        whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
+        if whole.any():
+            part = _corrected(gaussians, whole, (camera, mask), up, renderer, model, seen_from)
+            # What was carried around must still show the mask in the user's own view, and fill the box, and both better
+            # than the built-in selection does.
+            seen = shown(gaussians, part, camera, renderer) > HALF
+            better = overlap(seen, mask) > overlap(silhouette, mask)
+            if better and (box is None or _box_overlap(seen, box) > _box_overlap(silhouette, box)):
+                return Pick(part, ("part",))
+    if refused is not None:
+        raise refused
+    return built_in
 
 
 def shown(gaussians: Gaussians, selection: BoolArray, camera: Camera, renderer: Renderer) -> FloatArray:

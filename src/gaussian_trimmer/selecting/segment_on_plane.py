@@ -34,6 +34,8 @@ _DEEPEST = 4.0
 """Depth below the seed down to which the layer is searched, in window radii."""
 _AROUND = 1.5
 """Horizontal distance from the seed within which the layer is searched, in window radii."""
+REACH = float(np.hypot(_DEEPEST, _AROUND))
+"""Distance from the seed beyond which nothing is looked at, in window radii."""
 _CLEARANCES = (0.03, 0.06, 0.1)
 """Heights above the layer from which on Gaussians belong to what stands on it, in window radii; a greater one is taken
 only where the smaller ones find nothing, since a rough surface that is not cleared connects all that stands on it."""
@@ -89,7 +91,9 @@ class _Window:
     """Hardly visible Gaussians above the layer."""
 
 
-def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float) -> list[BoolArray]:
+def pieces_on_plane(
+    positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float, windows: Float64Array
+) -> list[BoolArray]:
     """The objects that hold the seeds and stand on a layer below them, (N,) each, the likeliest first.
 
     Nearer layers come first: for a statue on a plinth, first the statue, then both.
@@ -99,11 +103,11 @@ def pieces_on_plane(positions: Float64Array, seeds: FloatArray, visible: FloatAr
         seeds: blend weight of each Gaussian at the selected pixel, zero for most, (N,).
         visible: visible weight of each Gaussian, in pixels of five views of 512 x 512, (N,).
         scale: half of the length that the picture's longer side spans at the depth of the point, in scene units.
+        windows: radii of the windows, as `windows_around` gives them.
     """
-    ladder = _WINDOWS * _rounded_to_ladder(scale, positions)
     found: list[tuple[_Window, _Piece]] = []
     for clearance in _CLEARANCES:
-        for radius in ladder if not found else ():
+        for radius in windows if not found else ():
             window = _open_window(positions, visible, float(radius), clearance)
             if window is not None and seeds[window.rows].any():
                 found += _standing_pieces(positions, seeds, visible, window)
@@ -128,12 +132,13 @@ def _standing_pieces(
     ]
 
 
-def _rounded_to_ladder(scale: float, positions: Float64Array) -> float:
-    """The scale, rounded to a length that is the same for all seeds and views of a scene (N, 3) near that scale."""
+def windows_around(scale: float, positions: Float64Array) -> Float64Array:
+    """Radii of the windows about a scale: the same for all points and views of a scene (N, 3) near that scale."""
     scene_size = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
     if scene_size == 0:
-        return scale
-    return float(scene_size * 2.0 ** (round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE))
+        return np.asarray(_WINDOWS * scale)
+    step = round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE
+    return np.asarray(_WINDOWS * (scene_size * 2.0**step))
 
 
 def _open_window(positions: Float64Array, visible: FloatArray, radius: float, clearance: float) -> _Window | None:
