@@ -146,7 +146,7 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     together = concatenate([before.object, before.background])
     camera = before.views[0].view.camera.resized(SIDE / before.views[0].view.camera.width)
     alone = draw(before.object, camera)
-    aim = coverage_target(draw(together, camera), alone, len(before.object), before.bounds.radius)
+    aim = coverage_target(alone, together, before.bounds.radius)
     shown = [alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
     return row_of_pictures(
         [(name, _grey(alpha)) for name, alpha in zip(("before", "aim", "after"), shown, strict=True)], captions=True
