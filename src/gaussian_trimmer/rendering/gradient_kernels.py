@@ -19,7 +19,6 @@ import math
 import numba
 import numpy as np
 
-from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.rendering import LARGEST_SPREAD
 from gaussian_trimmer.rendering.numba_kernels import (
@@ -29,13 +28,14 @@ from gaussian_trimmer.rendering.numba_kernels import (
     _CUTOFF,
     _ONE,
     _QUARTER,
-    _STOP,
     _ZERO,
     TILE,
     _falloff,
     _interleave,
     _jit,
+    _lets_light_through,
     _parallel,
+    _weight_and_light,
 )
 
 N_SUMS = 9
@@ -45,22 +45,11 @@ N_PARAMETERS = 13
 _FOUR, _SIXTEEN = np.float32(4), np.float32(16)
 
 
-@numba.njit(cache=CACHE, inline="always")
-def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
-    """Blend weight of a Gaussian at a pixel, and the light behind it, less than zero where blending has stopped."""
-    alpha = min(full, _CAP)
-    alpha = alpha if alpha >= _CUTOFF else _ZERO
-    weight = alpha * before
-    after = before - weight
-    goes_on = after >= _STOP
-    return (weight if goes_on else _ZERO), (after if goes_on else -abs(before))
-
-
 @_parallel
 def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile, width, height, image, slopes):  # type: ignore[no-untyped-def]
     """Sums over the pixels of each pair of a tile and a Gaussian, (P, 9): what `gather` turns into derivatives.
 
-    Also which tiles have pairs whose sums are not zero, (T,).
+    Also in which tiles any of these may differ from zero, (T,).
 
     Args:
         splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
@@ -101,12 +90,8 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
             continue
         busy[tile] = True
         for pair in range(starts[tile], end):
-            if (pair - starts[tile]) % _CHECK_EVERY == 0:
-                passing = _ZERO
-                for p in range(_AREA):
-                    passing += max(transmittance[p], _ZERO)
-                if passing <= _ZERO:
-                    break
+            if (pair - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
+                break
             i = lists[pair]
             x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
             A, B, C, opacity = _QUARTER * splats[i, 2], _QUARTER * splats[i, 3], _QUARTER * splats[i, 4], splats[i, 5]

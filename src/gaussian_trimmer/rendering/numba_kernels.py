@@ -278,6 +278,26 @@ def _falloff(q):  # type: ignore[no-untyped-def]
     return e * e
 
 
+@numba.njit(cache=CACHE, inline="always")
+def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
+    """Blend weight of a Gaussian at a pixel, and the light behind it, less than zero where blending has stopped."""
+    alpha = min(full, _CAP)
+    alpha = alpha if alpha >= _CUTOFF else _ZERO
+    weight = alpha * before
+    after = before - weight
+    goes_on = after >= _STOP
+    return (weight if goes_on else _ZERO), (after if goes_on else -abs(before))
+
+
+@numba.njit(cache=CACHE, inline="always")
+def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
+    """Whether blending goes on at any pixel of a tile."""
+    light = _ZERO
+    for p in range(_AREA):
+        light += max(transmittance[p], _ZERO)
+    return light > _ZERO
+
+
 @_parallel
 def blend_tiles(splats, values, starts, lists, spans, first_tile, width, height, labels, image):  # type: ignore[no-untyped-def]
     """Front-to-back blending of the tiles from `first_tile` on, as many as `starts` (T + 1,) has lists.
@@ -313,12 +333,8 @@ def blend_tiles(splats, values, starts, lists, spans, first_tile, width, height,
                 marks[label, p] = labels[label, top + p // TILE, left + p % TILE]
         end = starts[tile + 1]
         for begin in range(starts[tile], end, _BATCH):
-            if (begin - starts[tile]) % _CHECK_EVERY == 0:
-                light = _ZERO
-                for p in range(_AREA):
-                    light += max(transmittance[p], _ZERO)
-                if light <= _ZERO:
-                    break
+            if (begin - starts[tile]) % _CHECK_EVERY == 0 and not _lets_light_through(transmittance):
+                break
             n = min(_BATCH, end - begin)
             low, high = _AREA, 0
             for k in range(n):
@@ -345,14 +361,7 @@ def blend_tiles(splats, values, starts, lists, spans, first_tile, width, height,
                 for p in range(len(painted)):
                     u = A * columns[p] + (B * rows[p] + u0)
                     v = C * rows[p] + v0
-                    alpha = min(opacity * _falloff(u * u + v * v), _CAP)
-                    alpha = alpha if alpha >= _CUTOFF else _ZERO
-                    before = light_left[p]
-                    weight = alpha * before
-                    after = before - weight
-                    goes_on = after >= _STOP
-                    painted[p] = weight if goes_on else _ZERO
-                    light_left[p] = after if goes_on else -abs(before)
+                    painted[p], light_left[p] = _weight_and_light(opacity * _falloff(u * u + v * v), light_left[p])
             batch = weights[:, low:high]
             for c in range(n_values):
                 for k in range(n):
