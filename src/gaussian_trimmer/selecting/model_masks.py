@@ -78,22 +78,36 @@ def select_by_model(
                 return built_in
     except NothingToldApartError as error:
         built_in, refused = Pick(np.zeros(len(gaussians), np.bool_), ("colour",)), error
-    picture = renderer.render(gaussians, camera)
-    silhouette = shown(gaussians, built_in.selection, camera, renderer) > HALF
-    mask = _mask_of(model.propose(picture.rgb, _prompt(marks, box)), box, silhouette)
-    if mask.any() and overlap(mask, silhouette) < _SAME:
-        whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
-        if whole.any():
-            part = _corrected(gaussians, whole, (camera, mask), up, renderer, model, seen_from)
-            # What was carried around must still show the mask in the user's own view, and fill the box, and both better
-            # than the built-in selection does.
-            seen = shown(gaussians, part, camera, renderer) > HALF
-            better = overlap(seen, mask) > overlap(silhouette, mask)
-            if better and (box is None or _box_overlap(seen, box) > _box_overlap(silhouette, box)):
-                return Pick(part, ("part",))
+    part = _part_seen(gaussians, camera, marks, built_in.selection, up, renderer, model, seen_from)
+    if part is not None:
+        return Pick(part, ("part",))
     if refused is not None:
         raise refused
     return built_in
+
+
+def _part_seen(
+    gaussians: Gaussians, camera: Camera, marks: Sequence[tuple[int, int]] | Box, built_in: BoolArray,
+    up: Float64Array, renderer: Renderer, model: PromptableModel, seen_from: Sequence[Camera],
+) -> BoolArray | None:  # fmt: skip
+    """What the model sees at the marks, on all of its sides (N,), if that is something else than the built-in way found
+    and shows better what is meant."""
+    box, picture = _as_box(marks), renderer.render(gaussians, camera)
+    silhouette = shown(gaussians, built_in, camera, renderer) > HALF
+    mask = _mask_of(model.propose(picture.rgb, _prompt(marks, box)), box, silhouette)
+    if not mask.any() or overlap(mask, silhouette) >= _SAME:
+        return None
+    whole = propagate_mask(gaussians, camera, picture, mask, up, renderer, seen_from)
+    if not whole.any():
+        return None
+    part = _corrected(gaussians, whole, (camera, mask), up, renderer, model, seen_from)
+    # What was carried around must still show the mask in the user's own view, and fill the box, and both better than
+    # the built-in selection does.
+    seen = shown(gaussians, part, camera, renderer) > HALF
+    worse = overlap(seen, mask) <= overlap(silhouette, mask)
+    if worse or (box is not None and _box_overlap(seen, box) <= _box_overlap(silhouette, box)):
+        return None
+    return part
 
 
 def shown(gaussians: Gaussians, selection: BoolArray, camera: Camera, renderer: Renderer) -> FloatArray:
