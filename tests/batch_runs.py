@@ -1,8 +1,11 @@
 """Batches of toy scenes, the command that runs them as a process of its own, and its workers."""
 
+import csv
+import math
 import os
 import re
 import signal
+import statistics
 import subprocess
 import sys
 import time
@@ -64,6 +67,13 @@ def end(process, timeout=240):
 def run(manifest, output, *options, **environment):
     """Run the command to its end; returns exit code, output and errors."""
     return end(start(manifest, output, *options, **environment))
+
+
+def generous_limit(output, times=20.0, least=10.0):
+    """A time limit in seconds that no item like those of a run comes near, however slow the machine is."""
+    with (output / "summary.csv").open() as file:
+        typical = statistics.median(float(row["seconds"]) for row in csv.DictReader(file))
+    return math.ceil(max(least, times * typical))
 
 
 def fresh_of(out):

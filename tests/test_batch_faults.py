@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from batch_runs import (
     contents,
     end,
     fresh_of,
+    generous_limit,
     identities,
     is_alive,
     is_trimming,
@@ -201,12 +203,13 @@ def test_corrupt_and_hanging_scenes_in_the_middle(batch, tmp_path):
     for k in range(3):
         (folder / f"s3-{k}.npy").write_bytes((folder / f"s0-{k}.npy").read_bytes())
     mixed = write_manifest(folder, names, SLOW, "mixed.csv", s1_1=ENDLESS)
-    code, out, err = run(mixed, tmp_path, "--workers", 1, "--time-limit", 20)
+    limit = generous_limit(folder / "out")
+    code, out, err = run(mixed, tmp_path, "--workers", 1, "--time-limit", limit)
     assert code == 2
     assert err.count("\n") == 1
     assert "4 of 9 items failed" in err
     assert out.count("failed: s3-") == 3
-    assert "failed: s1-1: It took longer than the time limit of 20 seconds." in out
+    assert f"failed: s1-1: It took longer than the time limit of {limit} seconds." in out
     done = {name: data for name, data in expected.items() if not name.startswith("s1-1/")}
     assert contents(tmp_path) == done
     table = list(csv.DictReader((tmp_path / "summary.csv").open()))
@@ -227,7 +230,7 @@ def test_corrupt_and_hanging_scenes_in_the_middle(batch, tmp_path):
 
 def test_stopped_worker_is_ended_by_the_time_limit(batch, tmp_path):
     manifest, _, expected = batch
-    driver = start(manifest, tmp_path, "--workers", 1, "--time-limit", 20)
+    driver = start(manifest, tmp_path, "--workers", 1, "--time-limit", generous_limit(manifest.parent / "out"))
     until(lambda: n_finished(tmp_path) >= 1 and is_trimming(tmp_path))
     kill(children(driver)[0], signal.SIGSTOP)
     code, _, err = end(driver)
@@ -236,6 +239,23 @@ def test_stopped_worker_is_ended_by_the_time_limit(batch, tmp_path):
     code, out, err = run(manifest, tmp_path, "--workers", 1, "--retry-failed")
     assert (code, err) == (0, "")
     assert fresh_of(out) == 1
+    assert contents(tmp_path) == expected
+
+
+def test_a_machine_that_stood_still_costs_no_item(batch, tmp_path):
+    manifest, names, expected = batch
+    limit = generous_limit(manifest.parent / "out")
+    driver = start(manifest, tmp_path, "--workers", 1, "--time-limit", limit)
+    until(lambda: n_finished(tmp_path) >= 1 and is_trimming(tmp_path))
+    everything = [driver.pid, *children(driver)]
+    for number in everything:
+        kill(number, signal.SIGSTOP)
+    time.sleep(limit + 3)
+    for number in everything:
+        kill(number, signal.SIGCONT)
+    code, out, err = end(driver)
+    assert (code, err) == (0, "")
+    assert fresh_of(out) == len(names)
     assert contents(tmp_path) == expected
 
 

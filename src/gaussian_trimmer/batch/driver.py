@@ -23,6 +23,8 @@ _POLL = 0.5
 _BUSY_PAUSE = 1.0
 _START_SECONDS = 300.0
 """What a new worker is granted beyond the time limit: it loads libraries, and may have to compile kernels."""
+_STILL_SECONDS = 2.0
+"""A driver that looks later than this has stood still, and its workers with it: a machine that was paused or choked."""
 _ROOM_SECONDS = 10.0
 """For how long a worker may wait for room beside workers that have nothing to do, before these are ended."""
 _WRITE_FAILURES, _START_FAILURES = 3, 5
@@ -293,6 +295,7 @@ class _Driver:
         """Changes of the schedule when every worker without work was last given some."""
         self._done = self._found = self._failed = 0
         self._last_look = 0.0
+        self._last_turn = float("inf")
         self._crowded = False
         """Whether workers wait for room: then no more are started."""
 
@@ -477,12 +480,20 @@ class _Driver:
     def _look_around(self) -> None:
         """Now and then, look for deadlines that have passed, and tell how far the batch is."""
         now = time.monotonic()
+        self._excuse_standstill(now)
         if now - self._last_look < _POLL:
             return
         self._last_look = now
         self._make_room(now)
         self._mind_deadlines(now)
         self._tell_status(now)
+
+    def _excuse_standstill(self, now: float) -> None:
+        """Count no time in which the driver could not look: what stopped it has most likely stopped its workers too."""
+        still, self._last_turn = now - self._last_turn, now
+        if still > _STILL_SECONDS:
+            for slot in self._slots.values():
+                slot.deadline += still
 
     def _make_room(self, now: float) -> None:
         """End workers that have nothing to do where others wait for their place, and let no clock run for these."""
