@@ -218,6 +218,32 @@ def test_single_gaussians_have_bounds(n):
     assert (robust_bounds(thing, up_frame(UP)).half_extents > 0).all()
 
 
+def test_few_large_gaussians_reach_beyond_their_centres():
+    rods = gaussians([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], (0.4, 0.2, 0.1), RED)
+    assert dominant_cluster(rods).all()
+    bounds = robust_bounds(rods, up_frame(UP))
+    np.testing.assert_allclose(bounds.centre, [1.5, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(sorted(bounds.half_extents), [0.2, 0.2, 1.9], atol=1e-6)
+
+
+def test_halves_of_an_object_hang_together_by_the_extents_of_large_gaussians():
+    heights = np.concatenate([np.linspace(0, 0.3, 5), np.linspace(0.9, 1.2, 45)])
+    discs = gaussians(np.stack([0 * heights, 0 * heights, heights], 1), (0.1, 0.1, 0.28), RED)
+    narrow = discs.replace(log_scales=discs.log_scales - np.float32(np.log(20)))
+    assert dominant_cluster(discs).all()
+    assert robust_bounds(discs, up_frame(UP)).half_extents[2] > 0.7
+    np.testing.assert_array_equal(dominant_cluster(narrow), heights > 0.6)
+
+
+def test_a_huge_gaussian_does_not_widen_the_bounds_of_large_ones():
+    outward = np.random.default_rng(0).normal(size=(60, 3))
+    centres = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    ball = gaussians(centres, 0.2, RED)
+    with_huge = concatenate([ball, gaussians([[0.0, 0, 0]], 50.0, RED)])
+    expected = robust_bounds(ball, up_frame(UP)).half_extents
+    np.testing.assert_allclose(robust_bounds(with_huge, up_frame(UP)).half_extents, expected, atol=0.05)
+
+
 def test_clusters_follow_a_permutation_and_do_not_depend_on_units():
     thing, _ = blobs(500, 300, 60)
     order = np.random.default_rng(1).permutation(len(thing))

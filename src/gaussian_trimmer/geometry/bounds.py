@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.cameras import unit_up
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.components import connected_voxels
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, ellipsoid_points
+from gaussian_trimmer.geometry.components import connected_bodies
 from gaussian_trimmer.geometry.kd_tree import nearest
 
 _VOXELS_ACROSS = 16
@@ -65,15 +65,14 @@ def plain_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
 def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     """The box of the object's dominant cluster: far floaters of a bad selection do not move it.
 
-    Centres are weighted by opacity. The box spans percentiles 1 to 99 of those in the dominant clusters, and is nowhere
-    thinner than a typical Gaussian of them is wide.
+    Gaussians are weighted by opacity. The box spans percentiles 1 to 99 of the centres of those in the dominant
+    clusters, or of points on their ellipsoids where these are large, and is nowhere thinner than a typical one is wide.
     """
-    rows = dominant_cluster(target)
-    local = target.means[rows].astype(np.float64) @ axes.T
+    points, size = _standing_points(target)
+    rows = _dominant_cluster(target, points, size)
+    local = (points[rows].reshape(-1, 3) @ axes.T).reshape(-1, *points.shape[1:])
     weights = target.opacities[rows].astype(np.float64)
-    low, high = (
-        np.array([_weighted_percentile(local[:, k], weights, q) for k in range(3)]) for q in _BOUND_PERCENTILES
-    )
+    low, high = _percentiles(local, weights, _BOUND_PERCENTILES)
     floor = max(1e-3 * float((high - low).max()), float(np.exp(np.median(target.log_scales[rows]))))
     return Bounds((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, floor))
 
@@ -85,19 +84,42 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
     until the heaviest cluster holds half of the weight, since a few sparse Gaussians are one object as well. Clusters
     of large Gaussians touch although their centres lie far apart: those that touch the heaviest count as well.
     """
-    means = target.means.astype(np.float64)
-    weights = target.opacities.astype(np.float64)
-    deciles = [[_weighted_percentile(means[:, k], weights, q) for k in range(3)] for q in (10, 90)]
-    size = float((np.array(deciles[1]) - deciles[0]).max()) / _VOXELS_ACROSS
+    return _dominant_cluster(target, *_standing_points(target))
+
+
+def _standing_points(target: Gaussians) -> tuple[Float64Array, float]:
+    """Points in the world that stand for each Gaussian, (N, P, 3), and the width of the voxels that connect them.
+
+    That is its centre. Where a typical Gaussian is wider than a voxel, the centres tell little of where the object is,
+    and each stands for points on its ellipsoid as well; none reaches farther than the median one does.
+    """
+    centres = target.means.astype(np.float64)[:, None]
+    size = _voxel_size(target, centres)
+    width = float(np.median(target.log_scales.max(axis=1)))
+    if size >= np.exp(width):
+        return centres, size
+    points = ellipsoid_points(target.replace(log_scales=np.minimum(target.log_scales, np.float32(width))))
+    return points, _voxel_size(target, points)
+
+
+def _dominant_cluster(target: Gaussians, points: Float64Array, size: float) -> BoolArray:
     if size <= 0:
-        return np.ones(len(means), np.bool_)
+        return np.ones(len(target), np.bool_)
+    weights = target.opacities.astype(np.float64)
+    middle = np.median(points[:, 0], axis=0)
     while True:
-        cluster = connected_voxels(means - np.median(means, axis=0), size)
+        cluster = connected_bodies(points - middle, size)
         shares = np.bincount(cluster, weights) / weights.sum()
         if shares.max() >= _DOMINANT_SHARE:
             dominant = np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
             return _with_touching_clusters(target, dominant, cluster, shares >= _MIN_CLUSTER_SHARE)
         size *= 1.5
+
+
+def _voxel_size(target: Gaussians, points: Float64Array) -> float:
+    """A sixteenth of the largest weighted interdecile range along an axis of the points (N, P, 3) of Gaussians."""
+    low, high = _percentiles(points, target.opacities.astype(np.float64), (10, 90))
+    return float((high - low).max()) / _VOXELS_ACROSS
 
 
 def touching(target: Gaussians, group: BoolArray) -> BoolArray:
@@ -129,7 +151,13 @@ def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: Int
     return dominant
 
 
-def _weighted_percentile(values: Float64Array, weights: Float64Array, percent: float) -> float:
-    order = np.argsort(values)
-    cumulative = np.cumsum(weights[order])
-    return float(values[order][min(np.searchsorted(cumulative, percent / 100 * cumulative[-1]), len(values) - 1)])
+def _percentiles(points: Float64Array, weights: Float64Array, percents: tuple[float, ...]) -> list[Float64Array]:
+    """For each of the percentages, the weighted percentiles (3,) of points (N, P, 3) of weights (N,)."""
+    flat, repeated = points.reshape(-1, 3), np.repeat(weights, points.shape[1])
+    found = np.empty((len(percents), 3))
+    for axis in range(3):
+        order = np.argsort(flat[:, axis])
+        cumulative = np.cumsum(repeated[order])
+        places = np.searchsorted(cumulative, np.divide(percents, 100) * cumulative[-1])
+        found[:, axis] = flat[order, axis][np.minimum(places, len(flat) - 1)]
+    return list(found)

@@ -21,6 +21,17 @@ def connected_voxels(points: Float64Array, size: float) -> IntArray:
     return np.asarray(_connect(voxels)[members.reshape(-1)])
 
 
+def connected_bodies(points: Float64Array, size: float) -> IntArray:
+    """Number of the cluster of each body that P points (N, P, 3) stand for, (N,).
+
+    The points of a body are connected, and so are bodies with points in the same voxel or in neighbouring ones.
+    """
+    voxels = connected_voxels(points.reshape(-1, 3), size).reshape(points.shape[:2])
+    if points.shape[1] > 1:
+        voxels = _join_rows(np.unique(voxels, return_inverse=True)[1].reshape(voxels.shape))[:, None]
+    return np.asarray(voxels[:, 0])
+
+
 def connected_points(points: Float64Array, reach: float) -> IntArray:
     """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
 
@@ -98,6 +109,16 @@ def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-d
                         _join(parent, a, b)
                     j += 1
     return _flattened(parent)
+
+
+@numba.njit(cache=CACHE)
+def _join_rows(labels):  # type: ignore[no-untyped-def]
+    """Labels (N,) of rows of labels (N, P): rows that share one, if only by way of others, get the same."""
+    parent = np.arange(labels.max() + 1)
+    for i in range(len(labels)):
+        for k in range(1, labels.shape[1]):
+            _join(parent, _root(parent, labels[i, 0]), _root(parent, labels[i, k]))
+    return _flattened(parent)[labels[:, 0]]
 
 
 @numba.njit(cache=CACHE)
