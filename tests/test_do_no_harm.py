@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from toy import ball_on_floor, jaccard, object_rows, small_config
+from toy import CENTRE, RADIUS, ball_on_floor, gaussians, jaccard, object_rows, small_config
 
-from gaussian_trimmer.config import AcceptanceConfig, SplitConfig
+from gaussian_trimmer.config import AcceptanceConfig, EvidenceConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.pipeline import trim
 
 WHOLE = SplitConfig("none")
@@ -37,3 +38,38 @@ def test_a_limit_without_meaning_is_refused(value):
     scene, truth = ball_on_floor(n_ball=100)
     with pytest.raises(InputError, match="min-remaining"):
         trim(scene, truth, config=small_config(acceptance=AcceptanceConfig(min_remaining=value)))
+
+
+def ball_among_leaves(logit):
+    """The ball, and around it a dome of 80 green Gaussians that hide most of it from above and from all sides."""
+    scene, truth = ball_on_floor()
+    outward = np.random.default_rng(0).normal(size=(80, 3))
+    outward[:, 2] = np.abs(outward[:, 2])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    leaves = gaussians(CENTRE + 2.2 * RADIUS * outward, 0.3, (0.2, 0.6, 0.2))
+    leaves = leaves.replace(opacity_logits=np.full(80, logit, np.float32))
+    return concatenate([scene, leaves]), np.append(truth, np.zeros(80, np.bool_))
+
+
+def test_an_object_that_other_things_hide_in_most_views_is_left_as_it_was():
+    scene, truth = ball_among_leaves(3.0)
+    bold = small_config(acceptance=AcceptanceConfig(max_hidden=1.0, min_views=0.0))
+    assert jaccard(object_rows(trim(scene, truth, config=bold)), truth) < 0.9  # the case is one where trimming fails
+    result = trim(scene, truth, config=small_config())
+    assert "something nearer hides 0." in result.refused
+    assert "0.6 is allowed" in result.refused
+    np.testing.assert_array_equal(object_rows(result), truth)
+
+
+def test_what_shines_through_leaves_is_not_lost():
+    scene, truth = ball_among_leaves(0.0)
+    bold = AcceptanceConfig(max_hidden=1.0)
+    strict = small_config(acceptance=bold, evidence=EvidenceConfig(excuse_hidden=False))
+    assert jaccard(object_rows(trim(scene, truth, config=strict)), truth) < 0.95
+    assert jaccard(object_rows(trim(scene, truth, config=small_config(acceptance=bold))), truth) > 0.98
+
+
+def test_what_hides_nothing_changes_nothing():
+    scene, truth = ball_on_floor()
+    result = trim(scene, truth, config=small_config())
+    assert max(view.view.hidden_share for view in result.views) == 0

@@ -139,12 +139,16 @@ def trim_checked(
         return result(assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), wrong)
     with clock("render"):
         pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
-        visible = visible_weight([picture.weights for picture in pictures], scope.cameras)
+        selected = scope.local.select(scope.coarse)
+        isolated = [renderer.render(selected, camera, weights=True) for camera in scope.cameras]
+        visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
     with clock("correct"):
         probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
         probability[scope.excluded] = 0
     with clock("render"):
-        unsegmented = complete_views(pictures, scope.local, scope.coarse, probability, scope.cameras, renderer)
+        unsegmented = complete_views(
+            pictures, isolated, scope.local, scope.coarse, probability, scope.cameras, scope.bounds.radius, renderer
+        )
     if hasattr(given_segmenter, "report_to"):
         given_segmenter.report_to(lambda part: progress(f"segment {part}"))
     with clock("segment"):
@@ -157,7 +161,7 @@ def trim_checked(
     dropped = fitted = np.zeros(0, np.int64)
     if not refused:
         parts = decompose(scope, probability, accepted, renderer, config, clock)
-        refused = excessive_loss(scope.coarse, parts.keep, visible, config.acceptance)
+        refused = excessive_loss(scope.coarse, parts.keep, visible, alone, config.acceptance)
     if refused:
         with clock("assemble"):
             rows = assemble(scene, selection, scope.rows, None, dropped)

@@ -32,6 +32,8 @@ class View:
     """Share of the picture that the object contributes according to the corrected labels, (H, W)."""
     box: Box
     """Bounding box of the coarse object rendered in isolation: the prompt of eq. 6."""
+    hidden: BoolArray | None = None
+    """Pixels of the coarse object where something clearly nearer hides it, (H, W); None: there are none."""
 
     @property
     def rgb(self) -> FloatArray:
@@ -47,6 +49,13 @@ class View:
     def alpha(self) -> FloatArray:
         """Alpha of the picture, (H, W)."""
         return self.picture.alpha
+
+    @property
+    def hidden_share(self) -> float:
+        """Share of the coarse object's silhouette, as it is in isolation, that something nearer hides."""
+        if self.hidden is None:
+            return 0.0
+        return float(np.count_nonzero(self.hidden) / max(int(np.count_nonzero(self.object_alpha > HALF)), 1))
 
     @property
     def silhouette(self) -> BoolArray:

@@ -37,6 +37,9 @@ class EvidenceConfig:
     """Allow Gaussians outside the coarse selection to join the object."""
     recover_limit: Share = 0.3
     """Smallest corrected label of a Gaussian that joins, so that what is only visible through the object stays out."""
+    excuse_hidden: bool = True
+    """Count nothing against selected Gaussians that they show outside the masks where something nearer hides the
+    object."""
     second_evidence: bool = True
     """Prune Gaussians by what they show outside the masks when the object is rendered in isolation."""
     isolated_limit: Share = 0.35

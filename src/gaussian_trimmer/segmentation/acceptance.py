@@ -23,8 +23,10 @@ class AcceptanceConfig:
     """Smallest silhouette of the corrected labels, in pixels; a view that shows less of the object is rejected."""
     min_views: Share = 0.4
     """Smallest share of the views that must be accepted for the object to be trimmed."""
+    max_hidden: Share = 0.6
+    """Largest share of the object that something nearer may hide, in the mean of the accepted views."""
     min_remaining: Share = 0.4
-    """Smallest share of what the selection shows that must remain in the object."""
+    """Smallest share of what the selection shows that must remain in the object, in the scene and in isolation."""
 
 
 def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptanceConfig) -> list[TrimmedView]:
@@ -45,26 +47,34 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
 
 def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str:
     """Why the views do not suffice to change the coarse selection; empty if they do."""
-    accepted = sum(not view.rejected for view in views)
-    if accepted >= max(1.0, config.min_views * len(views)):
+    accepted = [trimmed.view for trimmed in views if not trimmed.rejected]
+    if len(accepted) >= max(1.0, config.min_views * len(views)):
+        hidden = float(np.mean([view.hidden_share for view in accepted]))
+        if hidden > config.max_hidden:
+            return f"something nearer hides {hidden:.2f} of the object in the views; {config.max_hidden} is allowed"
         return ""
     reasons = "; ".join(sorted({view.rejected for view in views if view.rejected}))
-    return f"only {accepted} of {len(views)} views were accepted ({reasons})"
+    return f"only {len(accepted)} of {len(views)} views were accepted ({reasons})"
 
 
-def excessive_loss(coarse: BoolArray, keep: BoolArray, visible: FloatArray, config: AcceptanceConfig) -> str:
+def excessive_loss(
+    coarse: BoolArray, keep: BoolArray, visible: FloatArray, alone: FloatArray, config: AcceptanceConfig
+) -> str:
     """Why an object that keeps too little of the selection is refused; empty if it keeps enough.
 
     Args:
         coarse: the coarse selection, (N,).
         keep: what would be the object, (N,).
         visible: how much of each Gaussian the views show, (N,).
+        alone: how much of each of the C selected ones they would show if there was nothing else, (C,).
         config: how much must remain.
     """
     if not keep.any():
         return "no Gaussian was left in the object"
-    shown = visible[coarse].sum()
-    remaining = float(visible[coarse & keep].sum() / shown) if shown > 0 else 1.0
+    kept = keep[coarse]
+    remaining = min(
+        float(shown[kept].sum() / shown.sum()) if shown.sum() > 0 else 1.0 for shown in (visible[coarse], alone)
+    )
     if remaining >= config.min_remaining:
         return ""
     return f"only {remaining:.2f} of what the selection shows would remain; {config.min_remaining} is needed"

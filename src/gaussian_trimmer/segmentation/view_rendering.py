@@ -11,6 +11,8 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.views import HALF, View, bounding_box
 
+OCCLUDER_DISTANCE = 0.1
+"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
 _REFERENCE_PIXELS = 5 * 512 * 512
 """Pixels of the default views: thresholds on visible weight hold for these, whatever views there are."""
 
@@ -27,25 +29,28 @@ def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> 
 
 
 def complete_views(
-    pictures: Sequence[Rendering], local: Gaussians, coarse: BoolArray, probability: FloatArray,
-    cameras: Sequence[Camera], renderer: Renderer,
+    pictures: Sequence[Rendering], isolated: Sequence[Rendering], local: Gaussians, coarse: BoolArray,
+    probability: FloatArray, cameras: Sequence[Camera], radius: float, renderer: Renderer,
 ) -> list[View]:  # fmt: skip
     """What the segmenter is given for each camera.
 
     Args:
         pictures: what the cameras see.
+        isolated: what they see of the coarse object in isolation.
         local: the coarse object and the Gaussians around it, N of them.
         coarse: which of them are the coarse object, (N,).
         probability: their corrected labels, (N,).
         cameras: the cameras of the views.
-        renderer: draws labels and isolated object.
+        radius: the object's radius.
+        renderer: draws the labels.
     """
-    isolated = local.select(coarse)
     shares = np.stack([coarse.astype(np.float32), probability], axis=1)
     views = []
-    for camera, picture in zip(cameras, pictures, strict=True):
+    for camera, picture, alone in zip(cameras, pictures, isolated, strict=True):
         shown = renderer.blend_values(local, camera, shares)
-        object_alpha = renderer.blend_values(isolated, camera, np.ones((len(isolated), 1), np.float32))[..., 0]
         visible, prior = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
-        views.append(View(camera, picture, object_alpha, visible, prior, bounding_box(object_alpha > HALF)))
+        whole = alone.alpha > HALF
+        nearer = (picture.depth > 0) & (picture.depth < alone.depth - OCCLUDER_DISTANCE * radius)
+        hidden = whole & (visible <= HALF) & nearer
+        views.append(View(camera, picture, alone.alpha, visible, prior, bounding_box(whole), hidden))
     return views

@@ -18,11 +18,10 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.virtual_cameras import small_views_from
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.segmentation.view_rendering import OCCLUDER_DISTANCE
 from gaussian_trimmer.steps.scope import Scope, support_plane_of
 from gaussian_trimmer.views import TrimmedView
 
-_OCCLUDER_DISTANCE = 0.1
-"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
 _LOW = 8.0
 """Pitch in degrees of the small views that look for what hangs below the object."""
 _TINY = 160
@@ -51,8 +50,11 @@ def decompose(
 ) -> Decomposition:  # fmt: skip
     """Evidence from the views of the whole scene, evidence from the object in isolation, and splits."""
     with clock("weigh"):
-        outside, inside = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
-        keep = classify_gaussians(inside, outside, probability, scope.coarse, config.evidence)
+        openly, inside, hidden = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
+        outside = openly + hidden
+        # Where something hides the object, what little shows of it there says nothing against it.
+        told = np.where(scope.coarse, openly, outside) if config.evidence.excuse_hidden else outside
+        keep = classify_gaussians(inside, told, probability, scope.coarse, config.evidence)
     rows = np.flatnonzero(keep)
     with clock("prune"):
         isolated = scope.local.select(rows)
@@ -62,8 +64,8 @@ def decompose(
             free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
             alone = np.sum(weights, axis=0)
             widths = np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius))
-            seen = alone, inside[rows], outside[rows]
-            wrong = find_halo(*seen, free, config.evidence) | find_outsiders(*seen, probability[rows], widths)
+            wrong = find_halo(alone, inside[rows], outside[rows], free, config.evidence)
+            wrong |= find_outsiders(alone, inside[rows], told[rows], probability[rows], widths)
             wrong |= find_large_halo(alone, inside[rows], widths)
             keep[rows[wrong]] = False
             if plane is not None:
@@ -79,8 +81,15 @@ def decompose(
 
 
 def _weigh(part: Gaussians, accepted: Sequence[TrimmedView], renderer: Renderer) -> list[FloatArray]:
-    """Blend weights outside and inside the mask, (N, 2) for each view."""
-    return [renderer.blend_weights(part, v.view.camera, v.mask.astype(np.uint8), 2) for v in accepted]
+    """Blend weights outside the mask, inside it, and outside it where something hides the object, (N, 3) each view."""
+    weights = []
+    for trimmed in accepted:
+        labels = np.zeros(trimmed.mask.shape, np.uint8)
+        if trimmed.view.hidden is not None:
+            labels[trimmed.view.hidden] = 2
+        labels[trimmed.mask] = 1
+        weights.append(renderer.blend_weights(part, trimmed.view.camera, labels, 3))
+    return weights
 
 
 def _underside(scope: Scope, keep: BoolArray, plane: SupportPlane, renderer: Renderer) -> BoolArray:
@@ -126,7 +135,7 @@ def _weigh_isolated(
     for trimmed in accepted:
         camera, nearest_depth = trimmed.view.camera, trimmed.view.depth
         depth = renderer.render(isolated, camera).depth
-        occluded = (nearest_depth > 0) & (nearest_depth < depth - _OCCLUDER_DISTANCE * radius)
+        occluded = (nearest_depth > 0) & (nearest_depth < depth - OCCLUDER_DISTANCE * radius)
         labels = np.where(trimmed.mask, np.uint8(1), np.where(occluded, np.uint8(2), np.uint8(0)))
         weights.append(renderer.blend_weights(isolated, camera, labels, 3))
     return weights
