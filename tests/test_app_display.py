@@ -85,7 +85,7 @@ def test_after_the_active_object_is_what_was_trimmed(session, painter):
 def large_ball():
     """A ball of Gaussians so large that they straddle its outline, and which they are."""
     scene, truth = toy.ball_on_floor()
-    return scene.replace(log_scales=scene.log_scales + np.log(3) * truth[:, None].astype(np.float32)), truth
+    return scene.replace(log_scales=scene.log_scales + np.log(4) * truth[:, None].astype(np.float32)), truth
 
 
 def test_split_parts_and_filled_gaussians_are_shown():
