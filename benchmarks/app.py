@@ -27,8 +27,8 @@ from gaussian_trimmer.app.controller import Controller
 from gaussian_trimmer.app.serving import serving
 from gaussian_trimmer.app.viewpoints import surface_points
 from gaussian_trimmer.geometry.distances import distance_to_outside
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.selecting.marks import Box, Box3D, Click, Mark, Sphere, Viewpoint
+from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import bounding_box
 
 _RADIUS = 0.03

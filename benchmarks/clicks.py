@@ -32,12 +32,12 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.distances import distance_to_outside
-from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 from gaussian_trimmer.selecting.marks import Box, Click, Mark
 from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.trimming.trim import TrimConfig, trim
 from gaussian_trimmer.views import bounding_box
 
 Way = Literal["box", "click"]

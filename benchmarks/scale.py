@@ -32,7 +32,7 @@ from simulated_batch import Plant, simulate
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.local import cores
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, quaternions_of, rotation_matrices
-from gaussian_trimmer.reading import is_file
+from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.rendering.reference import sh_basis
 
 DATA = Path(__file__).parent / "data"

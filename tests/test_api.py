@@ -13,7 +13,6 @@ import pytest
 import toy
 
 import gaussian_trimmer as gt
-from gaussian_trimmer.arguments import mask_of_selection
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.select import Select
 from gaussian_trimmer.commands.trim import Trim
@@ -21,6 +20,7 @@ from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.output.report import result_files
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.arguments import mask_of_selection
 
 SCENE, TRUTH = toy.ball_on_floor()
 ROUGH = toy.dilated(SCENE, TRUTH)
@@ -64,7 +64,7 @@ def test_listing_names_and_catching_errors_loads_nothing_heavy():
 
 def test_reading_a_scene_compiles_nothing():
     modules = loaded_by("import gaussian_trimmer as gt; gt.read, gt.write, gt.read_selection, gt.Gaussians")
-    assert "numpy" in modules and not modules & {"numba", "cv2", "gaussian_trimmer.pipeline"}
+    assert "numpy" in modules and not modules & {"numba", "cv2", "gaussian_trimmer.trimming.trim"}
 
 
 def test_the_overview_of_the_commands_loads_nothing_heavy():
@@ -75,7 +75,7 @@ def test_help_of_reading_commands_does_not_load_the_trimmer():
     code = "from gaussian_trimmer.cli import main\ntry: main(['convert', '--help'])\nexcept SystemExit: pass\nprint()"
     modules = loaded_by(f"exec({code!r})")
     assert "tyro" in modules
-    assert not modules & {"numba", "torch", "gaussian_trimmer.pipeline"}
+    assert not modules & {"numba", "torch", "gaussian_trimmer.trimming.trim"}
 
 
 def test_all_names_exist_and_are_listed():

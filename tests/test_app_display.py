@@ -15,10 +15,10 @@ from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, box_at, pixel_
 from gaussian_trimmer.cameras import intrinsics, look_at
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import concatenate, quaternions_of
-from gaussian_trimmer.pipeline import BoundaryConfig, SplitConfig, TrimConfig, trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.marks import FromFile, Sphere, Viewpoint
 from gaussian_trimmer.selecting.select import Selected
+from gaussian_trimmer.trimming.trim import BoundaryConfig, SplitConfig, TrimConfig, trim
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from processes import end, holding, needs_fork
 
-from gaussian_trimmer.atomic import atomic_file, atomic_folder, locks
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.atomic import locks
+from gaussian_trimmer.io.writing import atomic_file, atomic_folder
 
 
 def fill(folder, **contents):
@@ -318,7 +319,7 @@ def locking(descriptor, mode, size):
 
 sys.platform, sys.modules["fcntl"] = "win32", None
 sys.modules["msvcrt"] = types.SimpleNamespace(locking=locking, LK_NBLCK=2)
-from gaussian_trimmer.atomic import atomic_file, atomic_folder
+from gaussian_trimmer.io.writing import atomic_file, atomic_folder
 
 for overwrite in (False, True):
     with atomic_folder(Path("out"), "test", overwrite=overwrite) as part:

@@ -8,8 +8,8 @@ import toy
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.output.checked_sides import checked_sides
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor()
 

@@ -14,10 +14,10 @@ import toy
 from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import __version__, cli, formats
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.formats import ply
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.rendering import get_renderer
 
 

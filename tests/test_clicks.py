@@ -13,11 +13,11 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
-from gaussian_trimmer.pipeline import TrimConfig, trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.clicks import Target, _views_around, select_by_box, select_by_clicks
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
+from gaussian_trimmer.trimming.trim import TrimConfig, trim
 from gaussian_trimmer.views import bounding_box
 
 RENDERER = get_renderer("numba")

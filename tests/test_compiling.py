@@ -7,7 +7,7 @@ import sys
 import numba
 import pytest
 
-from gaussian_trimmer.compiling import CACHE
+from gaussian_trimmer.geometry.compiling import CACHE
 
 
 def test_kernels_are_kept_here():
@@ -19,7 +19,7 @@ def test_kernels_are_kept_here():
 )
 def test_without_a_folder_for_kernels_they_are_compiled_in_every_process():
     code = (
-        "from gaussian_trimmer.compiling import CACHE\n"
+        "from gaussian_trimmer.geometry.compiling import CACHE\n"
         "from gaussian_trimmer.geometry.kd_tree import nearest\n"
         "import numpy as np\n"
         "points = np.float32([[0], [1], [5]])\n"

@@ -9,8 +9,8 @@ from toy import BLUE, CENTRE, ball_on_floor, check_parts, dilated, gaussians, sm
 from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.pipeline import RowLabel, SplitConfig, trim
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.trim import RowLabel, SplitConfig, trim
 
 BALL, TRUTH = ball_on_floor()
 RENDERER = get_renderer("numba")

@@ -6,8 +6,8 @@ import numpy as np
 from command_line import run
 
 from gaussian_trimmer import formats, sample
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks
 
 

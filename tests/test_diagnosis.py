@@ -9,8 +9,8 @@ from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.diagnosis import neighbour_agreement
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor()
 CONFIG = toy.small_config()

@@ -7,7 +7,7 @@ from toy import CENTRE, RADIUS, ball_on_floor, gaussians, jaccard, object_rows, 
 from gaussian_trimmer.config import AcceptanceConfig, EvidenceConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.trimming.trim import trim
 
 WHOLE = SplitConfig("none")
 

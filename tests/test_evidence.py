@@ -13,7 +13,7 @@ from gaussian_trimmer.decomposition.evidence import (
     find_large_halo,
     find_outsiders,
 )
-from gaussian_trimmer.pipeline import PlanConfig, RowLabel, SplitConfig, trim
+from gaussian_trimmer.trimming.trim import PlanConfig, RowLabel, SplitConfig, trim
 
 COARSE, OTHER = True, False
 FREE, RESTING = True, False

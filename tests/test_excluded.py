@@ -12,7 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import FromFile, Sphere
 from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
-from gaussian_trimmer.several_objects import trim_objects
+from gaussian_trimmer.trimming.several_objects import trim_objects
 
 SCENE, TRUTH = toy.ball_on_floor()
 BALL = Sphere((0, 0, 1), 1.1)

@@ -16,10 +16,10 @@ from scenes import front_camera, gaussian
 from test_rendering_parity import LARGEST_FLIP, TOLERANCE, assert_close, assert_weights_close
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.numba_cpu import TILE, NumbaRenderer
 from gaussian_trimmer.rendering.numba_kernels import bin_gaussians, blend_tiles, count_tiles, top_of_pixels
+from gaussian_trimmer.trimming.trim import trim
 
 N_SCENES = 50
 

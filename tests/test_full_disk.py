@@ -14,9 +14,9 @@ from format_samples import sample
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.output.pictures import write_picture
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.selecting.saved_selection import save_array
+from gaussian_trimmer.trimming.trim import trim
 
 resource = pytest.importorskip("resource", reason="needs limits on the size of files")
 

@@ -29,12 +29,12 @@ from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, printable, shown
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.reading import file_bytes, reading
+from gaussian_trimmer.io.archives import member_bytes, open_archive
+from gaussian_trimmer.io.reading import file_bytes, reading
 from gaussian_trimmer.segmentation.segmenters import mask_files
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask, ids_of, mask_of
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.zip_members import member_bytes, open_archive
 
 N = 12
 SCENE = make_scene(N)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gaussian_trimmer import label_assignment
-from gaussian_trimmer.label_assignment import assign_labels
+from gaussian_trimmer.selection_files import label_assignment
+from gaussian_trimmer.selection_files.label_assignment import assign_labels
 
 
 @pytest.mark.parametrize(

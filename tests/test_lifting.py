@@ -14,7 +14,6 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.datasets import BenchmarkScene
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import lifting
 from gaussian_trimmer.selecting.lifting import (
@@ -23,6 +22,7 @@ from gaussian_trimmer.selecting.lifting import (
     lift_objects_by_assignment,
     sum_label_weights,
 )
+from gaussian_trimmer.selection_files.label_assignment import assign_labels
 
 REFERENCE = get_renderer("reference")
 

@@ -16,8 +16,8 @@ from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.html.turntable import FRAMES, SIDE
 from gaussian_trimmer.output.html.viewer import first_view, viewer_page
 from gaussian_trimmer.output.pictures import cameras_around
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.trim import trim
 
 RENDERER = get_renderer("numba")
 FRAME, ANGLE = (f"document.querySelector('{name}')" for name in (".turntable canvas", ".angle"))

@@ -8,9 +8,9 @@ import toy
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
-from gaussian_trimmer.pipeline import TrimmedView, trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering, get_renderer
+from gaussian_trimmer.trimming.trim import TrimmedView, trim
 from gaussian_trimmer.views import View
 
 SIZE = 96

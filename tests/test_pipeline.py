@@ -27,7 +27,8 @@ from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.pipeline import (
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.trimming.trim import (
     BoundaryConfig,
     LabelCrfConfig,
     PlanConfig,
@@ -37,7 +38,6 @@ from gaussian_trimmer.pipeline import (
     paper_config,
     trim,
 )
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 
 SCENE, TRUTH = ball_on_floor()
 SPECKLED = TRUTH ^ ((np.random.default_rng(1).random(len(SCENE)) < 0.05) & dilated(SCENE, TRUTH, 1.0))

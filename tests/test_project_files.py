@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaussian_trimmer import __version__
+from gaussian_trimmer._version import __version__
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.skipif(not (ROOT / "CITATION.cff").is_file(), reason="the project's files are not here")

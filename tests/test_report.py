@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer import __version__, formats
+from gaussian_trimmer import formats
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
-from gaussian_trimmer.pipeline import AcceptanceConfig, trim
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.trim import AcceptanceConfig, trim
 
 RENDERER = get_renderer("numba")
 CONFIG = toy.small_config()

@@ -14,7 +14,7 @@ from gaussian_trimmer.output.html.changes import DROPPED, FITTED, coloured_chang
 from gaussian_trimmer.output.html.pictures import data_uris
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
-from gaussian_trimmer.pipeline import AcceptanceConfig, RowLabel, trim
+from gaussian_trimmer.trimming.trim import AcceptanceConfig, RowLabel, trim
 
 HOSTILE = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>.ply"
 

@@ -8,7 +8,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.results import cut_by, read_result
-from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.trimming.trim import trim
 
 
 @pytest.fixture(scope="module")

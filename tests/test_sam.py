@@ -18,12 +18,12 @@ import gaussian_trimmer as gt  # noqa: E402
 from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
-from gaussian_trimmer.pipeline import trim  # noqa: E402
 from gaussian_trimmer.rendering import Rendering  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters import get_segmenter, sam_onnx  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits, middle_points  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, agreement, prompt_of  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import OnnxSam  # noqa: E402
+from gaussian_trimmer.trimming.trim import trim  # noqa: E402
 from gaussian_trimmer.views import View, bounding_box  # noqa: E402
 
 BOX, PROMPTED, RED = 0, 1, 2

@@ -7,9 +7,9 @@ from command_line import SMALL, run
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
-from gaussian_trimmer.scene_limits import check_magnitudes
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=400, floor_side=20)
 SELECTION = toy.dilated(SCENE, TRUTH)

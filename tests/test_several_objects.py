@@ -16,7 +16,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.several_objects import trim_objects
+from gaussian_trimmer.trimming.several_objects import trim_objects
 
 CONFIG = toy.small_config()
 SHIFT = np.float32([2.4, 0, 0])

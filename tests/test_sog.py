@@ -16,7 +16,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.webp import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.picture_headers import webp_size
+from gaussian_trimmer.io.images import webp_size
 
 
 def members(path: Path) -> dict[str, bytes]:

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from scenes import front_camera, random_scene
 
-from gaussian_trimmer import stop_signals
+from gaussian_trimmer.io import stop_signals
+from gaussian_trimmer.io.stop_signals import STOP_SIGNALS, Stopped, stop_signals_delayed, stop_signals_raised
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.stop_signals import STOP_SIGNALS, Stopped, stop_signals_delayed, stop_signals_raised
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="needs signals")
 
@@ -152,7 +152,7 @@ class Finder:
         if name == {module!r}: os.kill(os.getpid(), number)
 sys.meta_path.insert(0, Finder)"""
         for module in (
-            "gaussian_trimmer.stop_signals",
+            "gaussian_trimmer.io.stop_signals",
             "tyro",
             "numpy.linalg",
             "cv2",

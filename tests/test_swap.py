@@ -9,8 +9,8 @@ import pytest
 from processes import CHANGES, counted, end, needs_fork, signal_at, start
 
 from gaussian_trimmer import cli
-from gaussian_trimmer.atomic import atomic_file, atomic_folder
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.writing import atomic_file, atomic_folder
 
 RESULTS = {
     "old": {"object.splat": "old", "report.json": "old", "views/0": "old", "views/1": "old"},

@@ -18,9 +18,9 @@ import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config
 
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.pipeline import BoundaryConfig, RowLabel, SplitConfig, trim
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.trim import BoundaryConfig, RowLabel, SplitConfig, trim
 
 N_CALLS = 12
 

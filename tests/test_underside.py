@@ -9,8 +9,8 @@ from gaussian_trimmer.config import EvidenceConfig
 from gaussian_trimmer.decomposition.underside import reaching_into_ground
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.support_plane import SupportPlane
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras, small_views_from
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 DARK = (0.05, 0.02, 0.02)

@@ -14,7 +14,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW
 from gaussian_trimmer.output.html import viewer
 from gaussian_trimmer.output.html.viewer import viewer_page, write_viewer
-from gaussian_trimmer.pipeline import trim
+from gaussian_trimmer.trimming.trim import trim
 
 
 @pytest.fixture(scope="module")

@@ -16,19 +16,20 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from gaussian_trimmer._version import __version__
+
 if TYPE_CHECKING:
     from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
-    from gaussian_trimmer.pipeline import TrimConfig, TrimResult, trim
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks_file import read_marks
     from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selection_files import load_selection as read_selection
+    from gaussian_trimmer.trimming.trim import TrimConfig, TrimResult, trim
 
-__version__ = "0.1.0"
 
 __all__ = [
     "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "marks", "read", "read_cameras",
@@ -48,7 +49,7 @@ _LATE = {
     "read_marks": ("gaussian_trimmer.selecting.marks_file", "read_marks"),
     "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
     "select": ("gaussian_trimmer.selecting.select", "select"),
-    "trim": ("gaussian_trimmer.pipeline", "trim"),
+    "trim": ("gaussian_trimmer.trimming.trim", "trim"),
     "write": ("gaussian_trimmer.formats", "write"),
 }
 

@@ -7,7 +7,7 @@ import io
 import os
 import sys
 
-from gaussian_trimmer import __version__
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError, printable
 
 TYPE_CHECKING = False
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begun is removed. Other exceptions are defects and keep their traceback.
     """
     try:
-        from gaussian_trimmer.stop_signals import stop_signals_raised
+        from gaussian_trimmer.io.stop_signals import stop_signals_raised
 
         with stop_signals_raised() as signals:
             try:

@@ -15,13 +15,13 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.pipeline import TrimConfig
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.selecting.marks import Mark, Marks
 from gaussian_trimmer.selecting.select import Selected, settle_marks
+from gaussian_trimmer.trimming.trim import TrimConfig
 
 Colour = tuple[int, int, int]
 Progress = Callable[[str], None]

@@ -10,15 +10,15 @@ from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import Document, MarkedObject, Progress, Snapshot
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.selecting.select import Selection
-from gaussian_trimmer.several_objects import trim_objects
+from gaussian_trimmer.trimming.several_objects import trim_objects
 
 MARKS = "selection.json"
 """Name of the file of marks among the results, as of the command line's."""

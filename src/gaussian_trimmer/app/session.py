@@ -25,11 +25,11 @@ from gaussian_trimmer.app.documents import (
 )
 from gaussian_trimmer.app.saving import save_all, save_one
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Marks, Point
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.select import Selected, Selector, views_to_click_in
+from gaussian_trimmer.trimming.trim import trim
 
 MAX_STEPS = 50
 """Number of steps that can be undone."""

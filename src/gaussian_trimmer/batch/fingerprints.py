@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer import __version__
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.batch.items import Item, item_as_json, options_kind
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError

@@ -26,14 +26,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gaussian_trimmer.arguments import vector_of_up
 from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.batch.options import parse_options
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.reading import file_bytes, is_file
+from gaussian_trimmer.io.reading import file_bytes, is_file
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.trimming.arguments import vector_of_up
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 _MAX_BYTES = 1 << 30

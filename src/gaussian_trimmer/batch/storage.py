@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 
-from gaussian_trimmer.atomic import atomic_file, atomic_folder
-from gaussian_trimmer.atomic.locks import remove_leftovers
 from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.io.atomic.locks import remove_leftovers
+from gaussian_trimmer.io.writing import atomic_file, atomic_folder
 from gaussian_trimmer.output.report import RESULTS, result_files
 
 ITEM, MANIFEST, REPORT = "item.json", "manifest.json", "report.json"

@@ -30,11 +30,11 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.output.report import describe, write_results
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.trimming.trim import trim
 
 Json = dict[str, Any]
 _BUSY, _CANNOT_WRITE = "Another run is writing", "Cannot write"

@@ -29,7 +29,7 @@ def main() -> None:
 
     from gaussian_trimmer.batch.storage import open_store
     from gaussian_trimmer.batch.worker import SceneWorker
-    from gaussian_trimmer.stop_signals import Stopped, stop_signals_raised
+    from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 
     cv2.setNumThreads(int(os.environ.get("NUMBA_NUM_THREADS", "1")))
     worker = SceneWorker(open_store(sys.argv[1]))

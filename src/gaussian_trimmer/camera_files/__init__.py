@@ -24,7 +24,7 @@ from gaussian_trimmer.camera_files.json_files import read_json_frames
 from gaussian_trimmer.camera_files.nerfstudio_world import dataparser_file, in_training_world
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.reading import is_file, is_folder, reading
+from gaussian_trimmer.io.reading import is_file, is_folder, reading
 
 __all__ = ["DISTORTION_TOLERANCE", "read_camera_set", "read_cameras_of"]
 

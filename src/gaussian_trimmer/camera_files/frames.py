@@ -11,7 +11,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.reading import LARGEST
+from gaussian_trimmer.io.reading import LARGEST
 
 DISTORTION_TOLERANCE = 1e-4
 """Largest distortion coefficient that is taken for zero: it moves the corner of a 1000-pixel image by 0.05 pixels."""

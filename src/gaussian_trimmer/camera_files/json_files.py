@@ -27,8 +27,8 @@ from gaussian_trimmer.camera_files.frames import (
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.picture_headers import picture_header
-from gaussian_trimmer.reading import file_bytes, is_file
+from gaussian_trimmer.io.images import picture_header
+from gaussian_trimmer.io.reading import file_bytes, is_file
 
 _MAX_JSON_BYTES = 1 << 26
 _MAX_JSON_VALUES = 1 << 22

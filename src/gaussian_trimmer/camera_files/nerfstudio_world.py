@@ -18,7 +18,7 @@ from gaussian_trimmer.camera_files.frames import floats, inverses, rigid_transfo
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 
 NAME = "dataparser_transforms.json"
 _CHECKPOINTS = "nerfstudio_models"

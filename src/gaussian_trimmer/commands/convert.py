@@ -76,9 +76,9 @@ class Convert:
 
     def _write_page(self, source: Path, console: Console) -> int:
         # Late, so that the other conversions do not load the trimmer.
+        from gaussian_trimmer.geometry.limits import check_magnitudes
         from gaussian_trimmer.output.html.viewer import write_viewer
         from gaussian_trimmer.planning.up_vector import find_up
-        from gaussian_trimmer.scene_limits import check_magnitudes
 
         given = None if self.up is None else unit_up(self.up)
         gaussians = formats.read(source)

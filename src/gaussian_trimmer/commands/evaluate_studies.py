@@ -11,7 +11,6 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training, training_cameras
 from gaussian_trimmer.commands.console import open_console
@@ -38,6 +37,7 @@ from gaussian_trimmer.evaluation.studies import (
     view_counts_table,
 )
 from gaussian_trimmer.evaluation.variants import Variant, with_view_counts, without_planning_or_background
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.pictures import Picture, write_picture
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.selection_files import SelectionOptions

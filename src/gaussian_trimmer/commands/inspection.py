@@ -14,7 +14,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
 from gaussian_trimmer.formats.losses import losses
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.reading import is_file, is_folder
+from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds

@@ -14,8 +14,6 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import atomic_folder
-from gaussian_trimmer.atomic.manifest import MANIFEST
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
@@ -23,6 +21,8 @@ from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim import Loaded, Trim, TrimSettings
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.io.atomic.manifest import MANIFEST
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 from rich.console import Console
 from tyro.conf import arg
 
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.evaluation.tables import ENDINGS, FORMATS, ScoreTable
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.pictures import Picture, write_picture
 
 _KIND = "evaluate"

@@ -14,7 +14,6 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
@@ -22,15 +21,15 @@ from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.remaining import read_remaining
 from gaussian_trimmer.commands.trim_objects import trim_labels
-from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import suffix_of, trim_files, write_trim
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.planning.photo_views import photo_views
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
@@ -50,6 +49,7 @@ from gaussian_trimmer.selecting.select import select, settle_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.trimming.trim import trim
 
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
 _COMPILING_AGAIN = (

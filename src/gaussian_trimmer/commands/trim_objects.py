@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import progress_over_stages
 from gaussian_trimmer.commands.remaining import Remaining, read_remaining
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
@@ -22,7 +22,7 @@ from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.several_objects import trim_objects
+from gaussian_trimmer.trimming.several_objects import trim_objects
 
 if TYPE_CHECKING:
     from gaussian_trimmer.commands.trim import Trim

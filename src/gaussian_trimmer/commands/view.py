@@ -13,7 +13,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app.serving import MOST_SHOWN, serving, wait
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.reading import is_file, is_folder
+from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.settings import Range, check_settings
 
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.picture_headers import decoded_picture, picture_header
-from gaussian_trimmer.reading import file_bytes, reading
+from gaussian_trimmer.io.images import decoded_picture, picture_header
+from gaussian_trimmer.io.reading import file_bytes, reading
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 
 _MAX_FILE_BYTES = 1 << 28

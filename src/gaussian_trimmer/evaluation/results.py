@@ -11,7 +11,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.scoring import Cut
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.reading import is_folder
+from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.splat_property import MASK

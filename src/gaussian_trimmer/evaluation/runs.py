@@ -14,9 +14,9 @@ from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, Shown, mean_scores
 from gaussian_trimmer.evaluation.variants import Variant
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.pipeline import trim
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.trimming.trim import trim
 
 LOSS = 0.3
 """Points of foreground IoU; a trim that loses more has done harm."""

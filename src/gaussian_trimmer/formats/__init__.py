@@ -9,7 +9,7 @@ from typing import Any
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
-from gaussian_trimmer.reading import is_file, is_folder, reading
+from gaussian_trimmer.io.reading import is_file, is_folder, reading
 
 # Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None, and perhaps write_selected as below.
 # The longest suffix wins.

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.reading import LARGEST
-from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.io.reading import LARGEST
 
 SHORTEST, LONGEST = 1e-12, 1e12
 """Lengths of quaternions; of shorter and longer ones, float32 cannot tell the direction."""

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
@@ -27,6 +26,7 @@ from gaussian_trimmer.formats.packing import (
 )
 from gaussian_trimmer.formats.ply_table import Header, read_columns, read_header
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.io.writing import atomic_file, write_array
 
 _CHUNK = 256
 _AXES = ("x", "y", "z")

@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer import __version__
-from gaussian_trimmer.atomic import atomic_file
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats import spz
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.half_turns import half_turn
 from gaussian_trimmer.formats.packing import linear_scales, log_scales_of
 from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, logit
-from gaussian_trimmer.reading import file_bytes
+from gaussian_trimmer.io.reading import file_bytes
+from gaussian_trimmer.io.writing import atomic_file
 
 EXTENSION = "KHR_gaussian_splatting"
 _SPZ = (f"{EXTENSION}_compression_spz", f"{EXTENSION}_compression_spz_2")

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
@@ -29,7 +28,8 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
-from gaussian_trimmer.reading import file_bytes
+from gaussian_trimmer.io.reading import file_bytes
+from gaussian_trimmer.io.writing import atomic_file, write_array
 
 _HEADER_SIZE, _SECTION_SIZE = 4096, 1024
 _FILE = struct.Struct("<BBxxIIIIHxx3fff")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, logit
-from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 
 ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12

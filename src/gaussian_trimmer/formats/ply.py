@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values, has_direction
 from gaussian_trimmer.formats.packing import ZERO_LOG_SCALE, with_finite_limits
 from gaussian_trimmer.formats.ply_table import Element, property_line, read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.reading import LARGEST
-from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.io.reading import LARGEST
+from gaussian_trimmer.io.writing import atomic_file, write_array
 
 _POSITION = ["x", "y", "z"]
 _NORMAL = ["nx", "ny", "nz"]

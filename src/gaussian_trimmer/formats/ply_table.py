@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import FloatArray
-from gaussian_trimmer.reading import read_into
+from gaussian_trimmer.io.reading import read_into
 
 _SCALAR_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats.checks import check_count, check_values
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
@@ -29,9 +28,10 @@ from gaussian_trimmer.formats.packing import (
 from gaussian_trimmer.formats.sog_meta import SogMeta, parse_meta
 from gaussian_trimmer.formats.webp import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.picture_headers import webp_size
-from gaussian_trimmer.reading import file_bytes, is_file, reading
-from gaussian_trimmer.zip_members import member_bytes, open_archive
+from gaussian_trimmer.io.archives import member_bytes, open_archive
+from gaussian_trimmer.io.images import webp_size
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.writing import atomic_file
 
 META = "meta.json"
 """What the file is called that says what the textures mean."""

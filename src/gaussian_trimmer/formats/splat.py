@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file, write_array
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
@@ -21,7 +20,8 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.reading import file_bytes
+from gaussian_trimmer.io.reading import file_bytes
+from gaussian_trimmer.io.writing import atomic_file, write_array
 
 ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("rotation", "u1", 4)])
 """One Gaussian: its centre, standard deviations, colour with opacity, and rotation (w, x, y, z)."""

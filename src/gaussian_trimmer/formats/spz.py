@@ -19,7 +19,6 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_count, check_values
 from gaussian_trimmer.formats.packing import (
@@ -31,7 +30,8 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
-from gaussian_trimmer.reading import file_bytes
+from gaussian_trimmer.io.reading import file_bytes
+from gaussian_trimmer.io.writing import atomic_file
 
 _HEADER = struct.Struct("<4sIIBBBB")
 _MAGIC = b"NGSP"

@@ -24,8 +24,8 @@ from gaussian_trimmer.formats.torch_structure import (
     TorchObject,
     parse_structure,
 )
-from gaussian_trimmer.reading import read_into
-from gaussian_trimmer.zip_members import member_bytes, open_archive
+from gaussian_trimmer.io.archives import member_bytes, open_archive
+from gaussian_trimmer.io.reading import read_into
 
 SUFFIXES = (".pt", ".pth")
 _MAX_PICKLE_BYTES = 1 << 20

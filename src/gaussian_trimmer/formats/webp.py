@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.formats.packing import ByteArray
-from gaussian_trimmer.picture_headers import decoded_picture
+from gaussian_trimmer.io.images import decoded_picture
 
 _LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import Float64Array, IntArray
+from gaussian_trimmer.geometry.compiling import CACHE
 
 _CELLS_ACROSS = 1 << 21
 """Cells along an axis that a key has room for."""

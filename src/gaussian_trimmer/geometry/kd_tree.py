@@ -6,8 +6,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.compiling import CACHE, KERNELS
 from gaussian_trimmer.gaussians import FloatArray, IntArray
+from gaussian_trimmer.geometry.compiling import CACHE, KERNELS
 
 _LEAF = 16
 _TOGETHER = 64  # Queries that share their scratch memory.

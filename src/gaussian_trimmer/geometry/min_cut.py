@@ -11,8 +11,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import BoolArray, IntArray
+from gaussian_trimmer.geometry.compiling import CACHE
 
 _STEPS = 1e6
 """Integer that the largest cost is scaled to: sums of integers are exact in any order."""

@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer import __version__, formats
-from gaussian_trimmer.atomic import atomic_file
+from gaussian_trimmer import formats
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.output.html.objects_page import write_objects_page
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.pictures import Picture, captioned, close_up, draw_cells, write_picture
 from gaussian_trimmer.output.report import LABEL_NAMES, dropped_of, in_original, labels_of
-from gaussian_trimmer.several_objects import ObjectsResult
+from gaussian_trimmer.trimming.several_objects import ObjectsResult
 
 _CELL = 240
 _OBJECTS_A_ROW = 2

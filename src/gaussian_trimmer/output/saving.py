@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.atomic import atomic_folder
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import IntArray
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.report import RESULTS, describe, result_files, write_results
 from gaussian_trimmer.result import TrimResult

@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, write_picture
 from gaussian_trimmer.rendering import Renderer

@@ -11,8 +11,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.limits import check_size
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
-from gaussian_trimmer.scene_limits import check_size
 from gaussian_trimmer.settings import Range, check_settings
 
 _NEAR = 0.01

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.compiling import KERNELS
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.geometry.compiling import KERNELS
 from gaussian_trimmer.rendering import gradient_kernels as kernels
 from gaussian_trimmer.rendering.numba_cpu import Projection, blend_view, lens_of, project_view, whole_tiles
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 from gaussian_trimmer.rendering import (
     LARGEST_SPREAD,
     LARGEST_VALUE,
@@ -31,7 +32,6 @@ from gaussian_trimmer.rendering import (
 )
 from gaussian_trimmer.rendering.gsplat_contributors import top_by_kernel, top_by_pairs
 from gaussian_trimmer.rendering.gsplat_projection import Projection
-from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 Method = TypeVar("Method", bound=Callable[..., Any])

@@ -18,8 +18,9 @@ import math
 import numba
 import numpy as np
 
-from gaussian_trimmer.compiling import CACHE
 from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 from gaussian_trimmer.rendering import (
     ALPHA_CAP,
     ALPHA_CUTOFF,
@@ -28,7 +29,6 @@ from gaussian_trimmer.rendering import (
     LOW_PASS_VARIANCE,
     TRANSMITTANCE_STOP,
 )
-from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 TILE = 16
 """Side of a tile in pixels."""

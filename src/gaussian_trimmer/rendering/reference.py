@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 from gaussian_trimmer.rendering import (
     ALPHA_CAP,
     ALPHA_CUTOFF,
@@ -24,7 +25,6 @@ from gaussian_trimmer.rendering import (
     TRANSMITTANCE_STOP,
     Rendering,
 )
-from gaussian_trimmer.scene_limits import LARGEST_LOG_SCALE
 
 Box = tuple[slice, slice]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
-from gaussian_trimmer.label_assignment import assign_labels
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.selection_files.label_assignment import assign_labels
 
 LabelArray = NDArray[np.uint8]
 Ids = NDArray[np.integer[Any]]

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer import __version__
-from gaussian_trimmer.atomic import atomic_file
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
 from gaussian_trimmer.cameras import Camera, unit_up
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, Viewpoint
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.reading import file_bytes, is_file
+from gaussian_trimmer.io.reading import file_bytes, is_file
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json
 from gaussian_trimmer.selecting.select import Selection
 

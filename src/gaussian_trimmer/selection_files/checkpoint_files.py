@@ -18,7 +18,7 @@ from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.torch_files import TorchFile
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.reading import is_file, reading
+from gaussian_trimmer.io.reading import is_file, reading
 
 PLAIN_LENGTH = 12
 EXTENDED_LENGTH = 13

@@ -14,7 +14,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.reading import LARGEST
+from gaussian_trimmer.io.reading import LARGEST
 from gaussian_trimmer.selection_files.object_ids import check_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.label_assignment import assign_labels
+from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.selection_files.object_ids import select_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.selection_file import SelectionFile

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.reading import file_bytes
-from gaussian_trimmer.zip_members import check_packing, open_archive
+from gaussian_trimmer.io.archives import check_packing, open_archive
+from gaussian_trimmer.io.reading import file_bytes
 
 _MAGIC = b"\x93NUMPY"
 _MAX_HEADER_BYTES = 1 << 16

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
 from gaussian_trimmer.output.html.document import asset, document, text
 from gaussian_trimmer.output.html.layers import OBJECT, REST, SCENE, SELECTION, small_camera
@@ -19,7 +19,7 @@ from gaussian_trimmer.output.html.tables import bars, table
 from gaussian_trimmer.output.html.turntable import Ring, addresses, draw_ring, turntable
 from gaussian_trimmer.output.pictures import draw_gaussians
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.several_objects import ObjectsResult, TrimmedObject
+from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
 
 MOST_OBJECTS = 24
 """Objects that a page shows, at most."""

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.output.html.changes import Change, coloured_changes, legend_of
 from gaussian_trimmer.output.html.comparison import Figure, comparison

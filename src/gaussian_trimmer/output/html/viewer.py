@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gaussian_trimmer.atomic import atomic_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW, rows_of
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
+from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
 from gaussian_trimmer.result import TrimResult
 

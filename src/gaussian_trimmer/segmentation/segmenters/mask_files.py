@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.picture_headers import decoded_picture, picture_header
-from gaussian_trimmer.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.images import decoded_picture, picture_header
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 from gaussian_trimmer.views import View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")

@@ -16,8 +16,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.picture_headers import decoded_picture, picture_header
-from gaussian_trimmer.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.images import decoded_picture, picture_header
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter, description_of
 from gaussian_trimmer.views import View

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from gaussian_trimmer.atomic.locks import is_part, new_part, remove_leftovers
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.atomic.locks import is_part, new_part, remove_leftovers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,8 +20,8 @@ from gaussian_trimmer.planning.outline_views import close_up_of, views_at_height
 from gaussian_trimmer.planning.virtual_cameras import small_views_around
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel
-from gaussian_trimmer.steps.boundary import Decomposition
-from gaussian_trimmer.steps.scope import Scope, support_plane_of
+from gaussian_trimmer.trimming.boundary import Decomposition
+from gaussian_trimmer.trimming.scope import Scope, support_plane_of
 from gaussian_trimmer.views import TrimmedView
 
 _HEIGHTS = (12.0, 45.0)

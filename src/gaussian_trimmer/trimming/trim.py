@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gaussian_trimmer.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import (
     AcceptanceConfig,
@@ -26,19 +25,20 @@ from gaussian_trimmer.config import (
     paper_config,
 )
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.plugin_checks import CheckedRenderer, CheckedSegmenter
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
-from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of, get_segmenter
 from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
-from gaussian_trimmer.steps.boundary import decompose
-from gaussian_trimmer.steps.finishing import Rows, assemble, clean, fill, refine_boundary, with_filled
-from gaussian_trimmer.steps.scope import plan_scope
+from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
+from gaussian_trimmer.trimming.boundary import decompose
+from gaussian_trimmer.trimming.finishing import Rows, assemble, clean, fill, refine_boundary, with_filled
+from gaussian_trimmer.trimming.plugin_checks import CheckedRenderer, CheckedSegmenter
+from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.views import TrimmedView
 
 __all__ = [

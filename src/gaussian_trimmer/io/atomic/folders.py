@@ -9,12 +9,20 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from gaussian_trimmer.atomic.files import sync_folder, sync_tree
-from gaussian_trimmer.atomic.locks import LOCK, discard, is_part, part_of, remove_if_dead, remove_leftovers, take_lock
-from gaussian_trimmer.atomic.manifest import earlier_files, write_manifest
-from gaussian_trimmer.atomic.swap import NEW, in_the_way, swap, undo
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.stop_signals import stop_signals_delayed
+from gaussian_trimmer.io.atomic.files import sync_folder, sync_tree
+from gaussian_trimmer.io.atomic.locks import (
+    LOCK,
+    discard,
+    is_part,
+    part_of,
+    remove_if_dead,
+    remove_leftovers,
+    take_lock,
+)
+from gaussian_trimmer.io.atomic.manifest import earlier_files, write_manifest
+from gaussian_trimmer.io.atomic.swap import NEW, in_the_way, swap, undo
+from gaussian_trimmer.io.stop_signals import stop_signals_delayed
 
 _ATTEMPTS, _PAUSE = 4, 0.05
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.reading import LARGEST
+from gaussian_trimmer.io.reading import LARGEST
 
 LARGEST_LOG_SCALE = 80.0
 """Greatest log scale of a scene; standard deviations a few thousand times larger are no float32."""

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.config import CONTEXT_RADIUS, TrimConfig, check_config
 from gaussian_trimmer.decomposition.ghosts import hidden_by_several
@@ -24,16 +23,17 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
-from gaussian_trimmer.pipeline import KnownUp, trim_checked
 from gaussian_trimmer.planning.diagnosis import doubts_about_up
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
-from gaussian_trimmer.plugin_checks import CheckedRenderer
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
-from gaussian_trimmer.scene_limits import check_magnitudes
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
-from gaussian_trimmer.steps.finishing import small_views
+from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
+from gaussian_trimmer.trimming.finishing import small_views
+from gaussian_trimmer.trimming.plugin_checks import CheckedRenderer
+from gaussian_trimmer.trimming.trim import KnownUp, trim_checked
 from gaussian_trimmer.views import TrimmedView
 
 _VOTERS = 8

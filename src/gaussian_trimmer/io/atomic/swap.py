@@ -14,10 +14,10 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from gaussian_trimmer.atomic.files import sync_file, sync_folder
-from gaussian_trimmer.atomic.locks import JOURNAL, empty
-from gaussian_trimmer.atomic.manifest import MANIFEST, files_in, has_plain_parents, is_inside
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.atomic.files import sync_file, sync_folder
+from gaussian_trimmer.io.atomic.locks import JOURNAL, empty
+from gaussian_trimmer.io.atomic.manifest import MANIFEST, files_in, has_plain_parents, is_inside
 
 NEW, OLD = "new", "old"
 """Folders in the part: results that have not come yet, and earlier ones that have gone."""

@@ -19,7 +19,7 @@ from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.virtual_cameras import small_views_from
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import OCCLUDER_DISTANCE
-from gaussian_trimmer.steps.scope import Scope, support_plane_of
+from gaussian_trimmer.trimming.scope import Scope, support_plane_of
 from gaussian_trimmer.views import TrimmedView
 
 _LOW = 8.0

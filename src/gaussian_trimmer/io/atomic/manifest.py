@@ -8,7 +8,7 @@ import stat
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from gaussian_trimmer import __version__
+from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError
 
 MANIFEST = "manifest.json"

@@ -1,0 +1,1 @@
+"""Reading within limits, and writing whole or not at all."""
