@@ -19,7 +19,8 @@ def pytest_configure(config):
     if is_worker(config) or not getattr(config.option, "numprocesses", None) or config.option.collectonly:
         return
     filling = [subprocess.Popen([sys.executable, TESTS / "fill_kernels.py", part]) for part in FILLS]
-    if any([process.wait() for process in filling]):
+    codes = [process.wait() for process in filling]
+    if any(codes):
         raise pytest.UsageError("The kernels could not be compiled; what went wrong stands above.")
 
 
