@@ -11,8 +11,7 @@ from command_line import run, save_ball
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.clip_iqa import CROPS, PAIRS, ClipScorer, boundary_boxes, cut_square, whole_box
-from gaussian_trimmer.evaluation.scoring import Judge, Shown
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.evaluation.scoring import Shown
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 SIDE = 30
@@ -118,12 +117,6 @@ def test_an_object_out_of_the_picture_has_no_looks(clip):
     assert ClipScorer(str(clip)).score(Shown(np.zeros((50, 50, 3), np.float32), blank), 0.5) == {}
 
 
-def test_judges_name_the_model_and_leave_it_out_in_the_scene(clip):
-    looks = ClipScorer(str(clip))
-    assert "tiny-clip" in Judge(get_renderer("numba"), looks=looks).describe()
-    assert "tiny-clip" not in Judge(get_renderer("numba"), occlusion="in-scene", looks=looks).describe()
-
-
 def test_on_the_command_line(clip, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save_ball(tmp_path)
@@ -132,8 +125,6 @@ def test_on_the_command_line(clip, tmp_path, monkeypatch, capsys):
     table = json.loads(capsys.readouterr().out)
     assert 0 < table["rows"][-1]["CLIP-IQA clear boundary (%)"] < 100
     assert any("tiny-clip" in note for note in table["notes"])
-    assert run("evaluate", *common, "--occlusion", "in-scene") == 2
-    assert "--occlusion alone" in capsys.readouterr().err
 
 
 def test_nvos_has_the_papers_table_of_looks(clip, tmp_path, capsys):

@@ -67,7 +67,7 @@ def test_a_mask_of_another_size_brings_the_camera_to_it(tmp_path):
     view = view_of(camera(), tmp_path / "m.png")
     assert (view.camera.width, view.camera.height) == (48, 32)
     np.testing.assert_allclose(view.camera.K, [[40, 0, 24], [0, 40, 16], [0, 0, 1]])
-    assert view.coverage.shape == (32, 48) and view.valid.all()
+    assert view.alone.coverage.shape == (32, 48) and view.alone.counted.all()
 
 
 def test_a_mask_of_another_shape_is_refused(tmp_path):
@@ -103,7 +103,7 @@ def test_ignored_pixels_do_not_count(tmp_path):
     other[:, :5] = 255
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other)
     _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")
-    np.testing.assert_array_equal(next(views).valid, other == 0)
+    np.testing.assert_array_equal(next(views).in_scene.counted, other == 0)
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other[:-1])
     _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")
     with pytest.raises(InputError, match="different sizes"):

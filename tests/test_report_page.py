@@ -229,30 +229,6 @@ def test_saving_in_python_writes_the_page_if_asked(result, tmp_path):
     assert "default-src 'none'" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")[:1000]
 
 
-def test_errors_are_mapped_where_there_is_truth(ball, monkeypatch):
-    monkeypatch.chdir(ball)
-    command = ["evaluate", "scene.ply", "rough.npy", "--masks", "masks", "--cameras", "cameras.json", "--quiet"]
-    with toy.one_thread():
-        assert run(*command, "--before", "rough.npy", "--images", "masks", "--output", "out", "--html") == 0
-        page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
-        check_stands_alone(page)
-        assert {a["data-layer"] for a, _ in page.all("img")} == {
-            "ground truth", "before", "after", "errors before", "errors after",
-        }  # fmt: skip
-        shares = [float(text.split("IoU")[1].split()[0]) for _, text in page.all("figcaption")]
-        assert len(shares) == 4
-        assert shares == sorted(shares), "the worst come first"
-        assert run(*command, "--output", "alone", "--html") == 0
-    page = Page((ball / "alone" / "report.html").read_text(encoding="utf-8"))
-    assert {a["data-layer"] for a, _ in page.all("img")} == {"ground truth", "object", "errors object"}
-
-
-def test_a_page_of_errors_needs_a_folder(ball, monkeypatch, capsys):
-    monkeypatch.chdir(ball)
-    assert run("evaluate", "scene.ply", "rough.npy", "--masks", "masks", "--cameras", "cameras.json", "--html") == 2
-    assert "--output DIR" in capsys.readouterr().err
-
-
 def test_several_objects_have_a_section_each(ball, capsys):
     scene, truth = toy.ball_on_floor()
     floor = ~truth & (np.abs(scene.means[:, 0] - 2) < 0.6) & (np.abs(scene.means[:, 1] - 2) < 0.6)

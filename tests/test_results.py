@@ -72,7 +72,7 @@ def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
     with pytest.raises(InputError, match="not the arrays of one"):
         read_result(folder, scene)
     (folder / "labels.npz").unlink()
-    with pytest.raises(InputError, match="no folder that"):
+    with pytest.raises(InputError, match="did not write the folder"):
         read_result(folder, scene)
 
 

@@ -30,14 +30,17 @@ PAIRS = {
 }
 """Metric -> the prompt that is wished for, and its opposite."""
 _OF_BOUNDARY = ("clip_clear", "clip_smooth")
+_LINK = {"clip_clear": "with", "clip_smooth": "with", "clip_complete": "of"}
+"""Word between "a photo" and the prompt."""
 CROPS = 8
 """Crops along the contour."""
-_SHARE = 1 / 3
+_CROP_SHARE = 1 / 3
 """Side of a crop, as a share of the longer side of the object's box."""
-_SMALLEST_CROP = 32
-_MARGIN = 0.1
-_MEAN, _STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-"""Colours that CLIP models are trained on."""
+_SMALLEST_CROP_PIXELS = 32
+_BOX_MARGIN = 0.1
+"""What is added to each side of the object's box, as a share of its longer side."""
+_CLIP_MEAN, _CLIP_STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+"""Mean and deviation of the colours that CLIP models are trained on."""
 
 
 class ClipScorer:
@@ -69,8 +72,7 @@ class ClipScorer:
         self.name = shown(Path(model).name if local else model)
         """Name of the model, for tables."""
         self._side = int(self._model.config.vision_config.image_size)
-        prompts = [f"A photo with a {prompt}." if "boundary" in prompt else f"A photo of a {prompt}."
-                   for pair in PAIRS.values() for prompt in pair]  # fmt: skip
+        prompts = [f"A photo {_LINK[name]} a {prompt}." for name, pair in PAIRS.items() for prompt in pair]
         self._prompts = tokenizer(prompts, padding=True, return_tensors="pt")
 
     def describe(self) -> str:
@@ -99,7 +101,7 @@ class ClipScorer:
         """Probability of the first prompt of each pair, (P, 3)."""
         side, torch = self._side, self._torch
         resized = [np.asarray(cv2.resize(p, (side, side), interpolation=_interpolation(p, side))) for p in pictures]
-        pixels = (np.stack(resized) - np.array(_MEAN, np.float32)) / np.array(_STD, np.float32)
+        pixels = (np.stack(resized) - np.array(_CLIP_MEAN, np.float32)) / np.array(_CLIP_STD, np.float32)
         with torch.inference_mode():
             logits = self._model(
                 pixel_values=torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2))), **self._prompts
@@ -111,8 +113,8 @@ class ClipScorer:
 def whole_box(mask: BoolArray) -> Box:
     """A square about a mask (H, W), a little wider; it may reach out of the picture."""
     x0, y0, x1, y1 = bounding_box(mask)
-    side = round((1 + 2 * _MARGIN) * max(x1 - x0, y1 - y0))
-    return _square((x0 + x1) // 2, (y0 + y1) // 2, max(side, _SMALLEST_CROP))
+    side = round((1 + 2 * _BOX_MARGIN) * max(x1 - x0, y1 - y0))
+    return _square((x0 + x1) // 2, (y0 + y1) // 2, max(side, _SMALLEST_CROP_PIXELS))
 
 
 def boundary_boxes(mask: BoolArray, n: int = CROPS) -> list[Box]:
@@ -120,7 +122,7 @@ def boundary_boxes(mask: BoolArray, n: int = CROPS) -> list[Box]:
     x0, y0, x1, y1 = bounding_box(mask)
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     points = np.concatenate([contour[:, 0] for contour in contours])
-    side = max(round(_SHARE * max(x1 - x0, y1 - y0)), _SMALLEST_CROP)
+    side = max(round(_CROP_SHARE * max(x1 - x0, y1 - y0)), _SMALLEST_CROP_PIXELS)
     return [_square(int(x), int(y), side) for x, y in points[[i * len(points) // n for i in range(n)]]]
 
 
@@ -137,8 +139,3 @@ def _square(x: int, y: int, side: int) -> Box:
 
 def _interpolation(picture: FloatArray, side: int) -> int:
     return cv2.INTER_AREA if picture.shape[0] > side else cv2.INTER_CUBIC
-
-
-def load_scorer(model: str) -> ClipScorer | None:
-    """A scorer of the model, or None if no model is named."""
-    return ClipScorer(model) if model else None

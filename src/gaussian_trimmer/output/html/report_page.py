@@ -34,8 +34,7 @@ _SECTIONS = (
 )  # fmt: skip
 _NO_TRUTH = (
     "Where the object is wrong cannot be said here: a trim does not know ground truth. Where there are masks of the "
-    "object, <code>gaussian-trimmer evaluate SCENE RESULT --masks DIR --cameras PATH --output DIR --html</code> draws "
-    "maps of errors."
+    "object, <code>gaussian-trimmer evaluate SCENE RESULT --masks DIR --cameras PATH</code> measures the trim."
 )
 
 

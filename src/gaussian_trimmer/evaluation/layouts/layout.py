@@ -1,17 +1,18 @@
-"""A task of a published data set: an object of a scene, and the pictures in which its mask is known."""
+"""What the layout of a published data set says: its tasks, which are objects with masks in some pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, shown
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-"""Endings of masks and photographs, in small letters."""
-_LISTED = 3
+"""Endings of masks and photographs, in lower case."""
+_N_EXAMPLES = 3
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,28 @@ class Published:
     method: str
     iou: float
     second: float | None
-    """Accuracy, or boundary IoU for LERF-Mask."""
+    """The layout's second metric."""
     trimmed_iou: float | None = None
     """IoU after GaussianTrimmer, as the paper reports it."""
     trimmed_second: float | None = None
     looks: tuple[tuple[float, float], ...] = ()
     """CLIP-IQA before and after trimming, in percent: clear boundary, smooth boundary, complete object."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A published data set."""
+
+    title: str
+    find_tasks: Callable[[Path], list[LayoutTask]]
+    """The tasks below a folder, by name; InputError if it has another layout, or a task lacks its target."""
+    expected: int
+    """Number of tasks that the published means are of."""
+    mean_by_scene: bool = False
+    """Whether means are taken over the means of scenes, not over tasks."""
+    second: Literal["accuracy", "boundary_iou"] = "accuracy"
+    """The metric that is published beside IoU."""
+    published: tuple[Published, ...] = ()
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -73,16 +90,18 @@ def camera_of(target: Target, cameras: Sequence[Camera], where: str) -> Camera:
     """The camera of a target's picture, by name; never by its number.
 
     Args:
-        where: what the cameras are of, for the message.
+        target: the picture.
+        cameras: all cameras of the scene.
+        where: where the cameras come from, for the message.
 
     Raises:
         InputError: no camera has the name, or several have it.
     """
     found = [camera for camera in cameras if target.view in (camera.name, Path(camera.name).stem)]
     if len(found) != 1:
-        examples = ", ".join(shown(camera.name) for camera in cameras[:_LISTED])
+        examples = ", ".join(shown(camera.name) for camera in cameras[:_N_EXAMPLES])
         raise InputError(
-            f"{len(found)} of the {len(cameras)} cameras of {where} are named '{shown(target.view)}', the picture that "
-            f"'{target.mask}' is of; the cameras are {examples} and so on, and one must have the target's name."
+            f"'{target.mask}' is a mask of '{shown(target.view)}', and {len(found)} of the {len(cameras)} cameras of "
+            f"{where} have that name; exactly one must. They are named {examples}, ..."
         )
     return found[0]
