@@ -51,20 +51,20 @@ def ring(size=120):
 
 def test_scores_are_probabilities_that_follow_the_picture(clip):
     scorer = ClipScorer(str(clip))
-    scores = scorer.score(ring(), 0.5)
+    scores = scorer.score(ring().rgb, ring().alpha, 0.5)
     assert list(scores) == list(PAIRS) and all(0 < value < 100 for value in scores.values())
-    assert scorer.score(ring(), 0.5) == scores
+    assert scorer.score(ring().rgb, ring().alpha, 0.5) == scores
     blue = Shown(ring().rgb[..., ::-1], ring().alpha)
-    assert all(abs(scorer.score(blue, 0.5)[name] - scores[name]) > 1e-3 for name in PAIRS)
+    assert all(abs(scorer.score(blue.rgb, blue.alpha, 0.5)[name] - scores[name]) > 1e-3 for name in PAIRS)
     assert "tiny-clip" in scorer.describe()
 
 
 def test_the_first_prompt_of_a_pair_is_the_one_wished_for(clip, monkeypatch):
-    scores = ClipScorer(str(clip)).score(ring(), 0.5)
+    scores = ClipScorer(str(clip)).score(ring().rgb, ring().alpha, 0.5)
     monkeypatch.setattr(
         "gaussian_trimmer.evaluation.clip_iqa.PAIRS", {name: pair[::-1] for name, pair in PAIRS.items()}
     )
-    turned = ClipScorer(str(clip)).score(ring(), 0.5)
+    turned = ClipScorer(str(clip)).score(ring().rgb, ring().alpha, 0.5)
     assert turned == pytest.approx({name: 100 - value for name, value in scores.items()}, abs=1e-3)
 
 
@@ -74,7 +74,7 @@ def test_the_model_gets_the_whole_object_and_crops_of_its_boundary(clip, monkeyp
     monkeypatch.setattr(
         scorer, "_probabilities", lambda pictures: seen.extend(pictures) or np.arange(27.0).reshape(9, 3) / 100
     )
-    scores = scorer.score(ring(), 0.5)
+    scores = scorer.score(ring().rgb, ring().alpha, 0.5)
     assert len(seen) == 1 + CROPS
     assert seen[0].shape == (83, 83, 3) and seen[0][0, 0].tolist() == [1, 1, 1]  # white where nothing is
     # Boundary scores are means over the crops, the object's is that of the whole picture.
@@ -114,7 +114,7 @@ def test_what_lies_outside_of_the_picture_is_white():
 
 def test_an_object_out_of_the_picture_has_no_looks(clip):
     blank = np.zeros((50, 50), np.float32)
-    assert ClipScorer(str(clip)).score(Shown(np.zeros((50, 50, 3), np.float32), blank), 0.5) == {}
+    assert ClipScorer(str(clip)).score(np.zeros((50, 50, 3), np.float32), blank, 0.5) == {}
 
 
 def test_on_the_command_line(clip, tmp_path, monkeypatch, capsys):

@@ -73,20 +73,27 @@ def read_mask(path: Path) -> FloatArray:
     Raises:
         InputError: the file cannot be read as a picture, or has more than 67 million pixels.
     """
-    data = _picture_bytes(path)
-    grey = _decoded(data, cv2.IMREAD_GRAYSCALE, path)
-    if data.startswith(_JPEG):
+    grey, is_jpeg = _decoded(path, cv2.IMREAD_GRAYSCALE)
+    if is_jpeg:
         return (grey > _HALF_GREY).astype(np.float32)
-    if grey.max() == 1:
-        return grey.astype(np.float32)
-    return grey.astype(np.float32) / np.float32(255)
+    return grey.astype(np.float32) / np.float32(1 if grey.max() == 1 else 255)
+
+
+def read_picture(path: Path) -> FloatArray:
+    """A picture in [0, 1], (H, W, 3).
+
+    Raises:
+        InputError: the file cannot be read as a picture, or has more than 67 million pixels.
+    """
+    bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
 
 def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     """A picture in [0, 1], brought to a size, (H, W, 3).
 
     Raises:
-        InputError: the file cannot be read as a picture, has more than 67 million pixels, or another shape.
+        InputError: as for `read_picture`, or the picture has another shape.
     """
     picture = read_picture(path)
     if not _same_shape(picture.shape[1] / picture.shape[0], width / height):
@@ -97,16 +104,6 @@ def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     if picture.shape[:2] != (height, width):
         picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
     return picture
-
-
-def read_picture(path: Path) -> FloatArray:
-    """A picture in [0, 1], (H, W, 3).
-
-    Raises:
-        InputError: the file cannot be read as a picture, or has more than 67 million pixels.
-    """
-    bgr = _decoded(_picture_bytes(path), cv2.IMREAD_COLOR, path)
-    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
 
 def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
@@ -173,14 +170,14 @@ def views_in(
     for folder in (images, ignored):
         if folder is not None and not folder.is_dir():
             raise InputError(f"There is no folder '{folder}'.")
-    return found, (_view(camera, masks, images, ignored) for camera in found)
 
+    def view(camera: Camera) -> TestView:
+        mask = find_mask(masks, camera)
+        assert mask is not None, "only cameras with a mask are asked for"
+        image = find_picture(images, camera) if images else None
+        return view_of(camera, mask, image, find_mask(ignored, camera) if ignored else None)
 
-def _view(camera: Camera, masks: Path, images: Path | None, ignored: Path | None) -> TestView:
-    mask = find_mask(masks, camera)
-    assert mask is not None, "only cameras with a mask are asked for"
-    image = find_picture(images, camera) if images is not None else None
-    return view_of(camera, mask, image, find_mask(ignored, camera) if ignored is not None else None)
+    return found, map(view, found)
 
 
 def find_picture(folder: Path, camera: Camera) -> Path:
@@ -201,20 +198,16 @@ def _same_shape(a: float, b: float) -> bool:
     return abs(a - b) <= _ASPECT_TOLERANCE * min(a, b)
 
 
-def _picture_bytes(path: Path) -> bytes:
+def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
+    """The pixels of a picture, and whether it is a JPEG."""
     with reading(path):
-        return file_bytes(path, _MAX_FILE_BYTES)
-
-
-def _decoded(data: bytes, mode: int, path: Path) -> NDArray[np.uint8]:
+        data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)
-    if header is None:
-        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    if header.width * header.height > _MAX_PIXELS or header.n_bytes > _MAX_FILE_BYTES:
+    if header and (header.width * header.height > _MAX_PIXELS or header.n_bytes > _MAX_FILE_BYTES):
         raise InputError(
             f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
         )
-    picture = decoded_picture(data, mode)
+    picture = decoded_picture(data, mode) if header else None
     if picture is None:
-        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    return np.asarray(picture, np.uint8)
+        raise InputError(f"'{path}' cannot be read as a picture; masks are best saved as PNG.")
+    return np.asarray(picture, np.uint8), data.startswith(_JPEG)

@@ -1,7 +1,7 @@
-"""Where a segmentation method has left its scenes, selections and cameras, task by task.
+"""The files of a segmentation method: its scenes, selections and cameras, task by task.
 
-A file is looked for by patterns below the method's folder, in which {scene} and {object} stand for the task's names.
-The first pattern that matches counts, and of several training iterations the last.
+A file is looked for by patterns below the method's folder; {scene} and {object} stand for the task's names. The first
+pattern that matches counts, and of several training iterations the last.
 """
 
 from __future__ import annotations

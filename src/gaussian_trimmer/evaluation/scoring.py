@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.evaluation import metrics
+from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
 from gaussian_trimmer.rendering import Renderer
@@ -64,18 +64,6 @@ class Shown:
     """The object's share of the whole scene's rendering, in [0, 1], (H, W); None if the background is not known."""
 
 
-class Looks(Protocol):
-    """Judges how an object looks."""
-
-    def describe(self) -> str:
-        """What judges, for tables."""
-        ...
-
-    def score(self, shown: Shown, threshold: float) -> Scores:
-        """Scores of an object that is rendered alone."""
-        ...
-
-
 @dataclass(frozen=True)
 class Judge:
     """The rules of a comparison with ground truth."""
@@ -83,17 +71,15 @@ class Judge:
     renderer: Renderer
     threshold: float = metrics.THRESHOLD
     """Opacity above which a rendered pixel belongs to the object."""
-    looks: Looks | None = None
+    looks: ClipScorer | None = None
     """Also judges how the object looks."""
 
     def describe(self) -> str:
         """The rules in words, for tables."""
-        rules = [
-            f"mask: alpha > {self.threshold:g}, ground truth > 0.5",
-            "object rendered alone, or in scene: its share of the whole rendering, where occlusion counts",
-            f"renderer: {self.renderer.name}",
-        ]
-        return "; ".join([*rules, *([self.looks.describe()] if self.looks else [])])
+        mask = f"mask: alpha > {self.threshold:g}, ground truth > 0.5"
+        occlusion = "object rendered alone, or in scene: its share of the whole rendering, where occlusion counts"
+        looks = f"; {self.looks.describe()}" if self.looks else ""
+        return f"{mask}; {occlusion}; renderer: {self.renderer.name}{looks}"
 
     def show(self, cut: Cut, camera: Camera) -> Shown:
         """Render the object, alone and in its scene."""
@@ -113,11 +99,10 @@ class Judge:
             in_scene = self._silhouette_scores(shown.share, view.in_scene)
             scores |= {name + RULES["in scene"]: value for name, value in in_scene.items()}
         if view.image is not None:
-            coverage, counted = view.alone.coverage, view.picture_counted
-            psnr = metrics.extraction_psnr(shown.rgb, view.image, coverage, valid=counted)
+            psnr = metrics.extraction_psnr(shown.rgb, view.image, view.alone.coverage, valid=view.picture_counted)
             scores["psnr"] = min(psnr, HIGHEST_PSNR)
         if self.looks is not None:
-            scores |= self.looks.score(shown, self.threshold)
+            scores |= self.looks.score(shown.rgb, shown.alpha, self.threshold)
         return scores
 
     def fidelity(self, cut: Cut, camera: Camera, untouched: FloatArray) -> Scores:
@@ -136,7 +121,7 @@ class Judge:
         return {
             "iou": 100 * metrics.foreground_iou(*compared, self.threshold),
             "accuracy": 100 * metrics.pixel_accuracy(*compared, self.threshold),
-            "boundary_iou": 100 * metrics.boundary_iou(*compared, threshold=self.threshold),
+            "boundary_iou": 100 * metrics.boundary_iou(*compared, self.threshold),
         }
 
 
