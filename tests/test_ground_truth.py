@@ -29,9 +29,10 @@ def square(width=WIDTH, height=HEIGHT, value=255):
     return mask
 
 
-def test_grey_values_are_coverage(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), square(value=51))
-    assert read_mask(tmp_path / "a.png").max() == pytest.approx(0.2)
+@pytest.mark.parametrize(("grey", "coverage"), [(51, 0.2), (255, 1), (1, 1)])
+def test_grey_values_are_coverage_and_zeros_and_ones_labels(tmp_path, grey, coverage):
+    cv2.imwrite(str(tmp_path / "a.png"), square(value=grey))
+    np.testing.assert_allclose(read_mask(tmp_path / "a.png"), coverage * (square() > 0), rtol=1e-6)
 
 
 def test_a_jpeg_is_cut_at_one_half(tmp_path):
@@ -41,11 +42,6 @@ def test_a_jpeg_is_cut_at_one_half(tmp_path):
     mask = read_mask(tmp_path / "a.jpg")
     assert set(np.unique(mask)) == {0, 1}
     np.testing.assert_array_equal(mask, square() / 255)
-
-
-def test_zeros_and_ones_are_labels(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), square(value=1))
-    np.testing.assert_array_equal(read_mask(tmp_path / "a.png"), square(value=1))
 
 
 def test_what_is_no_picture_is_refused(tmp_path):
@@ -87,22 +83,16 @@ def test_photographs_are_brought_to_the_size_of_the_mask(tmp_path):
         read_photograph(tmp_path / "p.png", 24, 24)
 
 
-def test_masks_bind_to_cameras_by_name(tmp_path):
-    cameras = [camera("IMG_1.JPG"), camera("IMG_7.JPG"), camera("IMG_9.JPG")]
-    cv2.imwrite(str(tmp_path / "IMG_7.png"), square())
-    found, views = views_in(cameras, tmp_path)
-    assert [c.name for c in found] == ["IMG_7.JPG"]
-    assert [view.camera.name for view in views] == ["IMG_7.JPG"]
-
-
-def test_ignored_pixels_do_not_count(tmp_path):
+def test_masks_bind_to_cameras_by_name_and_ignored_pixels_do_not_count(tmp_path):
     for folder in ("masks", "others"):
         (tmp_path / folder).mkdir()
     cv2.imwrite(str(tmp_path / "masks" / "IMG_7.png"), square())
     other = np.zeros((HEIGHT, WIDTH), np.uint8)
     other[:, :5] = 255
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other)
-    _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")
+    cameras = [camera("IMG_1.JPG"), camera(), camera("IMG_9.JPG")]
+    found, views = views_in(cameras, tmp_path / "masks", ignored=tmp_path / "others")
+    assert [c.name for c in found] == ["IMG_7.JPG"]
     np.testing.assert_array_equal(next(views).in_scene.counted, other == 0)
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other[:-1])
     _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")

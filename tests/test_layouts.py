@@ -65,12 +65,6 @@ def test_lerf_mask_folders_may_be_named_like_pictures(tmp_path):
         LAYOUTS["lerf-mask"].find_tasks(tmp_path)
 
 
-def test_spin_nerf_passes_over_what_lies_beside_the_masks(tmp_path):
-    dataset_layouts.save_spin_nerf(tmp_path / "spin", tmp_path / "method")
-    (task,) = LAYOUTS["spin-nerf"].find_tasks(tmp_path / "spin")
-    assert task.name == "lego" and [target.view for target in task.targets] == ["image001", "image002"]
-
-
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_a_folder_of_another_layout_is_refused(tmp_path, name):
     with pytest.raises(InputError, match="give the folder"):
