@@ -7,16 +7,13 @@ Folders are searched in this order: the one that the environment variable GAUSSI
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 import pytest
+from benchmark_scenes import BenchmarkScene, find_scenes, open_scene
 
 VARIABLE = "GAUSSIAN_TRIMMER_BENCHMARKS"
 _PROJECT = Path(__file__).parents[1]
-sys.path.append(str(_PROJECT / "benchmarks"))  # the scripts import each other by name
-
-from benchmark_scenes import BenchmarkScene, find_scenes, open_scene  # noqa: E402
 
 OWN = _PROJECT / "benchmarks" / "data"
 """The scenes that the project itself has."""
