@@ -196,7 +196,7 @@ def _decoded(data: bytes, mode: int, path: Path) -> NDArray[np.uint8]:
     header = picture_header(data)
     if header is None:
         raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    if header.width * header.height > _MAX_PIXELS or header.n_bytes > _MAX_FILE_BYTES:
+    if header.n_pixels > _MAX_PIXELS:
         raise InputError(
             f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
         )
