@@ -100,14 +100,14 @@ class TestNewFolders:
     @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a file system that takes no files")
     @pytest.mark.parametrize("place", ["/proc/results", "/proc/self"])
     def test_file_systems_that_take_no_files_are_named(self, place):
-        refused(Path(place), f"Cannot write to '{place}'", overwrite=True)
+        refused(Path(place), f"Cannot write to '{place}'.*choose another folder", overwrite=True)
 
     @pytest.mark.skipif(os.name != "posix", reason="elsewhere the working directory cannot be removed")
     def test_a_deleted_working_directory_is_named(self, tmp_path, monkeypatch):
         (tmp_path / "gone").mkdir()
         monkeypatch.chdir(tmp_path / "gone")
         (tmp_path / "gone").rmdir()
-        refused(Path("out"), "Cannot write to 'out'")
+        refused(Path("out"), "Cannot write to 'out'.*choose another folder")
 
 
 class TestOverwriting:

@@ -18,7 +18,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 
 _MAX_FILE_BYTES = 1 << 28
@@ -175,8 +175,9 @@ def find_picture(folder: Path, camera: Camera) -> Path:
     Raises:
         InputError: there is none, or several.
     """
-    if camera.name and (folder / camera.name).is_file():
-        return folder / camera.name
+    named = path_inside(folder, camera.name)
+    if named is not None and is_file(named):
+        return named
     found = find_mask(folder, camera)
     if found is None:
         raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}'.")

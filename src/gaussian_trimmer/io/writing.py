@@ -105,7 +105,7 @@ def atomic_folder(
                     _refuse_inputs(target, earlier, inputs)
                     (target / _NEW).mkdir(parents=True)
                 yield target / _NEW
-                with _os_errors_reported(folder):
+                with _os_errors_reported(folder, "what was there is unchanged"):
                     write_manifest(target / _NEW, kind)
                     _swap(target, earlier_results(target, kind) if overwrite else [])
             finally:
@@ -130,14 +130,12 @@ def remove_leftovers(folder: Path) -> None:
 
 
 @contextmanager
-def _os_errors_reported(folder: Path) -> Iterator[None]:
+def _os_errors_reported(folder: Path, cure: str = "choose another folder") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        place = f" ('{error.filename}')" if error.filename else ""
-        raise InputError(
-            f"Cannot write to '{folder}': {error.strerror or error}{place}; what was there is unchanged."
-        ) from error
+        place = f" '{error.filename}'" if error.filename and Path(error.filename) != folder else ""
+        raise InputError(f"Cannot write to '{folder}': {error.strerror or error}{place}; {cure}.") from error
 
 
 def _missing_folders(target: Path, shown: Path) -> list[Path]:
