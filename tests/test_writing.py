@@ -253,34 +253,6 @@ class TestFailedSwaps:
             remove_leftovers(folder)
             assert contents(folder) == OLD
 
-    def test_a_file_that_came_in_place_of_one_that_was_moved_is_kept(self, tmp_path, fail_at, monkeypatch):
-        write(tmp_path, OLD)
-        fail_at(6, PermissionError(13, "Permission denied"), lasting=True)
-        with pytest.raises(InputError, match="cannot be moved back"):
-            write(tmp_path, NEW)
-        monkeypatch.undo()
-        fill(tmp_path, {"object.splat": "by hand"})
-        with pytest.raises(InputError, match="another file has come"):
-            write(tmp_path, NEW)
-        assert (tmp_path / "object.splat").read_text() == "by hand"
-        (tmp_path / "object.splat").unlink()
-        write(tmp_path, NEW)
-        assert contents(tmp_path) == NEW
-
-    def test_a_full_disk_before_the_swap_leaves_the_earlier_results(self, tmp_path, monkeypatch):
-        write(tmp_path, OLD)
-
-        def full(*_, **__):
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        with (
-            pytest.raises(InputError, match="No space left"),
-            atomic_folder(tmp_path, "test", overwrite=True) as results,
-        ):
-            fill(results, NEW)
-            monkeypatch.setattr(Path, "write_text", full)  # of the manifest
-        assert contents(tmp_path) == OLD
-
 
 class TestOtherRuns:
     @pytest.mark.parametrize("earlier", [{}, OLD])

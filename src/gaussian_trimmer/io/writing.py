@@ -134,7 +134,7 @@ def _os_errors_reported(folder: Path, cure: str = "choose another folder") -> It
     try:
         yield
     except OSError as error:
-        place = f" '{error.filename}'" if error.filename and Path(error.filename) != folder else ""
+        place = f" '{error.filename}'" if error.filename and str(error.filename) != str(folder) else ""
         raise InputError(f"Cannot write to '{folder}': {error.strerror or error}{place}; {cure}.") from error
 
 
@@ -201,14 +201,20 @@ def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str
 
 
 def _refuse_inputs(target: Path, earlier: Iterable[str], inputs: Iterable[Path]) -> None:
-    replaced = [(target / name).stat() for name in earlier]
+    replaced = {_identity(target / name) for name in earlier}
     for given in inputs:
         for path in given.iterdir() if given.is_dir() else [given]:
-            if path.is_file() and any(os.path.samestat(path.stat(), result) for result in replaced):
+            if path.is_file() and _identity(path) in replaced:
                 raise InputError(
                     f"'{path}' is an input of this run and belongs to the earlier results in '{target}' that would be "
                     "replaced; choose another output folder."
                 )
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """What tells a file from others, whichever of its names or links leads to it."""
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def _swap(target: Path, earlier: Sequence[str]) -> None:
