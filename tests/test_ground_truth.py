@@ -1,5 +1,7 @@
 """Masks and photographs of held-out views, as people have them."""
 
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -53,6 +55,7 @@ def test_what_is_no_picture_is_refused(tmp_path):
 def test_a_picture_that_claims_to_be_huge_is_refused_before_it_is_decoded(tmp_path):
     _, data = cv2.imencode(".png", np.zeros((8, 8), np.uint8))
     data[16:24] = np.array([60000, 60000], ">u4").view(np.uint8)
+    data[29:33] = np.array([zlib.crc32(data[12:29])], ">u4").view(np.uint8)
     (tmp_path / "a.png").write_bytes(data.tobytes())
     with pytest.raises(InputError, match="60000 x 60000"):
         read_mask(tmp_path / "a.png")

@@ -15,8 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.io.atomic.locks import remove_leftovers
-from gaussian_trimmer.io.writing import atomic_file, atomic_folder
+from gaussian_trimmer.io.writing import atomic_file, atomic_folder, remove_leftovers
 from gaussian_trimmer.output.report import RESULTS, result_files
 
 ITEM, MANIFEST, REPORT = "item.json", "manifest.json", "report.json"
@@ -114,11 +113,8 @@ class FolderStore:
 
     def clean(self, name: str) -> None:
         """As in `Store`."""
-        for place in (self.root / "items" / name).parents:
-            if place.is_dir():
-                remove_leftovers(place)
-            if place == self.root:
-                break
+        for place in (self.root / "items" / name, self.root / "items", self.root):
+            remove_leftovers(place)
 
     def write(self, name: str, text: str) -> None:
         """As in `Store`."""

@@ -21,7 +21,7 @@ from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim import Loaded, Trim, TrimSettings
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.atomic.manifest import MANIFEST
+from gaussian_trimmer.io.manifest import MANIFEST
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up

@@ -18,7 +18,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 
 _MAX_FILE_BYTES = 1 << 28
@@ -186,8 +186,9 @@ def find_picture(folder: Path, camera: Camera) -> Path:
     Raises:
         InputError: there is none, or several.
     """
-    if camera.name and (folder / camera.name).is_file():
-        return folder / camera.name
+    named = path_inside(folder, camera.name)
+    if named is not None and is_file(named):
+        return named
     found = find_mask(folder, camera)
     if found is None:
         raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}'.")
@@ -203,7 +204,9 @@ def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)
-    if header and (header.width * header.height > _MAX_PIXELS or header.n_bytes > _MAX_FILE_BYTES):
+    if header is None:
+        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+    if header.n_pixels > _MAX_PIXELS:
         raise InputError(
             f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
         )
