@@ -229,7 +229,7 @@ class TestMemory:
     def test_arrays_of_an_archive_have_one_limit(self, tmp_path):
         array = npy(shape("(30000000,)"), bytes(30_000_000))
         path = save(tmp_path / "a.npz", zipped({f"{i}.npy": array for i in range(4)}, zipfile.ZIP_DEFLATED))
-        with memory_below(100e6), pytest.raises(InputError, match="too many to be true"):
+        with memory_below(100e6), pytest.raises(InputError, match="too many for a selection"):
             load_selection(path, SCENE)
         assert "30000000" in describe_file(path)  # without a scene the limit is another
 
@@ -350,14 +350,11 @@ class TestSmallFilesThatBrokeReaders:
             load_selection(path, SCENE)
 
     @pytest.mark.parametrize("version", [1, 2, 3])
-    @pytest.mark.parametrize("text", ["(12,)", "(12)", "( 12 , )", "(12L,)", "(12, 1)"])
+    @pytest.mark.parametrize("text", ["(12,)", "( 12 , )", "(12, 1)"])
     def test_headers_that_others_write(self, version, text, tmp_path):
         header = shape(text).replace("'", '"') if version == 2 else shape(text)
         path = save(tmp_path / "a.npy", npy(header, rows_mask(N, 3).tobytes(), version))
-        if text == "(12)":  # a number in brackets, no tuple; NumPy refuses it too
-            assert open_selection(path).arrays[""].shape == (12,)
-        else:
-            assert np.flatnonzero(load_selection(path, SCENE)).tolist() == [3]
+        assert np.flatnonzero(load_selection(path, SCENE)).tolist() == [3]
 
     def test_orders_and_types_of_arrays(self, tmp_path):
         for values in (np.arange(24).reshape(4, 6).T, np.arange(6, dtype=">u2"), np.float16([1, 2]), np.zeros((0, 3))):

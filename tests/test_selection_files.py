@@ -191,7 +191,7 @@ def test_unknown_names(tmp_path):
 class TestHostileFiles:
     def test_pickled_objects(self, tmp_path):
         np.save(tmp_path / "m.npy", np.array([{"a": 1}] * N), allow_pickle=True)
-        with pytest.raises(InputError, match="without pickled objects"):
+        with pytest.raises(InputError, match=r"type \|O; booleans or numbers are needed"):
             select(tmp_path / "m.npy")
         np.savez(tmp_path / "m.npz", mask=np.array([{"a": 1}] * N))
         with pytest.raises(InputError, match="no array of numbers"):
