@@ -339,7 +339,7 @@ class TestSmallFilesThatBrokeReaders:
         [
             shape("(40"), shape("(" + "-" * 3000 + "1,)"), shape("(99999999999999999999,)"), shape("(40, -1)"),
             shape("(True,)"), shape("(" + "[" * 900 + "]" * 900 + ")"), shape("(0, 999999999999999, 999999999999999)"),
-            shape("(1" + ", 1" * 40 + ")"), shape("(²,)"), shape("(1,,2)"), shape("40"), shape("(40,)", "|b8"),
+            shape("(²,)"), shape("(1,,2)"), shape("40"), shape("(40,)", "|b8"),
             shape("(40,)", "<i3"), shape("(40,)", "x"), shape("(40,)") * 2, "", "{", "{'descr': '|b1'}", "[" * 5000,
         ],
     )  # fmt: skip
@@ -410,7 +410,7 @@ class TestSmallFilesThatBrokeReaders:
         header = struct.pack("<BBxxIIIIHxx3f2f", 0, 1, 1, 1, 1, 1, 2, 0, 0, 0, least, 3e38).ljust(4096, b"\0")
         section = struct.pack("<IIIIfHxxIIIIH", 1, 1, 4, 1, 5.0, 12, 32767, 0, 0, 1, 1).ljust(1024, b"\0")
         path = save(tmp_path / "a.ksplat", header + section + struct.pack("<I3f", 1, 0, 0, 0) + row)
-        with pytest.raises(InputError, match=r"infinite sh_rest|sh_rest of"):
+        with pytest.raises(InputError, match="sh_rest that cannot be used"):
             formats.read(path)
 
     def test_a_picture_that_claims_more_than_can_be(self, tmp_path):
@@ -445,13 +445,13 @@ class TestExtremeValues:
     @pytest.mark.parametrize(
         ("name", "value", "message"),
         [
-            ("means", 1e19, r"means of 1e\+19, first in row 7"),
-            ("means", -1e30, r"means of -1e\+30, first in row 7"),
-            ("log_scales", 81.0, "log_scales of 81, first in row 7"),
-            ("quaternions", 1e-30, "quaternion of length 2e-30 in row 7"),
-            ("quaternions", 1e20, r"quaternion of length 2e\+20 in row 7"),
-            ("sh_dc", 1e30, r"sh_dc of 1e\+30, first in row 7"),
-            ("sh_rest", -1e30, r"sh_rest of -1e\+30, first in row 7"),
+            ("means", 1e19, r"means .* row 7 \(1e\+19, "),
+            ("means", -1e30, r"means .* row 7 \(-1e\+30, "),
+            ("log_scales", 81.0, r"log_scales .* row 7 \(81, "),
+            ("quaternions", 1e-30, r"quaternions .* row 7 \(1e-30, "),
+            ("quaternions", 1e20, r"quaternions .* row 7 \(1e\+20, "),
+            ("sh_dc", 1e30, r"sh_dc .* row 7 \(1e\+30, "),
+            ("sh_rest", -1e30, r"sh_rest .* row 7 \(-1e\+30, "),
         ],
     )
     @pytest.mark.parametrize("kind", ["float", "double", "ascii"])
@@ -487,7 +487,7 @@ class TestExtremeValues:
             if name == "opacity_logits" and bits in (0xFFF0000000000000, 0x7FEFFFFFFFFFFFFF):
                 assert abs(formats.read(path).opacities[7] - (bits == 0x7FEFFFFFFFFFFFFF)) < 1e-6
             else:
-                with pytest.raises(InputError, match=f"infinite {name}, first in row 7"):
+                with pytest.raises(InputError, match=f"have {name} that cannot be used, the first in row 7"):
                     formats.read(path)
 
     def test_scales_of_zero_and_opacities_of_any_size_are_right(self, tmp_path):
@@ -512,7 +512,7 @@ class TestExtremeValues:
     def test_centres_in_other_formats(self, ending, tmp_path):
         gaussians = sample(40, 0)
         formats.write(gaussians.replace(means=gaussians.means * np.float32(1e30)), tmp_path / f"a{ending}")
-        with pytest.raises(InputError, match=r"means of .*e\+3\d, first in row"):
+        with pytest.raises(InputError, match=r"means that cannot be used, the first in row 0 \(.*e\+[23]\d, "):
             formats.read(tmp_path / f"a{ending}")
 
     @pytest.mark.parametrize(

@@ -194,7 +194,7 @@ def test_values_that_are_not_finite_are_refused(tmp_path: Path, name: str, value
     array = getattr(gaussians, name).copy()
     array[8000] = value
     ply.write(gaussians.replace(**{name: array}), tmp_path / "a.ply")
-    with pytest.raises(InputError, match=f"NaN or infinite {name}, first in row 8000"):
+    with pytest.raises(InputError, match=f"have {name} that cannot be used, the first in row 8000"):
         ply.read(tmp_path / "a.ply")
 
 
@@ -209,7 +209,7 @@ def test_quaternion_of_length_zero_is_refused(tmp_path: Path) -> None:
     quaternions = gaussians.quaternions.copy()
     quaternions[4500] = 0
     ply.write(gaussians.replace(quaternions=quaternions), tmp_path / "a.ply")
-    with pytest.raises(InputError, match="length zero in row 4500"):
+    with pytest.raises(InputError, match=r"row 4500 \(0, 0, 0, 0\)"):
         ply.read(tmp_path / "a.ply")
 
 
@@ -244,7 +244,7 @@ PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
         (ASCII.format(count=1, properties=PROPERTIES).encode(), "0 rows"),
         (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1 2 3" * 9, "damaged"),
         (ASCII.format(count=1, properties=PROPERTIES).encode() + b"x " * 14, "damaged"),
-        (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1e99 " * 14, "infinite means"),
+        (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1e99 " * 14, "means that cannot be used"),
     ],
 )  # fmt: skip
 def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:

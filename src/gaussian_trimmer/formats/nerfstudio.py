@@ -15,7 +15,7 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
-from gaussian_trimmer.formats.packing import sh_dc_of
+from gaussian_trimmer.formats.packing import sh_dc_of, with_finite_limits
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, sigmoid
 
 _ATTRIBUTES = ("means", "scales", "quats", "features_dc", "features_rest", "opacities")
@@ -54,6 +54,7 @@ def read(path: Path) -> Gaussians:
         )
     except ValueError as error:
         raise _foreign(path, str(error)) from error
+    gaussians = with_finite_limits(gaussians)
     check_values(gaussians, path)
     return gaussians
 

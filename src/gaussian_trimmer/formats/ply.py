@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values, has_direction
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import ZERO_LOG_SCALE, with_finite_limits
 from gaussian_trimmer.formats.ply_table import Element, property_line, read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE, has_direction
 from gaussian_trimmer.io.reading import LARGEST
 from gaussian_trimmer.io.writing import atomic_file, write_array
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
+from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.formats.torch_files import TorchFile
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, reading
@@ -83,6 +84,7 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: {error}") from error
     if n == 0:
         raise InputError(f"'{path}' holds zero Gaussians.")
+    gaussians = with_finite_limits(gaussians)
     check_values(gaussians, path)
     if extra and (extra[0].ndim == 0 or len(extra[0]) != n):
         raise InputError(f"'{path}' has an entry of shape {extra[0].shape} at place 7; {n} rows are needed.")
