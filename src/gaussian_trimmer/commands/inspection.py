@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
-from gaussian_trimmer.formats.losses import losses
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
@@ -63,7 +62,7 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     elif name.endswith(SUFFIXES):
         lines = describe_selection(open_selection(path))
     else:
-        known = ", ".join((*formats.FORMATS, *SUFFIXES, ".json"))
+        known = ", ".join((*formats.FORMATS, *SUFFIXES))
         raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
@@ -91,9 +90,9 @@ def describe_splats(path: Path) -> Iterator[str]:
     gaussians = formats.read(path)
     yield from describe_gaussians(gaussians)
     own = formats.format_suffix(path)
-    for suffix, lost in losses(gaussians).items():
+    for suffix, other in formats.FORMATS.items():
         if suffix != own:
-            yield f"as {suffix}: {lost or 'loses nothing'}"
+            yield f"as {suffix}: {other.loses or 'loses nothing'}"
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:

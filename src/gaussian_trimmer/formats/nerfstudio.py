@@ -33,8 +33,7 @@ def read(path: Path) -> Gaussians:
     file = torch_files.load(path)
     tensors = _gaussian_tensors(file.value, path)
     arrays = torch_files.as_arrays(file, tensors)
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found below
-        values = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+    values = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
     n, rest = len(values["means"]) if values["means"].ndim else 0, values["features_rest"]
     if n == 0:
         raise InputError(f"'{path}' holds zero Gaussians.")

@@ -169,8 +169,7 @@ def _block(columns: dict[str, NDArray[Any]], names: list[str]) -> FloatArray:
         if offsets == [offsets[0] + 4 * i for i in range(len(names))]:
             view: FloatArray = parent[:, offsets[0] // 4 : offsets[0] // 4 + len(names)]
             return view
-    with np.errstate(over="ignore", invalid="ignore"):  # what is beyond float32 becomes infinite and is found later
-        return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
+    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
 def _rows(gaussians: Gaussians, row_type: np.dtype[Any], n_float: int) -> NDArray[Any]:
