@@ -379,20 +379,6 @@ class TestSmallFilesThatBrokeReaders:
         with pytest.raises(InputError, match="no NumPy array"):
             load_selection((tmp_path / "a.npz").rename(tmp_path / "a.npy"), SCENE)
 
-    @pytest.mark.parametrize("files", [[["quats.webp"]], [{"a": 1}], [None], {"quats.webp": 1}, 7])
-    def test_names_of_textures_that_are_no_text(self, files, tmp_path):
-        formats.write(sample(40, 0), tmp_path / "a.sog")
-        with zipfile.ZipFile(tmp_path / "a.sog") as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        meta = json.loads(members["meta.json"])
-        meta["quats"]["files"] = files
-        save(tmp_path / "a.sog", zipped({**members, "meta.json": json.dumps(meta).encode()}))
-        if isinstance(files, dict):
-            assert len(formats.read(tmp_path / "a.sog")) == 40
-        else:
-            with pytest.raises(InputError, match="not that of a SOG"):
-                formats.read(tmp_path / "a.sog")
-
     def test_sections_of_a_ksplat_that_are_empty(self, tmp_path):
         """Viewers reserve sections that they do not fill."""
         formats.write(sample(3, 1), tmp_path / "a.ksplat")
