@@ -90,7 +90,10 @@ def compressed(document, how, entry):
         (lambda d: d["bufferViews"][0].update(byteStride=0), "its POSITION is"),
         (lambda d: d["bufferViews"][0].update(byteOffset=10**11), "its POSITION is"),
         (lambda d: d["accessors"][2].update(count=4), "has 4 values for 5"),
-        (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("KHR_gaussian_splatting:SCALE"), "its KHR_gaussian_splatting:SCALE is missing"),
+        (
+            lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("KHR_gaussian_splatting:SCALE"),
+            "SCALE is missing",
+        ),
         (lambda d: d["meshes"][0]["primitives"][0].pop("attributes"), "has no attributes"),
         (lambda d: compressed(d, "spz", {"bufferView": 99}), "its .spz is missing"),
         (lambda d: compressed(d, "spz_2", {}), "its .spz is missing"),

@@ -33,7 +33,7 @@ from gaussian_trimmer.io.archives import member_bytes, open_archive
 from gaussian_trimmer.io.reading import file_bytes, reading
 from gaussian_trimmer.segmentation.segmenters import mask_files
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask, ids_of, mask_of
-from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection, number_lists, selection_file
 from gaussian_trimmer.selection_files.selection_file import open_selection
 
 N = 12
@@ -240,14 +240,14 @@ class TestMemory:
                 load_selection(save(tmp_path / name, data), SCENE)
 
     def test_text_is_read_in_pieces(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(selection_file, "_TEXT_BYTES_AT_ONCE", 1 << 14)
+        monkeypatch.setattr(number_lists, "_TEXT_BYTES_AT_ONCE", 1 << 14)
         path = save(tmp_path / "a.txt", b"11 " * 100_000)
         with memory_below(5e6), pytest.raises(InputError, match="some of them equal"):
             load_selection(path, SCENE)  # twenty times its size, if it were split at once
 
     @pytest.mark.parametrize("gap", [b" ", b"\n", b",", b", \r\n"])
     def test_pieces_of_a_text_meet_between_numbers(self, gap, tmp_path, monkeypatch):
-        monkeypatch.setattr(selection_file, "_TEXT_BYTES_AT_ONCE", 7)
+        monkeypatch.setattr(number_lists, "_TEXT_BYTES_AT_ONCE", 7)
         rows = [100_000 + i for i in range(50)]
         path = save(tmp_path / "a.txt", gap.join(str(row).encode() for row in rows) + b" # 5 6\n" + gap)
         assert open_selection(path).arrays[""].tolist() == rows

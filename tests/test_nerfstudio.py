@@ -85,7 +85,7 @@ def test_a_folder_means_its_latest_checkpoint_unless_it_holds_an_export(
 
 def test_checkpoints_are_not_written(tmp_path: Path) -> None:
     assert formats.written_suffix("step-000029999.ckpt") == ".ply"
-    with pytest.raises(InputError, match="cannot be written: give it one of the endings .ply"):
+    with pytest.raises(InputError, match=r"cannot be written: give it one of the endings \.ply"):
         formats.write(sample(3, 0), tmp_path / "a.ckpt")
 
 

@@ -258,7 +258,7 @@ class TestUnbundled:
             for name in ATTRIBUTES:
                 np.testing.assert_array_equal(getattr(found, name), getattr(bundled, name))
         assert formats.written_suffix(folder / "meta.json") == ".sog"
-        with pytest.raises(InputError, match="cannot be written: give it one of the endings .ply"):
+        with pytest.raises(InputError, match=r"cannot be written: give it one of the endings \.ply"):
             formats.write(bundled, folder / "meta.json")
 
     def test_missing_and_foreign_textures_are_refused(self, tmp_path: Path) -> None:

@@ -131,7 +131,7 @@ def test_what_is_refused(tmp_path, value, message):
 
 
 PAIRS = b")q\0" + b"".join(b"h" + bytes([i, ord("h"), i]) + b"\x86q" + bytes([i + 1]) for i in range(60))
-"""A tuple of two references to a tuple of two references to ...: 2^60 of them, which nobody lives to hash or to print."""
+"""A tuple of two references to a tuple of two references to ...: 2^60, which nobody lives to hash or to print."""
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats.packing import from_levels, opacity_logits_of
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
 
-
 _FILES = {"means": 2, "scales": 1, "quats": 1, "sh0": 1, "shN": 2}
 """How many textures each attribute has."""
 

@@ -10,7 +10,7 @@ import math
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +158,7 @@ def _read(file: TorchFile, archive: zipfile.ZipFile, tensor: TensorEntry) -> NDA
     run = np.empty(reach, number)
     with archive.open(member) as stream:
         stream.seek(tensor.offset * number.itemsize)
-        read_into(run, stream, file.path)
+        read_into(run, cast(BinaryIO, stream), file.path)
     strides = [stride * number.itemsize if size > 1 else 0 for size, stride in steps]
     values = np.ascontiguousarray(np.lib.stride_tricks.as_strided(run, tensor.shape, strides))
     if kind == "bfloat16":

@@ -26,11 +26,11 @@ _DTYPES = {
     "int16": "i2", "int8": "i1", "uint8": "u1", "uint16": "u2", "uint32": "u4", "uint64": "u8", "bool": "b1",
 }  # fmt: skip
 _TORCH_MODULES = ("torch", "torch._utils", "torch._tensor", "torch.storage", "torch.serialization")
-_INSTRUCTIONS = frozenset(
-    "PROTO FRAME STOP MARK POP NONE NEWTRUE NEWFALSE BININT1 BININT2 BININT LONG1 BINFLOAT BINUNICODE SHORT_BINUNICODE "
-    "SHORT_BINBYTES EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS "
-    "BINPUT LONG_BINPUT MEMOIZE BINGET LONG_BINGET GLOBAL STACK_GLOBAL REDUCE BUILD BINPERSID".split()
-)
+_INSTRUCTIONS = """
+    PROTO FRAME STOP MARK POP NONE NEWTRUE NEWFALSE BININT1 BININT2 BININT LONG1 BINFLOAT BINUNICODE SHORT_BINUNICODE
+    SHORT_BINBYTES EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINPUT
+    LONG_BINPUT MEMOIZE BINGET LONG_BINGET GLOBAL STACK_GLOBAL REDUCE BUILD BINPERSID
+"""
 """What torch.save writes for containers, numbers and tensors, in pickle's protocols 2 to 5."""
 _MAX_NUMBER = 1 << 63
 
@@ -169,16 +169,17 @@ def _check_instructions(data: bytes) -> None:
     """Refuse instructions that torch.save does not write, and keys of dicts that might take years to hash."""
     stack: list[bool | None] = []  # whether each value is made of no others; None for a mark
     memo: dict[int, bool] = {}
+    known = frozenset(_INSTRUCTIONS.split())
     for instruction, argument, _ in pickletools.genops(data):
-        if instruction.name not in _INSTRUCTIONS:
+        place: Any = len(memo) if argument is None else argument
+        if instruction.name not in known:
             raise StructureError(f"it has the instruction {instruction.name}")
         if instruction.name in ("BINPUT", "LONG_BINPUT", "MEMOIZE"):
-            place = len(memo) if argument is None else int(argument)
             if place > len(data) or stack[-1] is None:
                 raise StructureError("it is damaged")
             memo[place] = stack[-1]
         elif instruction.name in ("BINGET", "LONG_BINGET"):
-            stack.append(memo[int(argument)])
+            stack.append(memo[place])
         elif instruction.name == "MARK":
             stack.append(None)
         else:

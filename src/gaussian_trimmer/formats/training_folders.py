@@ -36,7 +36,9 @@ def latest_splats(folder: Path) -> Path:
         return named[0]
     if (folder / "meta.json").is_file() and any(path.suffix == ".webp" for path in _entries(folder)):
         return folder / "meta.json"
-    splats = named or [path for path in _entries(folder) if path.name.lower().endswith(tuple(FORMATS)) and path.is_file()]
+    splats = named or [
+        path for path in _entries(folder) if path.name.lower().endswith(tuple(FORMATS)) and path.is_file()
+    ]
     if len(splats) == 1:
         return splats[0]
     if splats:

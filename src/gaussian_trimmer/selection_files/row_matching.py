@@ -151,8 +151,7 @@ def _without_collisions(found: IntArray, rows: Columns, scene: Columns, names: l
     partner = found[paired]
     same = np.ones(len(paired), bool)
     for name in names:
-        with np.errstate(over="ignore", invalid="ignore"):
-            same &= np.asarray(rows[name][paired], np.float32) == scene[name][partner]
+        same &= np.asarray(rows[name][paired], np.float32) == scene[name][partner]
     found[paired[~same]] = _UNMATCHED
     return found
 
@@ -164,8 +163,7 @@ def _hashes(columns: Columns, names: list[str]) -> NDArray[np.uint64]:
         chunk = hashes[start : start + _ROWS_PER_CHUNK]
         for name in names:
             # Adding zero turns -0 into 0, which is equal to it but has other bits.
-            with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold equals nothing in the scene
-                values = np.asarray(columns[name][start : start + _ROWS_PER_CHUNK], np.float32) + np.float32(0)
+            values = np.asarray(columns[name][start : start + _ROWS_PER_CHUNK], np.float32) + np.float32(0)
             chunk ^= values.view(np.uint32)
             chunk *= np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio, odd: mixes upwards
             chunk ^= chunk >> np.uint64(32)  # mixes downwards
