@@ -38,7 +38,7 @@ _WORDS = (
     b"[" * 2000, "ä\u202e\ud800".encode("utf-8", "surrogatepass"), b"float", b"double", b"list uchar int", b"ascii",
 )  # fmt: skip
 _VALUES: tuple[Any, ...] = (
-    None, True, 0, -1, 1, 40, 65536, 10**9, 2**63, 10**400, 0.5, 1e-30, 1e19, 1e308, float("nan"), float("inf"), "", "1",
+    None, True, 0, -1, 1, 40, 65536, 10**9, 2**63, 10**400, 0.5, 1e-30, 1e19, 1e308, float("nan"), float("inf"), "",
     "\x1b[2J\x07", "x" * 20_000, "../../etc/passwd", "/etc/passwd", "a\x00b", "\ud800", [], {}, [[]], [1], {"a": 1},
     [0.0] * 256, [None] * 256, [1e308] * 3,
 )  # fmt: skip

@@ -191,7 +191,7 @@ def _read_classified(path: Path) -> None:
 def _torch_samples(mask: np.ndarray, labels: np.ndarray) -> list[bytes]:
     """A mask, labels, weights of FlashSplat, a dict with a view, and numbers that NumPy has not."""
     half = storage("BFloat16Storage", "h", N)
-    views = {"mask": tensor(storage("ByteStorage", "v", 2 * N), 1, (N,), (2,)), "name": "cup"}
+    views = {"mask": tensor(storage("ByteStorage", "v", 2 * N), 0, (N,), (2,)), "name": "cup"}
     return [
         torch_file(mask[:, None]),
         torch_file({"labels": labels}),
