@@ -8,6 +8,6 @@ numbers that repeat it:
 
     python -m tests.fuzz --seed 1 --reader sog --case 4711 --keep out/defects
 
-`--reader` may be repeated; `--keep` saves the files of each defect. If the process dies, the end of standard error names
-the case. A case is settled by seed, reader and number, and by the samples, which are those of the writers.
+`--reader` may be repeated; `--keep` saves the files of each defect. If the process dies, the end of standard error
+names the case. A case is settled by seed, reader and number, and by the samples, which are those of the writers.
 """
