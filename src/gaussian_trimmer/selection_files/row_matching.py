@@ -1,7 +1,7 @@
 """Which scene row a Gaussian of another file is, found by equal attributes.
 
 Exporters reorder rows, drop normals and cut spherical harmonics, but they copy the numbers they keep. So rows are
-compared bit by bit on all attributes that both files have. Equal rows pair off in file order.
+compared by 64-bit hashes of all attributes that both files have. Equal rows pair off in file order.
 """
 
 from __future__ import annotations
@@ -142,17 +142,6 @@ def _pair(rows: Columns, scene: Columns, names: list[str]) -> IntArray:
     equal[equal] = sorted_scene[place[equal]] == sorted_rows[equal]
     found = np.full(len(row_hashes), _UNMATCHED, np.int64)
     found[row_order[equal]] = scene_order[place[equal]]
-    return _without_collisions(found, rows, scene, names)
-
-
-def _without_collisions(found: IntArray, rows: Columns, scene: Columns, names: list[str]) -> IntArray:
-    """The same pairs without those whose hashes alone are equal."""
-    paired = np.flatnonzero(found != _UNMATCHED)
-    partner = found[paired]
-    same = np.ones(len(paired), bool)
-    for name in names:
-        same &= np.asarray(rows[name][paired], np.float32) == scene[name][partner]
-    found[paired[~same]] = _UNMATCHED
     return found
 
 
