@@ -14,7 +14,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.selection_files.splat_property import MASK
+from gaussian_trimmer.selection_files.splat_kinds import MASK
 
 
 @dataclass(frozen=True, eq=False)

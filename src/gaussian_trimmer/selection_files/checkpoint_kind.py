@@ -10,19 +10,18 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, sigmoid
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
-from gaussian_trimmer.selection_files.selection_file import SelectionFile
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows
 
-OPTIONS = frozenset({"threshold"})
 PROBABILITY = 0.9
 """COB-GS's threshold on the sigmoid."""
 
 
-def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+def offers_checkpoint(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """Whether the file is a checkpoint and nothing says that its features are to be used."""
     return file.checkpoint is not None and options.classifier is None and options.query_row is None
 
 
-def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The Gaussians whose foreground probability is above the threshold, (N,).
 
     Raises:
@@ -46,6 +45,4 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
         )
     probabilities = sigmoid(np.asarray(file.checkpoint.logits, np.float32))
     chosen = probabilities > (PROBABILITY if options.threshold is None else options.threshold)
-    mask = np.zeros(len(gaussians), bool)
-    mask[file.scene_rows(gaussians)[chosen]] = True
-    return mask
+    return mask_of_rows(file.scene_rows(gaussians)[chosen], len(gaussians))

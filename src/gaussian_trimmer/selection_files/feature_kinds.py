@@ -1,4 +1,4 @@
-"""Identity features with the linear classifier that was trained on them.
+"""Selections by identity features: with the linear classifier that was trained on them, or like those of one Gaussian.
 
 Gaussian Grouping and OmniSeg3D-GS save 16 features a Gaussian as obj_dc_0 .. obj_dc_15, or as entry 7 of a
 checkpoint. `classifier.pth` is the state of a 1 x 1 convolution, weight (K, 16, 1, 1) and bias (K,); Unified-Lift's is
@@ -17,12 +17,13 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.io.reading import LARGEST
 from gaussian_trimmer.selection_files.object_ids import check_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
-from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows, open_selection
 from gaussian_trimmer.selection_files.splat_rows import identity_features
 
-OPTIONS = frozenset({"classifier", "object_id", "threshold"})
 PROBABILITY = 0.3
 """Gaussian Grouping's threshold on the softmax."""
+SIMILARITY = 0.9
+"""Default threshold on (cos + 1) / 2, as in OmniSeg3D-GS's interface."""
 _FEATURES = 16
 _MAX_IDS = 1 << 12
 _PROBABILITIES_AT_ONCE = 1 << 22
@@ -38,6 +39,7 @@ class LinearClassifier:
     """(K,)."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found where it is used
 def classifier_of(file: SelectionFile) -> LinearClassifier | None:
     """The classifier that a file holds, or None if it holds something else."""
     if "weight" in file.arrays:
@@ -50,18 +52,17 @@ def classifier_of(file: SelectionFile) -> LinearClassifier | None:
         return None
     if weight.dtype.kind != "f" or weight.ndim < 2 or weight.shape[2:] not in ((), (1,), (1, 1)):
         return None
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
-        weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
-        bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
+    weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
+    bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
     return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
 
 
-def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+def offers_classifier(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """Whether the file is a classifier, or holds features for which the options name one."""
     return classifier_of(file) is not None or (file.has_features and options.classifier is not None)
 
 
-def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+def select_classifier(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The Gaussians that the classifier gives one of the chosen ids with a probability above the threshold, (N,).
 
     Raises:
@@ -80,7 +81,7 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
         )
     if not all((np.abs(values) <= LARGEST).all() for values in (classifier.weight, classifier.bias)):
         raise InputError(f"'{source.path.name}' holds weights that are NaN, infinite or huge; train again.")
-    features, rows = features_and_rows(file, gaussians)
+    features, rows = _features_and_rows(file, gaussians)
     if features.shape[1] != classifier.weight.shape[1]:
         raise InputError(
             f"'{source.path.name}' classifies {classifier.weight.shape[1]} features, but a Gaussian has "
@@ -89,12 +90,38 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
     threshold = PROBABILITY if options.threshold is None else options.threshold
     ids = range(len(classifier.bias))
     check_ids(options.object_id, ids, _count_likely(features, classifier, threshold), source.path)
-    mask = np.zeros(len(gaussians), bool)
-    mask[rows[_likely(features, classifier, threshold, options.object_id)]] = True
-    return mask
+    return mask_of_rows(rows[_likely(features, classifier, threshold, options.object_id)], len(gaussians))
 
 
-def features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatArray, IntArray]:
+def offers_similarity(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file holds features and a query Gaussian is given."""
+    return file.has_features and options.query_row is not None
+
+
+def select_similarity(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians for which (cos + 1) / 2 of their and the query's features is above the threshold, (N,).
+
+    A feature of length zero has the cosine 0 with every other.
+
+    Raises:
+        InputError: there are no features, no query is given, or it is no row of the scene and of the file.
+    """
+    features, rows = _features_and_rows(file, gaussians)
+    if options.query_row is None:
+        raise InputError(f"Name a Gaussian on the object by its row number with {flag('query_row')}.")
+    at = np.flatnonzero(rows == options.query_row)
+    if len(at) == 0:
+        raise InputError(
+            f"The query row {options.query_row} has no features in '{file.path.name}'; choose a row of the scene from "
+            f"0 to {len(gaussians) - 1} that the file holds."
+        )
+    unit = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), np.float32(1e-12))
+    scores = (unit @ unit[at[0]] + 1) / 2
+    threshold = SIMILARITY if options.threshold is None else options.threshold
+    return mask_of_rows(rows[scores > threshold], len(gaussians))
+
+
+def _features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatArray, IntArray]:
     """Identity features (M, D) of the file, or else of the scene, with their scene rows (M,).
 
     Raises:
