@@ -7,8 +7,8 @@ import io
 from collections.abc import Sequence
 from urllib.parse import quote
 
-from gaussian_trimmer.batch.driver import Outcome, outcome_of
 from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome
 from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.output.html.document import document, text
 
@@ -118,10 +118,4 @@ def _row(outcome: Outcome, picture: str) -> str:
 
 def _found(store: Store, item: Item) -> Outcome:
     """What the output says of an item that another run had."""
-    told = store.finished(item.name)
-    if told is not None:
-        return outcome_of(item, told)
-    record = store.read(f"records/{item.name}.json")
-    if record is not None and record.get("state") == "failed":
-        return Outcome(item, "failed", str(record.get("message", "")), fresh=False)
-    return Outcome(item, "left", "no run has come to it yet", fresh=False)
+    return earlier_outcome(store, item) or Outcome(item, "left", "no run has come to it yet", fresh=False)
