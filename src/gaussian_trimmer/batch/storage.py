@@ -114,7 +114,8 @@ class Store:
 
     def clean(self, name: str) -> None:
         """Remove what a worker that was killed has left of an item."""
-        for place in (self.root / "items" / name).parents:
+        folder = self.root / "items" / name
+        for place in (folder, *folder.parents):
             if place.is_dir() and place.is_relative_to(self.root):
                 remove_leftovers(place)
 
