@@ -68,7 +68,10 @@ def main(arguments: Arguments) -> None:
         tries = [measure(engine, workers, manifest, arguments) for _ in range(arguments.repeat)]
         results.append(max(tries, key=lambda record: float(record["items_per_minute"])))
         console.print(f"{engine} {workers}: {results[-1]['items_per_minute']:.1f} items a minute")
-    record: Record = {"machine": f"{platform.processor() or platform.machine()}, {cores()} processors", "results": results}
+    record: Record = {
+        "machine": f"{platform.processor() or platform.machine()}, {cores()} processors",
+        "results": results,
+    }
     (arguments.output / "scale.json").write_text(json.dumps(record, indent=1) + "\n")
     table = Table("engine", "workers", "items", "seconds", "items a minute", "peak memory, MB")
     for r in results:

@@ -16,7 +16,7 @@ from gaussian_trimmer.batch.scene_trimmer import SceneTrimmer
 from gaussian_trimmer.batch.storage import open_store
 
 QUICK = "--plan.size 96 --views 2 --refine off"
-SLOW = "--plan.size 256 --views 4"
+SLOW = "--plan.size 256 --views 4 --refine off"
 
 
 def save_scenes(folder, n_scenes=2, n_objects=2):

@@ -4,6 +4,7 @@ import csv
 import io
 import os
 import shutil
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -255,8 +256,8 @@ def test_shards_are_all_scenes_once_and_about_equal():
 
 
 def test_workers_keep_their_scenes_help_others_and_keep_to_the_memory():
-    workers = local.LocalWorkers([*scenes_of(4, 1), SceneItems("big.ply", scenes_of(1)[0].items, 9.0)],
-                                 WorkerSettings("out"), 3, memory=3.0)  # fmt: skip
+    scenes = [*scenes_of(4, 1), SceneItems("big.ply", scenes_of(1)[0].items, 9.0)]
+    workers = local.LocalWorkers(scenes, WorkerSettings("out"), 3, memory=3.0)
     assert [workers._take(i).name for i in (0, 1, 0)] == ["0/0", "1/0", "0/1"]
     assert [workers._take(i).name for i in (1, 0)] == ["0/2", "0/3"]
     assert [workers._take(i) for i in (1, 0)] == [None, None]
@@ -299,5 +300,5 @@ def test_shards_that_are_not_possible(shard):
 
 def test_the_example_for_slurm_names_options_that_exist():
     text = (Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh").read_text()
-    options = {word for word in text.split() if word.startswith("--") and word[2:].replace("-", "_") in vars(command.Batch)}
-    assert {"--shard", "--workers", "--memory", "--time-limit"} <= options
+    options = {word[2:].replace("-", "_") for word in text.split() if word.startswith("--")}
+    assert {"shard", "workers", "memory", "time_limit"} <= options <= {field.name for field in fields(command.Batch)}

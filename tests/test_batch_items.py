@@ -14,7 +14,7 @@ from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.options import parse_options
 from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.config import TrimConfig, paper_config
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig

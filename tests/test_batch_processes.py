@@ -109,7 +109,7 @@ def test_an_interrupted_batch_leaves_nothing_half_written(batch, tmp_path):
 
 @pytest.mark.slow
 def test_an_item_that_hangs_is_ended_by_the_time_limit(batch, tmp_path):
-    manifest, names, expected = batch
+    manifest, _, expected = batch
     process = start(manifest, tmp_path, "--workers", 1, "--time-limit", 30)
     until(lambda: n_finished(tmp_path) >= 1)
     (worker,) = workers_of(process)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from gaussian_trimmer.batch.items import Item, check_items, is_address
 from gaussian_trimmer.batch.local import POLL_SECONDS, LocalWorkers
@@ -75,17 +76,6 @@ class BatchOptions:
             raise InputError(f"The memory is {self.memory} bytes; it must be more than 0.")
 
 
-class Engine(Protocol):
-    """Workers that trim the items of some scenes."""
-
-    running: dict[int, tuple[str, float]]
-    """What each worker is at, and since when; empty where nobody knows."""
-
-    def outcomes(self) -> Iterator[Outcome | None]:
-        """Outcomes as they come; None now and then where none comes."""
-        ...
-
-
 def run(
     items: Iterable[Item],
     output: str | Path,
@@ -120,9 +110,13 @@ class _Batch:
     """The state of one run."""
 
     def __init__(
-        self, items: Sequence[Item], output: str | Path, options: BatchOptions,
-        on_result: Callable[[Outcome], None], on_status: Callable[[Status], None],
-    ) -> None:  # fmt: skip
+        self,
+        items: Sequence[Item],
+        output: str | Path,
+        options: BatchOptions,
+        on_result: Callable[[Outcome], None],
+        on_status: Callable[[Status], None],
+    ) -> None:
         scenes = by_scene(items)
         self._scenes = scenes if options.shard is None else shard_of(scenes, *options.shard)
         mine = {item.name for entry in self._scenes for item in entry.items}
@@ -131,6 +125,7 @@ class _Batch:
         self._output = str(output) if is_address(str(output)) else str(Path(output).absolute())
         self._options, self._on_result, self._on_status = options, on_result, on_status
         self._outcomes: dict[str, Outcome] = {}
+        self._counts = Counter[str]()
         self._write_failures, self._stopped, self._told_at = 0, "", 0.0
 
     def run(self) -> list[Outcome]:
@@ -141,7 +136,7 @@ class _Batch:
             if not left or self._stopped:
                 break
             engine = self._open_engine(left, alone=attempt > 0)
-            with closing(engine.outcomes()) as outcomes:  # type: ignore[type-var]
+            with closing(engine.outcomes()) as outcomes:
                 for outcome in outcomes:
                     if outcome is not None:
                         self._take(outcome, again=attempt < self._options.retries)
@@ -156,7 +151,7 @@ class _Batch:
             raise InputError(self._stopped)
         return [self._outcomes[item.name] for item in self._items]
 
-    def _open_engine(self, scenes: Sequence[SceneItems], *, alone: bool) -> Engine:
+    def _open_engine(self, scenes: Sequence[SceneItems], *, alone: bool) -> LocalWorkers | RayTasks:
         options = self._options
         settings = WorkerSettings(self._output, options.retry_failed, options.time_limit)
         if options.engine == "ray":
@@ -193,21 +188,21 @@ class _Batch:
 
     def _settle(self, outcome: Outcome) -> None:
         self._outcomes[outcome.item.name] = outcome
+        self._counts.update([outcome.state] if outcome.fresh else [outcome.state, "found"])
         self._on_result(outcome)
 
-    def _tell_status(self, engine: Engine | None) -> None:
+    def _tell_status(self, engine: LocalWorkers | RayTasks | None) -> None:
         now = time.monotonic()
         if engine is not None and now - self._told_at < POLL_SECONDS:
             return
         self._told_at = now
         running = {} if engine is None else dict(engine.running)
-        found = [outcome for outcome in self._outcomes.values() if outcome.state != "left"]
         self._on_status(
             Status(
                 total=len(self._items),
-                done=sum(outcome.state == "done" for outcome in found),
-                failed=sum(outcome.state == "failed" for outcome in found),
-                found=sum(not outcome.fresh for outcome in found),
+                done=self._counts["done"],
+                failed=self._counts["failed"],
+                found=self._counts["found"],
                 running={number: (name, now - since) for number, (name, since) in running.items()},
             )
         )

@@ -6,7 +6,7 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.outcomes import Outcome
@@ -39,7 +39,7 @@ class LocalWorkers:
         self.running: dict[int, tuple[str, float]] = {}
         """What each worker is at, and since when."""
 
-    def outcomes(self) -> Iterator[Outcome | None]:
+    def outcomes(self) -> Generator[Outcome | None, None, None]:
         """Trim everything, and give outcomes as they come; None about twice a second where none comes."""
         threads = [threading.Thread(target=self._serve, args=(i,), daemon=True) for i in range(len(self._workers))]
         for thread in threads:

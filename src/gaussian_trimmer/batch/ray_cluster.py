@@ -10,7 +10,7 @@ import logging
 import os
 import re
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +41,14 @@ class RayTasks:
     """
 
     def __init__(
-        self, scenes: Sequence[SceneItems], settings: WorkerSettings, address: str | None, workers: int | None,
-        gpus: float, retries: int,
-    ) -> None:  # fmt: skip
+        self,
+        scenes: Sequence[SceneItems],
+        settings: WorkerSettings,
+        address: str | None,
+        workers: int | None,
+        gpus: float,
+        retries: int,
+    ) -> None:
         self._ray, self._own = _connect(address)
         self._settings, self._options = settings, {"num_cpus": 1, "num_gpus": gpus, "max_retries": retries}
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
@@ -57,7 +62,7 @@ class RayTasks:
         self._parts = [part for e in scenes for part in e.parts(-(-total // (_PARTS_OF_WORKER * self._at_once)))]
         self.running: dict[int, tuple[str, float]] = {}
 
-    def outcomes(self) -> Iterator[Outcome | None]:
+    def outcomes(self) -> Generator[Outcome | None, None, None]:
         """Trim everything, and give outcomes as they come; None about twice a second where none comes."""
         waiting, running = list(reversed(self._parts)), dict[Any, SceneItems]()
         try:

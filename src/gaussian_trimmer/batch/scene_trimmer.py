@@ -6,7 +6,7 @@ import json
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.fingerprints import digest_of_cameras, digest_of_file, fingerprint
-from gaussian_trimmer.batch.items import Item, is_address, options_kind
+from gaussian_trimmer.batch.items import Item, options_kind
 from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome, outcome_of
 from gaussian_trimmer.batch.storage import ITEM, OutputError, Store, local_copy
 from gaussian_trimmer.camera_files import read_cameras_of
@@ -42,8 +42,7 @@ class SceneTrimmer:
         self._address, self._path = "", Path()
         self._scene: Gaussians | None = None
         self._cameras: dict[tuple[str, bool], CameraSet] = {}
-        self._digests: dict[str, tuple[tuple[int, ...], str]] = {}
-        """Digests of the scene and of selections, with the states of the files that they are of."""
+        self._digests: dict[str, str] = {}
 
     def check(self, item: Item) -> Outcome | str:
         """What an earlier run made of an item, or its fingerprint if it must be trimmed."""
@@ -51,7 +50,7 @@ class SceneTrimmer:
         def look() -> Outcome | str:
             self._open(item.scene)
             scene = self._digest(item.scene, self._path)
-            selection = self._digest_of_input(item.selection) if item.selection else None
+            selection = self._digest(item.selection) if item.selection else None
             cameras = digest_of_cameras(self._camera_set(item)) if item.cameras else None
             found = fingerprint(item, scene, selection, cameras)
             earlier = earlier_outcome(self._store, item, found)
@@ -63,7 +62,7 @@ class SceneTrimmer:
         """Trim an item that `check` has told the fingerprint of, and write its results, or why it failed."""
 
         def make() -> Outcome:
-            scene, start = self._read(item), time.perf_counter()
+            scene, start = self._read(), time.perf_counter()
             inputs = [Path(p) for p in (item.selection, str(self._path), item.cameras) if p and Path(p).is_file()]
             try:
                 with self._store.result_folder(item.name, item.suffix, inputs) as folder:
@@ -93,12 +92,9 @@ class SceneTrimmer:
             self._path = formats.find_scene(self._close.enter_context(local_copy(address)))
             self._address = address
 
-    def _read(self, item: Item) -> Gaussians:
+    def _read(self) -> Gaussians:
         if self._scene is None:
-            before = self._digests[item.scene]
             self._scene = formats.read(self._path)
-            if before[0] != _state(self._path):
-                raise InputError(f"'{item.scene}' changed while it was read; try again when it is complete.")
         return self._scene
 
     def _write(self, scene: Gaussians, item: Item, fingerprint: str, folder: Path) -> dict[str, Any]:
@@ -142,21 +138,12 @@ class SceneTrimmer:
                 self._cameras[key] = read_cameras_of(Path(item.scene), path, trust_paths=item.trust_paths)
         return self._cameras[key]
 
-    def _digest_of_input(self, address: str) -> str:
-        if is_address(address) and address in self._digests:
-            return self._digests[address][1]
-        with local_copy(address) as path:
-            return self._digest(address, path)
-
-    def _digest(self, address: str, path: Path) -> str:
-        """The digest of a file, which lies at a path on this machine; computed again if the file has changed."""
-        state = _state(path)
-        known = self._digests.get(address)
-        if known is None or known[0] != state:
-            if address == self._address:
-                self._scene = None
-            known = self._digests[address] = state, digest_of_file(path)
-        return known[1]
+    def _digest(self, address: str, local: Path | None = None) -> str:
+        """The digest of a file, which may lie on this machine already."""
+        if address not in self._digests:
+            with nullcontext(local) if local else local_copy(address) as path:
+                self._digests[address] = digest_of_file(path)
+        return self._digests[address]
 
     def _or_failure(self, item: Item, fingerprint: str, work: Callable[[], Outcome | str]) -> Outcome | str:
         """What a function returns; its errors become the outcome of the item and are recorded."""
@@ -245,14 +232,3 @@ def _inputs(item: Item) -> dict[str, Any]:
         "object_id": list(item.selection_options.object_id),
         "name": item.name,
     }
-
-
-def _state(path: Path) -> tuple[int, ...]:
-    """What changes when a file is written again; of a file that is missing, nothing."""
-    try:
-        found = path.stat()
-    except FileNotFoundError:
-        return ()
-    except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
-    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
