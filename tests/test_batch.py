@@ -300,5 +300,6 @@ def test_shards_that_are_not_possible(shard):
 
 def test_the_example_for_slurm_names_options_that_exist():
     text = (Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh").read_text()
-    options = {word[2:].replace("-", "_") for word in text.split() if word.startswith("--")}
+    command_line = text[text.index("python -m") :]
+    options = {word[2:].replace("-", "_") for word in command_line.split() if word.startswith("--")}
     assert {"shard", "workers", "memory", "time_limit"} <= options <= {field.name for field in fields(command.Batch)}

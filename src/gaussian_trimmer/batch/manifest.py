@@ -145,6 +145,8 @@ class _Rows:
     def _objects(self, item: Item, wanted: Any) -> list[Item]:
         """An item for each object of a file of labels."""
         reading = item.selection_options
+        if reading.object_id or reading.kind not in ("auto", "labels"):
+            raise InputError("Its objects say what is selected; leave --selection.object-id and --selection.kind out.")
         return [
             replace(
                 item,

@@ -11,6 +11,8 @@ import os
 import re
 import socket
 from collections.abc import Generator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +116,8 @@ def trim_part(items: Sequence[Item], settings: WorkerSettings) -> list[Outcome]:
     try:
         return [worker.trim(item) for item in items]
     finally:
-        worker.release_scene()
+        with suppress(BrokenProcessPool):
+            worker.release_scene()
 
 
 def _check_memory(scenes: Sequence[SceneItems], most: float) -> None:
