@@ -275,11 +275,11 @@ def test_a_scene_that_does_not_fit_is_refused_before_anything_is_done(folder, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"engine": "slurm"}, "Unknown engine 'slurm'; available: local, ray."),
-        ({"workers": 0}, "number of workers is 0"),
-        ({"shard": (0, 3)}, "shard is 0/3"),
+        ({"engine": "slurm"}, "engine is 'slurm'; available: local, ray."),
+        ({"workers": 0}, "workers is 0; it must be"),
+        ({"shard": (0, 3)}, "shard is 0; it must be"),
         ({"shard": (4, 3)}, "shard is 4/3"),
-        ({"time_limit": float("nan")}, "time limit is nan"),
+        ({"time_limit": float("nan")}, "time-limit is nan"),
         ({"retries": -1}, "retries is -1"),
         ({"memory": 0.0}, "memory is 0.0"),
         ({"gpus": 1.0}, "those of a cluster"),

@@ -101,7 +101,11 @@ def test_objects_of_labels_are_items(tmp_path):
         ("scene,labels\na.ply,b.npy\n", ".csv", "line 2: It has labels, but no objects"),
         ("scene,labels,objects\na.ply,b.npy,x y\n", ".csv", "give ids"),
         ("scene,labels,objects\na.ply,b.npy,3 3\n", ".csv", "name an id twice"),
-        ("scene,labels,objects,options\na.ply,b.npy,3,--selection.object-id 5\n", ".csv", "leave --selection.object-id"),
+        (
+            "scene,labels,objects,options\na.ply,b.npy,3,--selection.object-id 5\n",
+            ".csv",
+            "leave --selection.object-id",
+        ),
         ("scene,labels,objects\na.ply,b.npy,all\n", ".csv", "There is no file"),
         ("scene,up\na.ply,w\n", ".csv", "The up vector is 'w'"),
         ("scene,options\na.ply,--plan.sise 3\n", ".csv", "line 2: The options '--plan.sise 3' are not understood"),

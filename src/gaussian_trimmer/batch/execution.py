@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from gaussian_trimmer.batch.items import Item, check_items, is_address
 from gaussian_trimmer.batch.local import POLL_SECONDS, LocalWorkers
@@ -18,6 +18,7 @@ from gaussian_trimmer.batch.scenes import PROCESS_BYTES, SceneItems, by_scene, f
 from gaussian_trimmer.batch.storage import open_store
 from gaussian_trimmer.batch.worker import WorkerSettings, cores
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.settings import Range, check_settings
 
 _SHARE_OF_FREE = 0.8
 """Of the memory that is free when a batch begins, what it may take by default."""
@@ -27,27 +28,30 @@ _MOST_WRITE_FAILURES = 3
 """In a row, after which it makes no sense to go on."""
 
 
+_ShardNumber = Annotated[int, Range(1, 1_000_000)]
+
+
 @dataclass(frozen=True)
 class BatchOptions:
     """How a batch is run."""
 
-    workers: int | None = None
+    workers: Annotated[int, Range(1, 100_000)] | None = None
     """Number of worker processes; None: one for each processor of this machine or of the cluster."""
-    engine: str = "local"
+    engine: Literal["local", "ray"] = "local"
     """`local`, or `ray` for a Ray cluster."""
     address: str | None = None
     """Address of the cluster, "auto" for the one this machine is part of; None: one is started here."""
-    gpus: float = 0.0
+    gpus: Annotated[float, Range(0, 1000)] = 0.0
     """What each worker takes of the GPUs of a cluster."""
-    shard: tuple[int, int] | None = None
+    shard: tuple[_ShardNumber, _ShardNumber] | None = None
     """(i, n): only the scenes of the i-th of n machines, from 1."""
-    time_limit: float | None = None
+    time_limit: Annotated[float, Range(1e-3, 1e9)] | None = None
     """Seconds that one item, with the reading of its scene, may take."""
-    retries: int = 1
+    retries: Annotated[int, Range(0, 100)] = 1
     """How many times an item is tried again, alone, whose worker has died."""
     retry_failed: bool = False
     """Try those items again that failed in an earlier run."""
-    memory: float | None = None
+    memory: Annotated[float, Range(1, 1e18)] | None = None
     """Bytes that all workers on this machine may take together; None: most of what is free."""
 
     def check(self) -> None:
@@ -56,24 +60,13 @@ class BatchOptions:
         Raises:
             InputError: an option is out of its range, or means nothing beside another.
         """
-        if self.engine not in ("local", "ray"):
-            raise InputError(f"Unknown engine '{self.engine}'; available: local, ray.")
-        if self.workers is not None and not 1 <= self.workers <= 100_000:
-            raise InputError(f"The number of workers is {self.workers}; it must be from 1 to 100000.")
-        if not 0 <= self.gpus <= 1000:
-            raise InputError(f"The GPUs of a worker are {self.gpus}; they must be from 0 to 1000.")
+        check_settings(self)
         if self.engine == "local" and (self.gpus or self.address is not None):
             raise InputError("An address and GPUs are those of a cluster; leave them out, or use the engine ray.")
         if self.engine == "ray" and self.memory is not None:
             raise InputError("Ray shares out the memory of a cluster itself; leave the memory out.")
-        if self.shard is not None and not 1 <= self.shard[0] <= self.shard[1]:
+        if self.shard is not None and self.shard[0] > self.shard[1]:
             raise InputError(f"The shard is {self.shard[0]}/{self.shard[1]}; give i/n with i from 1 to n.")
-        if self.time_limit is not None and not self.time_limit > 0:
-            raise InputError(f"The time limit is {self.time_limit} seconds; it must be more than 0.")
-        if not 0 <= self.retries <= 100:
-            raise InputError(f"The number of retries is {self.retries}; it must be from 0 to 100.")
-        if self.memory is not None and not self.memory > 0:
-            raise InputError(f"The memory is {self.memory} bytes; it must be more than 0.")
 
 
 def run(
