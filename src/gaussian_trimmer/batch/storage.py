@@ -93,8 +93,10 @@ class Store:
     def record_failure(self, name: str, message: str, fingerprint: str, traceback: str = "") -> None:
         """Note why an item failed; where nothing can be written, the next run tries it again."""
         record = {"name": name, "state": "failed", "message": message, "fingerprint": fingerprint}
+        if traceback:
+            record["traceback"] = traceback
         with suppress(OutputError):
-            self.write(f"records/{name}.json", json.dumps(record | ({"traceback": traceback} if traceback else {})))
+            self.write(f"records/{name}.json", json.dumps(record, indent=1) + "\n")
 
     def failure(self, name: str) -> Json | None:
         """The record of an item that failed."""

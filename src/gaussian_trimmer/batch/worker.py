@@ -80,17 +80,14 @@ class Worker:
             self._is_new = False
             return outcome
         except TimeoutError:
-            self.kill()
+            self._give_up(item)
             message = f"It took longer than the time limit of {self._settings.time_limit:g} seconds."
             self._store.record_failure(item.name, message, fingerprint)
             return Outcome(item, "failed", message, fingerprint=fingerprint)
         except BrokenProcessPool:
             message = f"Its worker {self._how_it_ended()}."
+            self._give_up(item)
             return Outcome(item, "failed", message, fingerprint=fingerprint, cause="worker")
-        finally:
-            if self._process is not None and not self._process.is_alive():
-                self.close()
-                self._store.clean(item.name)
 
     def release_scene(self) -> None:
         """Let the process forget its scene, so that it takes little memory until the next item."""
@@ -105,7 +102,6 @@ class Worker:
 
     def kill(self) -> None:
         """End the process, whatever it is doing."""
-        self._stopped = self._stopped or self._process is None
         if self._process is not None:
             self._process.kill()
             self._process.join(_SECONDS_TO_END)
@@ -115,6 +111,12 @@ class Worker:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._pool = self._process = None
+
+    def _give_up(self, item: Item) -> None:
+        """End the process, and remove what it has left of an item."""
+        self.kill()
+        self.close()
+        self._store.clean(item.name)
 
     def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
         if self._pool is None:
