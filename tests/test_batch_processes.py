@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ from batch_runs import (
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.batch.worker import Worker, WorkerSettings
+from gaussian_trimmer.config import PlanConfig
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks for processes in /proc")
 EXAMPLE = Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh"
@@ -125,7 +127,8 @@ def test_an_item_that_hangs_is_ended_by_the_time_limit(batch, tmp_path):
 
 @pytest.mark.slow
 def test_an_item_that_needs_more_memory_than_a_worker_may_have_fails(batch, tmp_path):
-    item = gt.batch.read_manifest(batch[0], "--plan.size 4096")[0]
+    item = gt.batch.read_manifest(batch[0])[0]
+    item = replace(item, config=replace(item.config, plan=PlanConfig(size=4096)))
     with Worker(WorkerSettings(str(tmp_path), memory_limit=300 << 20)) as worker:
         outcome = worker.trim(item)
     assert (outcome.state, outcome.message) == ("failed", "There is not enough memory for this.")
