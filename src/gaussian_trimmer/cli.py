@@ -112,7 +112,6 @@ def _dispatch(arguments: Sequence[str]) -> int:
 
 
 def _parse(name: str, arguments: Sequence[str]) -> Command:
-    from dataclasses import replace
     from importlib import import_module
     from typing import cast
 
@@ -122,15 +121,10 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     kind = getattr(import_module(module), attribute)
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
-        from gaussian_trimmer.config import paper_config
-        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
+        from gaussian_trimmer.config import with_paper_preset
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(
-            command, config=paper_config(), segmenter=PAPER_SEGMENTER,
-            segmenter_options=paper_options(command.segmenter_options),
-        )  # fmt: skip
-        command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
+        command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=with_paper_preset(command))
     if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
         command = command.in_order_of(arguments)
     return cast("Command", command)
