@@ -222,7 +222,7 @@ def outcome(name, **changes):
 def test_the_worst_come_first():
     ordered = [
         outcome("a", state="failed", message="<broken>"), outcome("b", refused="too little"),
-        outcome("c", views=(2, 5)), outcome("d", counts={"selected": 100, "pruned": 30}), outcome("e"),
+        outcome("c", views=(2, 5)), outcome("d", counts={"selected": 100, "removed": 30}), outcome("e"),
     ]  # fmt: skip
     doubts = [doubt(entry) for entry in ordered]
     assert doubts == sorted(doubts, reverse=True)

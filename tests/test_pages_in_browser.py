@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import toy
 from browser import chromium, differ, opened, picture_of, screenshot, wait_until
+from gaussian_trimmer.output.html.turntable import FRAMES, SIDE
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
@@ -13,7 +14,6 @@ from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.report_page import report_page
-from gaussian_trimmer.output.html.turntable import FRAMES, SIDE
 from gaussian_trimmer.output.html.viewer import first_view, viewer_page
 from gaussian_trimmer.output.pictures import cameras_around
 from gaussian_trimmer.rendering import get_renderer

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import toy
 from command_line import SMALL, run, save_ball
+from gaussian_trimmer.output.html.pictures import data_uris
 from page_reading import Page, check_stands_alone
 
 from gaussian_trimmer.output.html import turntable
 from gaussian_trimmer.output.html.changes import DROPPED, FITTED, coloured_changes, label_colours, legend_of
-from gaussian_trimmer.output.html.pictures import data_uris
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
 from gaussian_trimmer.trimming.trim import AcceptanceConfig, RowLabel, trim

@@ -38,11 +38,11 @@ COMMANDS = {
     "evaluate benchmark": (
         "gaussian_trimmer.commands.evaluate_benchmark", "Benchmark", "trim and measure scenes with ground truth",
     ),
-    "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "measure a method on NVOS, and trimmed"),
+    "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "score a method on NVOS, before and after trimming"),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
-    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure what stages bring"),
-    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by views"),
+    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure how much each stage contributes"),
+    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by number of views"),
     "evaluate sheets": ("gaussian_trimmer.commands.evaluate_studies", "Sheets", "draw trims of captures"),
 }  # fmt: skip
 """A command of two words goes before the command of its first word."""
@@ -122,11 +122,11 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     from importlib import import_module
     from typing import cast
 
-    import tyro
+    from gaussian_trimmer.commands.parsing import parse
 
     module, attribute, _ = COMMANDS[name]
     kind = getattr(import_module(module), attribute)
-    command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
+    command = parse(kind, f"{PROGRAM} {name}", arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config
         from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
@@ -136,7 +136,7 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
             command, config=paper_config(), segmenter=PAPER_SEGMENTER,
             segmenter_options=paper_options(command.segmenter_options),
         )  # fmt: skip
-        command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
+        command = parse(kind, f"{PROGRAM} {name}", arguments, default)
     if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
         command = command.in_order_of(arguments)
     return cast("Command", command)
@@ -147,7 +147,7 @@ def _overview() -> str:
     lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     return "\n".join([
         f"usage: {PROGRAM} COMMAND ...", "", "Sharp object boundaries for 3D Gaussian Splatting segmentations.", "",
-        *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version names the version.",
+        *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version prints the version.",
     ])  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
 COLUMNS = (
-    "name", "state", "doubt", "message", "scene_gaussians", "selected", "object", "kept", "split", "pruned",
+    "name", "state", "doubt", "message", "scene_gaussians", "selected", "object", "kept", "cut", "removed",
     "recovered", "views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint",
 )  # fmt: skip
 _MOST_PICTURES = 500
@@ -35,7 +35,7 @@ def doubt(outcome: Outcome) -> float:
         return 3.0
     accepted, views = outcome.views
     rejected = 1 - accepted / views if views else 1.0
-    changed = sum(outcome.counts.get(name, 0) for name in ("pruned", "recovered"))
+    changed = sum(outcome.counts.get(name, 0) for name in ("removed", "recovered"))
     share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
     return (2.0 if outcome.refused else 0.0) + 0.5 * rejected + 0.5 * share
 
@@ -70,7 +70,7 @@ def as_csv(outcomes: Sequence[Outcome]) -> str:
     writer.writerow(COLUMNS)
     for outcome in outcomes:
         counts, item = outcome.counts, outcome.item
-        numbers = [counts.get(name, "") for name in ("scene", "selected", "object", "kept", "split", "pruned",
+        numbers = [counts.get(name, "") for name in ("scene", "selected", "object", "kept", "cut", "removed",
                                                      "recovered")]  # fmt: skip
         writer.writerow([
             item.name, outcome.state, round(doubt(outcome), 4), outcome.message or outcome.refused, *numbers,
@@ -104,7 +104,7 @@ def _row(outcome: Outcome, picture: str) -> str:
     counts = outcome.counts
     numbers = (
         f"{counts.get('selected', 0):,} selected, {counts.get('object', 0):,} in the object<br>"
-        f"{counts.get('pruned', 0):,} pruned, {counts.get('recovered', 0):,} recovered"
+        f"{counts.get('removed', 0):,} removed, {counts.get('recovered', 0):,} recovered"
         if counts
         else ""
     )

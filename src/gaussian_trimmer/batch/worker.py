@@ -157,11 +157,9 @@ class SceneWorker:
         selection = self._selection(item)
         cameras = self._camera_set(item) if item.cameras else None
         result = trim_object(self._scene, selection, item, cameras)
-        report = describe(result, result.selection, result.config, _inputs(item), result.segmenter_description)
+        report = describe(result, _inputs(item))
         del report["seconds"]  # The files of an item hold nothing that differs from run to run.
-        write_results(
-            result, result.selection, report, folder, result.used_renderer, item.suffix, background=item.background
-        )
+        write_results(result, report, folder, item.suffix, background=item.background)
         told = {
             "fingerprint": mark,
             "counts": report["counts"],

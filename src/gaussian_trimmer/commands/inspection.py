@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
-from gaussian_trimmer.formats.losses import losses
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
@@ -63,8 +62,8 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     elif name.endswith(SUFFIXES):
         lines = describe_selection(open_selection(path))
     else:
-        known = ", ".join((*formats.FORMATS, *SUFFIXES, ".json"))
-        raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
+        known = ", ".join(dict.fromkeys((*formats.FORMATS, *SUFFIXES, ".json")))
+        raise InputError(f"'{path.name}' is of an unknown kind; known endings: {known}, and folders of cameras.")
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
 
@@ -87,13 +86,8 @@ def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
 
 
 def describe_splats(path: Path) -> Iterator[str]:
-    """Lines on a splat file, and on what its Gaussians would lose in other formats."""
-    gaussians = formats.read(path)
-    yield from describe_gaussians(gaussians)
-    own = formats.format_suffix(path)
-    for suffix, lost in losses(gaussians).items():
-        if suffix != own:
-            yield f"as {suffix}: {lost or 'loses nothing'}"
+    """Lines on a splat file."""
+    yield from describe_gaussians(formats.read(path))
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,11 @@ class Select(TrimSettings):
     IMG_7.JPG; pictures without a mask are skipped. The marks are saved beside the selection, as a .json file from which
     --marks makes it again and goes on.
     """
+
+    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
+        "--list-views", "--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract", "--marks",
+        "--masks", "--object-ids", "--cameras", "--up", "--output", "--overwrite", "--trim", "--quiet",
+    )  # fmt: skip
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or the folder of a training."""

@@ -12,14 +12,11 @@ from gaussian_trimmer.evaluation.tables import ScoreTable, cell_text
 from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
 from gaussian_trimmer.output.html.document import asset, document, text
 from gaussian_trimmer.output.html.tables import table
-from gaussian_trimmer.output.html.turntable import addresses
 from gaussian_trimmer.output.pictures import as_picture
 
 MOST_VIEWS = 24
 """Views that the page shows, at most."""
 _SIDE = 420
-_LIMIT = 7_500_000
-"""Characters that all pictures together may have."""
 _COLOURS = "Red is too much, green is missing, dark pixels do not count; the rest is the photograph in grey, if known."
 
 
@@ -50,7 +47,6 @@ def error_page(scores: ScoreTable, views: WorstViews) -> str:
         views: what is shown, at least one view.
     """
     figures = [figure for *_, figure in views.figures]
-    uris = addresses(figures, [], _LIMIT)
     notes = "".join(f"<li>{text(note)}</li>" for note in scores.notes)
     rows = [[cell_text(cell, scores.digits) for cell in row] for row in scores.rows]
     few = f"; the {MOST_VIEWS} lowest are shown" if len(rows) - 1 > len(figures) else ""
@@ -58,7 +54,7 @@ def error_page(scores: ScoreTable, views: WorstViews) -> str:
         f"<header><h1>{text(scores.title)}</h1></header><main><section><h2>Scores</h2>"
         f"{table(scores.columns, rows, marked=[False] * (len(rows) - 1) + [True])}<ul>{notes}</ul></section>"
         f"<section><h2>Views</h2><p>The lowest IoU first{few}.</p>"
-        f"{comparison('pairing', figures, _pairings(list(figures[0].pictures)), uris)}</section></main>"
+        f"{comparison('pairing', figures, _pairings(list(figures[0].pictures)))}</section></main>"
     )
     return document(scores.title, body, style=asset("report.css"), script=asset("report.js"))
 
