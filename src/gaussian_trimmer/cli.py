@@ -38,11 +38,17 @@ COMMANDS = {
     "evaluate benchmark": (
         "gaussian_trimmer.commands.evaluate_benchmark", "Benchmark", "trim and measure scenes with ground truth",
     ),
-    "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "score a method on NVOS, before and after trimming"),
+    "evaluate nvos": (
+        "gaussian_trimmer.commands.evaluate_dataset", "Nvos", "score a method on NVOS, before and after trimming",
+    ),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
-    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure how much each stage contributes"),
-    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by number of views"),
+    "evaluate ablation": (
+        "gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure how much each stage contributes",
+    ),
+    "evaluate view-counts": (
+        "gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by number of views",
+    ),
     "evaluate sheets": ("gaussian_trimmer.commands.evaluate_studies", "Sheets", "draw trims of captures"),
 }  # fmt: skip
 """A command of two words goes before the command of its first word."""

@@ -52,9 +52,7 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str], default: Any = N
         if end.code:
             _refuse(complaint.text(), prog.partition(" ")[2], given)
         text = printed.text()
-        is_help = text.startswith("usage:")
-        common = None if wants_all else getattr(kind, "COMMON_OPTIONS", None)
-        print(_help(text, prog, common) if is_help else text, end="")
+        print(_help(text, kind, prog, everything=wants_all) if text.startswith("usage:") else text, end="")
         raise
 
 
@@ -143,8 +141,8 @@ def _wanted(option: str, text: str) -> str:
     return "it must be a whole number" if "INT" in metavar or "ID" in metavar else "that is not possible"
 
 
-def _help(text: str, prog: str, common: Sequence[str] | None) -> str:
-    """tyro's help as plain text; of all options only the common ones, if these are named."""
+def _help(text: str, kind: type[Any], prog: str, *, everything: bool) -> str:
+    """tyro's help as plain text, of all options or of the common ones."""
     head, _, boxes = text.partition("╭")
     usage, _, description = head.partition("\n")
     width = min(shutil.get_terminal_size().columns, _WIDEST_HELP)
@@ -153,7 +151,7 @@ def _help(text: str, prog: str, common: Sequence[str] | None) -> str:
         lines += ["", _wrapped(paragraph, width)]
     left_out = 0
     for title, entries in _entries(boxes):
-        shown = [entry for entry in entries if common is None or _is_common(entry[0], common)]
+        shown = [entry for entry in entries if everything or _is_common(entry[0], kind)]
         left_out += len(entries) - len(shown)
         lines += ["", f"{title}:"] if shown else []
         for entry in shown:
@@ -164,21 +162,31 @@ def _help(text: str, prog: str, common: Sequence[str] | None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _is_common(name: str, common: Sequence[str]) -> bool:
-    return not name.startswith("--") or _OPTION.findall(name)[0] in common
+def _is_common(name: str, kind: type[Any]) -> bool:
+    """Whether short help lists an option: the command says which; else all but those of a stage, `--STAGE.NAME`."""
+    if not name.startswith("--"):
+        return True
+    option = _OPTION.findall(name)[0]
+    return option in kind.COMMON_OPTIONS if hasattr(kind, "COMMON_OPTIONS") else "." not in option
 
 
 def _entries(boxes: str) -> Iterator[tuple[str, list[tuple[str, str]]]]:
     """Titles of tyro's boxes with the entries of each: an option or argument, and what is said of it."""
     for box in boxes.split("╭"):
+        title, *rows = (row.strip("│") for row in box.split("\n"))
         entries: list[tuple[str, str]] = []
-        for row in (row.strip("│") for row in box.split("\n") if row.startswith("│")):
-            if row.startswith("  ") and entries:
-                entries[-1] = (entries[-1][0], f"{entries[-1][1]} {row.strip()}".strip())
-            elif row.strip() and "──" not in row:
-                name, _, words = row.strip().partition("  ")
-                entries.append((name, words.strip()))
-        yield box.split("\n")[0].strip("─╮ "), entries
+        for row in rows:
+            words = row.strip()
+            if words.startswith("──"):  # what stands above describes the group
+                entries = []
+            elif row.startswith("  ") and words and entries:
+                entries[-1] = (entries[-1][0], f"{entries[-1][1]} {words}".strip())
+            elif words.startswith("-") or (words and not entries) or title.startswith("─ pos"):
+                name, _, more = words.partition("  ")
+                entries.append((name, more.strip()))
+            elif words and not words.startswith("╰"):  # the rest of a long list of choices
+                entries[-1] = (entries[-1][0] + words, entries[-1][1])
+        yield title.strip("─╮ "), [entry for entry in entries if entry[0] and not entry[0].startswith("╰")]
 
 
 def _plain_entry(name: str, words: str) -> tuple[str, str]:

@@ -50,8 +50,8 @@ class Select(TrimSettings):
     """
 
     COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
-        "--list-views", "--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract", "--marks",
-        "--masks", "--object-ids", "--cameras", "--up", "--output", "--overwrite", "--trim", "--quiet",
+        "--list-views", "--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract",
+        "--marks", "--masks", "--object-ids", "--cameras", "--up", "--output", "--overwrite", "--trim", "--quiet",
     )  # fmt: skip
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
