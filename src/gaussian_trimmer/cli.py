@@ -13,7 +13,7 @@ from gaussian_trimmer.errors import InputError, printable
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Protocol
+    from typing import Any, Protocol
 
     class Command(Protocol):
         """What the dataclass of a command has beside its options."""
@@ -123,26 +123,35 @@ def _dispatch(arguments: Sequence[str]) -> int:
     return 0
 
 
+def _kind_of(name: str) -> type[Any]:
+    """The dataclass of a command."""
+    from importlib import import_module
+
+    module, attribute, _ = COMMANDS[name]
+    kind: type[Any] = getattr(import_module(module), attribute)
+    return kind
+
+
 def _parse(name: str, arguments: Sequence[str]) -> Command:
     from dataclasses import replace
-    from importlib import import_module
     from typing import cast
 
     from gaussian_trimmer.commands.parsing import parse
 
-    module, attribute, _ = COMMANDS[name]
-    kind = getattr(import_module(module), attribute)
-    command = parse(kind, f"{PROGRAM} {name}", arguments)
+    kind, prog = _kind_of(name), f"{PROGRAM} {name}"
+    command = parse(kind, prog, arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config
         from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
         default = replace(
-            command, config=paper_config(), segmenter=PAPER_SEGMENTER,
+            command,
+            config=paper_config(),
+            segmenter=PAPER_SEGMENTER,
             segmenter_options=paper_options(command.segmenter_options),
-        )  # fmt: skip
-        command = parse(kind, f"{PROGRAM} {name}", arguments, default)
+        )
+        command = parse(kind, prog, arguments, default)
     if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
         command = command.in_order_of(arguments)
     return cast("Command", command)
