@@ -18,7 +18,8 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
-from gaussian_trimmer.commands.trim import Loaded, Trim, TrimSettings
+from gaussian_trimmer.commands.trim import Loaded, Trim
+from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.atomic.manifest import MANIFEST

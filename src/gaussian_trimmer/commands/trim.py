@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -24,8 +24,8 @@ from gaussian_trimmer.commands.console import (
     progress_over_stages,
 )
 from gaussian_trimmer.commands.mark_options import MarkOptions
-from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.trim_objects import trim_labels
+from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -38,14 +38,9 @@ from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import suffix_of, trim_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views
 from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import (
-    DEFAULT_SEGMENTER,
-    SEGMENTERS,
     Segmenter,
-    all_options,
-    options_of,
-    segmenter_with,
 )
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import FromFile, Marks
@@ -69,13 +64,8 @@ _USUAL_PHOTOS = 8
 """Number of photographs that are looked at, unless more views or another number are asked for."""
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selection was written unchanged."""
-_SegmenterOptions = all_options()
 MARKS = "selection.json"
 """Name of the file of marks among the results."""
-_COMMON_OPTIONS = (
-    "--cameras", "--up", "--photos", "--views", "--segmenter", "--preset", "--background", "--fill", "--output",
-    "--overwrite", "--format", "--html", "--export-viewer", "--quiet",
-)  # fmt: skip
 
 
 class Loaded(NamedTuple):
@@ -91,49 +81,6 @@ class Loaded(NamedTuple):
     """What may not join the object, (N,): those marks removed it, or another object has it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrimSettings:
-    """The options of `trim` and of `select --trim` beside what is selected."""
-
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = _COMMON_OPTIONS
-
-    cameras: Annotated[Path | None, arg(metavar="PATH")] = None
-    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
-    angles from which the object was observed."""
-    photos: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of the training pictures: the object is segmented in those that show it best, in place of virtual views.
-    Needs --cameras."""
-    trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
-    overwrite: bool = False
-    """Replace earlier results in the output folder. Other files in it are left alone."""
-    format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
-    """File format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
-    preset: Literal["default", "paper"] = "default"
-    """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
-    views: Annotated[int | None, arg(metavar="INT")] = None
-    """Number of virtual views; short for --plan.views."""
-    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
-    """What segments the object in the views."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
-    """What renders the views; auto is numba, on the CPU. gsplat (GPU) is used only if you ask for it."""
-    quiet: bool = False
-    """Print nothing but errors."""
-    pages: Annotated[PageOptions, arg(name="")] = field(default_factory=PageOptions)
-    config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
-        default_factory=_SegmenterOptions
-    )
-
-    def _used_options(self) -> Any:
-        """The options of the segmenter that is used, or None if it has none."""
-        return options_of(self.segmenter, self.segmenter_options)
-
-    def make_segmenter(self) -> Segmenter:
-        """The segmenter with its options."""
-        return segmenter_with(self.segmenter, self.segmenter_options)
-
-
 @dataclass(frozen=True)
 class Trim(TrimSettings):
     """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
@@ -141,7 +88,7 @@ class Trim(TrimSettings):
     Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone.
     """
 
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (*_COMMON_OPTIONS, "--labels", "--objects", "--exclude")
+    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (*TrimSettings.COMMON_OPTIONS, "--labels", "--objects", "--exclude")
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or of the object alone; or the folder of a training."""
@@ -282,7 +229,7 @@ class Trim(TrimSettings):
     def _input_paths(self) -> list[Path]:
         """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
         cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
-        options = [vars(options) for options in (self.selection_options, self._used_options()) if options]
+        options = [vars(options) for options in (self.selection_options, self.used_options()) if options]
         given = [
             self.scene,
             self.selection,
@@ -377,7 +324,7 @@ class Trim(TrimSettings):
 
     def _inputs(self) -> dict[str, Any]:
         """Files and choices, for the report."""
-        used = self._used_options()
+        used = self.used_options()
         return {
             "scene": str(self.scene),
             "selection": str(self.selection) if self.selection else None,
