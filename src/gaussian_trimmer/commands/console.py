@@ -36,6 +36,11 @@ _STAGES = {
 _STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
 _PROGRAM = "gaussian-trimmer"
+_COMPILING = "Compiling kernels, once per installation: about 20 seconds."
+_COMPILING_AGAIN = (
+    "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
+    "set NUMBA_CACHE_DIR to one that is."
+)
 _DOUBTFUL_CONFIDENCE = 0.2
 """Confidence below which the up vector may well be wrong."""
 
@@ -163,3 +168,14 @@ def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool)
         raise InputError(f"'{path}' is an input of this run, which would be lost; choose another name.")
     if os.path.lexists(path) and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with --overwrite.")
+
+
+def announce_compiling(console: Console) -> None:
+    """Say that the renderer's kernels are compiled first, unless an earlier run has left them on disk."""
+    from gaussian_trimmer.geometry.compiling import CACHE
+    from gaussian_trimmer.rendering.numba_kernels import blend_tiles
+
+    if not CACHE:
+        console.print(_COMPILING_AGAIN)
+    elif not any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi")):
+        console.print(_COMPILING)

@@ -17,6 +17,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import (
+    announce_compiling,
     open_console,
     print_refusal,
     print_summary,
@@ -30,7 +31,6 @@ from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
-from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT
@@ -55,11 +55,6 @@ from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.trim import trim
 
-_COMPILING = "Compiling kernels, once per installation: about 20 seconds."
-_COMPILING_AGAIN = (
-    "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
-    "set NUMBA_CACHE_DIR to one that is."
-)
 _USUAL_PHOTOS = 8
 """Number of photographs that are looked at, unless more views or another number are asked for."""
 NOTHING_TRIMMED = 3
@@ -156,8 +151,8 @@ class Trim(TrimSettings):
         self._refuse_unused_views(views)
         if self.photos is not None:
             views, segmenter = self._photo_views(scene, selection, loaded.cameras, segmenter)
-        if renderer.name == "numba" and not _kernels_are_compiled():
-            console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
+        if renderer.name == "numba":
+            announce_compiling(console)
         result = trim(
             scene, selection, config=self.settings(), renderer=renderer, segmenter=segmenter, cameras=loaded.cameras,
             view_cameras=views, excluded=excluded, progress=stage,
@@ -343,10 +338,3 @@ def _may_hold_splats(path: Path) -> bool:
 
 def _as_json(options: Any) -> dict[str, Any]:
     return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()}
-
-
-def _kernels_are_compiled() -> bool:
-    """Whether an earlier run has left the renderer's compiled kernels on disk."""
-    from gaussian_trimmer.rendering.numba_kernels import blend_tiles
-
-    return CACHE and any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi"))
