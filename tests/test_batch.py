@@ -225,7 +225,7 @@ def test_the_worst_come_first():
         outcome("a", state="failed", message="<broken>"),
         outcome("b", refused="too little"),
         outcome("c", views=(2, 5)),
-        outcome("d", counts={"selected": 100, "pruned": 30}),
+        outcome("d", counts={"selected": 100, "removed": 30}),
         outcome("e"),
     ]
     doubts = [doubt(entry) for entry in ordered]

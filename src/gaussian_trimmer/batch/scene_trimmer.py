@@ -101,7 +101,7 @@ class SceneTrimmer:
         """Trim an item and write its files; returns what `item.json` says."""
         cameras = self._camera_set(item) if item.cameras else None
         result = trim_item(scene, self._selection(scene, item), item, cameras)
-        report = describe(result, result.selection, result.config, _inputs(item), result.segmenter_description)
+        report = describe(result, _inputs(item))
         del report["seconds"]  # The files of an item hold nothing that differs from run to run.
         told = {
             "name": item.name,
@@ -112,9 +112,7 @@ class SceneTrimmer:
             "up_confidence": report["up"]["confidence"],
         }
         with _writing():
-            write_results(
-                result, result.selection, report, folder, result.used_renderer, item.suffix, background=item.background
-            )
+            write_results(result, report, folder, item.suffix, background=item.background)
             (folder / ITEM).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         return told
 

@@ -13,7 +13,7 @@ from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
-_COUNTS = ("selected", "object", "kept", "split", "pruned", "recovered")
+_COUNTS = ("selected", "object", "kept", "cut", "removed", "recovered")
 COLUMNS = (
     *("name", "state", "doubt", "message", "scene_gaussians", *_COUNTS),
     *("views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint"),
@@ -36,7 +36,7 @@ def doubt(outcome: Outcome) -> float:
         return 3.0
     accepted, views = outcome.views
     rejected = 1 - accepted / views if views else 1.0
-    changed = sum(outcome.counts.get(name, 0) for name in ("pruned", "recovered"))
+    changed = sum(outcome.counts.get(name, 0) for name in ("removed", "recovered"))
     share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
     return (2.0 if outcome.refused else 0.0) + 0.5 * rejected + 0.5 * share
 
@@ -103,7 +103,7 @@ def _row(outcome: Outcome, picture: str) -> str:
     counts = outcome.counts
     numbers = (
         f"{counts.get('selected', 0):,} selected, {counts.get('object', 0):,} in the object<br>"
-        f"{counts.get('pruned', 0):,} pruned, {counts.get('recovered', 0):,} recovered"
+        f"{counts.get('removed', 0):,} removed, {counts.get('recovered', 0):,} recovered"
         if counts
         else ""
     )

@@ -62,8 +62,8 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     elif name.endswith(SUFFIXES):
         lines = describe_selection(open_selection(path))
     else:
-        known = ", ".join((*formats.FORMATS, *SUFFIXES))
-        raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
+        known = ", ".join(dict.fromkeys((*formats.FORMATS, *SUFFIXES, ".json")))
+        raise InputError(f"'{path.name}' is of an unknown kind; known endings: {known}, and folders of cameras.")
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
 

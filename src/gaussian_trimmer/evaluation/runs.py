@@ -116,7 +116,7 @@ def measure(task: Task, variants: Mapping[str, Variant], judge: Judge, *, fideli
             score |= judge.fidelity(cut, view.camera, picture)
         counts = {label.name.lower(): result.count(label) for label in RowLabel}
         where = task.scene, task.object, task.kind, name
-        yield Run(*where, len(task.views), before, mean_scores(scores), seconds, result.refused, counts)
+        yield Run(*where, len(task.views), before, mean_scores(scores), seconds, result.refused or "", counts)
 
 
 def evenly_spread(cameras: CameraSet | None, n: int) -> list[Camera] | None:

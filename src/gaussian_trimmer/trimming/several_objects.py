@@ -60,8 +60,8 @@ class TrimmedObject:
     """Bounds of the rough object."""
     view: TrimmedView | None
     """A view of it, an accepted one if there is one; None if the selection was refused before any was planned."""
-    refused: str
-    """Why it was left as it was; empty if it was trimmed."""
+    refused: str | None
+    """Why it was left as it was; None if it was trimmed."""
     given_up: int
     """Number of Gaussians that it claimed and another object got."""
     report: dict[str, Any]

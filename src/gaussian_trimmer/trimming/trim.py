@@ -127,11 +127,13 @@ def trim_checked(
         wrong = find_wrong_input(scene, selection, scope.bounds, known)
         doubt = known_up.doubt if known_up else "" if wrong else doubts_about_up(scene, selection, up)
 
-    def result(rows: Rows, refused: str = "", views: Sequence[TrimmedView] = (), **more: Any) -> TrimResult:
+    def result(rows: Rows, refused: str | None = None, views: Sequence[TrimmedView] = (), **more: Any) -> TrimResult:
         floaters = int(selection.sum() - scope.coarse.sum()) if views else 0
         return TrimResult(
-            scene, *rows, up, scope.bounds, tuple(views), floaters, refused, clock.seconds, renderer.name,
-            segmenter.name, description_of(given_segmenter), selection, config, given_renderer, tuple(known), **more,
+            scene=scene, object=rows[0], outside_parts=rows[1], source_index=rows[2], label=rows[3], up=up,
+            bounds=scope.bounds, views=tuple(views), floaters=floaters, refused=refused, seconds=clock.seconds,
+            renderer=renderer.name, segmenter=segmenter.name, segmenter_description=description_of(given_segmenter),
+            selection=selection, config=config, used_renderer=given_renderer, cameras=tuple(known), **more,
         )  # fmt: skip
 
     if wrong:
