@@ -120,6 +120,10 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
 
     module, attribute, _ = COMMANDS[name]
     kind = getattr(import_module(module), attribute)
+    if hasattr(kind, "in_order_of"):  # it takes marks
+        from gaussian_trimmer.commands.mark_options import split_commas
+
+        arguments = split_commas(arguments)
     command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import paper_config

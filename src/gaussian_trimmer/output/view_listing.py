@@ -88,14 +88,13 @@ def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]
 
 def _number(picture: Picture, number: int, place: tuple[int, int]) -> None:
     for colour, thickness in ((_SHADE, 3), (_INK, 1)):
-        cv2.putText(
-            picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, colour, thickness, cv2.LINE_AA
-        )  # fmt: skip
+        cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, colour, thickness, cv2.LINE_AA)
 
 
 _HEADER = """<header>
-<p><b>Click</b> on what you want, <b>drag</b> a box around it; with <b>Shift</b>, or with "remove" ticked, on what
-you do not want. Later clicks belong in the middle of what is missing or too much.</p>
+<p><b>Click</b> on what you want, or <b>drag</b> a box around it. Hold <b>Ctrl</b> (Cmd on a Mac), or tick "remove", for
+what you do not want; <b>Shift</b> adds in any case. Later clicks belong in the middle of what is missing or too
+much.</p>
 <p><label><input type="checkbox" id="remove"> remove</label> <button id="undo">undo</button>
 <button id="clear">clear</button> <button id="copy">copy the command</button></p>
 <textarea id="command" readonly></textarea>

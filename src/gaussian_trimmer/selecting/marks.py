@@ -125,7 +125,7 @@ class Grow:
     """Also take what lies near the selection."""
 
     spacings: float
-    """How near: in mean distances between neighbouring Gaussians of the selection."""
+    """How near: in median distances between neighbouring Gaussians of the selection."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ minimum cut of this graph is a short boundary that runs along such places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -26,11 +25,14 @@ from gaussian_trimmer.gaussians import (
     rotation_matrices,
 )
 from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene
+from gaussian_trimmer.views import HALF
 
 _REACH = 3.0
 """Distance from the point within which Gaussians are looked at, in radii."""
@@ -118,60 +120,71 @@ class SurfaceGraph:
         found[free] = min_cut(unaries[free], numbers[self.edges[within]], self.weights[within])
         return found
 
-    def boundary(self, part: BoolArray) -> tuple[float, float]:
-        """Weight and length of the boundary between some nodes (S,) and the others, in radii."""
-        cut = part[self.edges[:, 0]] != part[self.edges[:, 1]]
-        return float(self.weights[cut].sum()), float(self.lengths[cut].sum())
+    def boundary(self, part: BoolArray, others: BoolArray) -> tuple[float, float]:
+        """Weight and length of the boundary between some nodes (S,) and others (S,), in radii."""
+        a, b = self.edges.T
+        across = (part[a] & others[b]) | (part[b] & others[a])
+        return float(self.weights[across].sum()), float(self.lengths[across].sum())
 
-    def colour_evidence(self, part: BoolArray, others: BoolArray | None = None) -> tuple[Float64Array, float]:
-        """Clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), or the rest, (S,).
+    def pieces(self, part: BoolArray) -> tuple[IntArray, IntArray]:
+        """The nodes of a part (S,), and the number of the connected piece that each is in, (P,) each."""
+        nodes = np.flatnonzero(part)
+        if len(nodes) == 0:
+            return nodes, nodes
+        return nodes, connected_points(self.means[nodes].astype(np.float64), self.gap)
+
+    def colour_evidence(self, part: BoolArray, others: BoolArray) -> tuple[Float64Array, float]:
+        """Clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), (S,).
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
         bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
         flat = np.ravel_multi_index(tuple(bins.T), _BINS)
-        inside, outside = self.areas * part, self.areas * (~part if others is None else others)
+        inside, outside = self.areas * part, self.areas * others
         models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
         ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[flat]
         hits = [
-            areas[right].sum() / max(areas.sum(), 1e-12)
-            for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
-        ]  # fmt: skip
+            areas[right].sum() / max(areas.sum(), 1e-12) for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
+        ]
         return np.clip(ratio, -_MAX_RATIO, _MAX_RATIO), float(np.mean(hits))
 
     def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
         """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
         selection = np.zeros(len(gaussians), np.bool_)
         selection[self.rows[part]] = True
-        rows = self.hidden[allowed[self.hidden]]
-        if len(rows):
-            squared, near = nearest(self.means, gaussians.means[rows], min(_HIDDEN_NEIGHBOURS, len(self.means)))
-            beside = (part[near].mean(axis=1) > 0.5) & (squared[:, 0] < (_HIDDEN_REACH * self.radius) ** 2)
-            selection[rows[beside]] = True
+        candidates = self.hidden[allowed[self.hidden]]
+        selection[self.followers(gaussians, part, np.ones(len(part), np.bool_), candidates)] = True
         return selection
+
+    def followers(self, gaussians: Gaussians, part: BoolArray, comparable: BoolArray, candidates: IntArray) -> IntArray:
+        """Those of some rows of the scene most of whose nearest comparable nodes (S,) are in a part (S,)."""
+        if len(candidates) == 0:
+            return candidates
+        neighbours = min(_HIDDEN_NEIGHBOURS, len(self.means))
+        squared, near = nearest(self.means, gaussians.means[candidates], neighbours)
+        share = (part & comparable)[near].sum(axis=1) / np.maximum(comparable[near].sum(axis=1), 1)
+        return np.asarray(candidates[(share > HALF) & (squared[:, 0] < (_HIDDEN_REACH * self.radius) ** 2)])
 
 
 def build_surface_graph(
-    gaussians: Gaussians, camera: Camera, centre: Float64Array, radius: float, candidates: BoolArray, up: Float64Array,
-    renderer: Renderer, seen_from: Sequence[Camera] = (), reach: float = 1.0,
-) -> SurfaceGraph:  # fmt: skip
+    scene: ViewedScene, centre: Float64Array, radius: float, candidates: BoolArray, reach: float = 1.0
+) -> SurfaceGraph:
     """The visible surface around a point, from the user's view and from all around.
 
     Args:
-        camera: the user's view.
+        scene: the scene in the user's view.
         centre: the point, (3,).
         radius: about half the size of the object there, in scene units.
         candidates: which Gaussians may become nodes, (N,).
-        up: the scene's up vector, (3,).
-        seen_from: training cameras, if known: views from other sides are left out.
         reach: factor on the distance within which Gaussians are looked at.
     """
+    gaussians, camera = scene.gaussians, scene.camera
     near = np.flatnonzero(np.linalg.norm(gaussians.means - centre, axis=1) < _REACH * reach * radius)
     local = gaussians.select(near)
-    views = _views_around(camera, centre, reach * radius, up, seen_from)
+    views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
-    in_view = _visible(gaussians, camera, renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
-    weights = [_visible(local, view, renderer) for view in views]
+    in_view = _visible(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
+    weights = [_visible(local, view, scene.renderer) for view in views]
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:
@@ -190,9 +203,18 @@ def build_surface_graph(
     edges, lengths = _edges(beside, np.sqrt(squared), spacing)
     affinity = _affinity(edges, means, colours, normals, flatness)
     return SurfaceGraph(
-        centre, radius, near[nodes], near[~nodes], means, colours, np.square(spacing / radius, dtype=np.float64),
-        in_view[nodes] > _MIN_VISIBLE_IN_VIEW, edges, lengths / radius, lengths / radius * affinity,
-    )  # fmt: skip
+        centre,
+        radius,
+        near[nodes],
+        near[~nodes],
+        means,
+        colours,
+        np.square(spacing / radius, dtype=np.float64),
+        in_view[nodes] > _MIN_VISIBLE_IN_VIEW,
+        edges,
+        lengths / radius,
+        lengths / radius * affinity,
+    )
 
 
 def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
@@ -203,16 +225,14 @@ def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
     return gaussians.means - arms, gaussians.means + arms
 
 
-def _views_around(
-    camera: Camera, centre: Float64Array, radius: float, up: Float64Array, seen_from: Sequence[Camera]
-) -> list[Camera]:
+def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> list[Camera]:
     """Small views of a point from all around, starting at the user's yaw."""
-    axes = up_frame(up)
-    offset = axes @ (camera.centre - centre)
+    axes = up_frame(scene.up)
+    offset = axes @ (scene.camera.centre - centre)
     steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _RINGS])
     yaws = np.arctan2(offset[1], offset[0]) + steps
     pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _RINGS])
-    photographed = -_directions(np.array([taken.centre for taken in seen_from]).reshape(-1, 3), centre)
+    photographed = -_directions(np.array([taken.centre for taken in scene.seen_from]).reshape(-1, 3), centre)
     if len(photographed):
         near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE
         yaws, pitches = yaws[near], pitches[near]
