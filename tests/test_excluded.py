@@ -105,5 +105,5 @@ def test_files_of_marks_are_selections(tmp_path):
     found = gt.select(SCENE, [FromFile(tmp_path / "a.json")], up=toy.UP)
     assert np.array_equal(found.mask, ball_without_its_patch().mask)
     found.save_marks(tmp_path / "b.json")
-    with pytest.raises(InputError, match="marks that are of files of marks"):
+    with pytest.raises(InputError, match="refer to files of marks"):
         gt.select(SCENE, [FromFile(tmp_path / "b.json")], up=toy.UP)

@@ -51,7 +51,7 @@ def from_plain(data: Any, kind: Any, where: str, readers: Readers = types.Mappin
         data: what `json.loads` returned.
         kind: a dataclass, or a type that its fields have: numbers (with a `Range`), text, paths, choices, tuples,
             dataclasses, or one of these or None.
-        where: what the message on a wrong value begins with.
+        where: what the message on a wrong value begins with: a name, or a file and ": ".
         readers: functions of a value and its place in the document, for types that are read in another way.
 
     Raises:
@@ -100,7 +100,8 @@ def _dataclass_from(data: Any, kind: Any, where: str, readers: Readers) -> Any:
     for field in fields(kind):
         if field.name not in data and field.default is MISSING and field.default_factory is MISSING:
             raise InputError(f"{where} has no {field.name}.")
-    return kind(**{name: from_plain(value, hints[name], f"{where}.{name}", readers) for name, value in data.items()})
+    prefix = where if where.endswith(": ") else f"{where}."
+    return kind(**{name: from_plain(value, hints[name], f"{prefix}{name}", readers) for name, value in data.items()})
 
 
 def _tuple_from(data: Any, kinds: tuple[Any, ...], where: str, readers: Readers) -> tuple[Any, ...]:

@@ -84,15 +84,15 @@ def read_marks(path: str | Path) -> Marks:
         InputError: the file cannot be read, holds no marks, or one of them is not possible.
     """
     path = Path(path)
-    where, raw = f"'{path}'", read_json(path)
+    where, raw = f"'{path}': ", read_json(path)
     if not isinstance(raw, dict) or raw.get("content") != CONTENT:
-        raise InputError(f"{where} holds no marks; give the .json that 'gaussian-trimmer select' wrote.")
+        raise InputError(f"'{path}' holds no marks; give the .json that 'gaussian-trimmer select' wrote.")
     readers: dict[Any, Any] = {Path: lambda data, place: path.parent / from_plain(data, Path, place)}
     document: _Document = from_plain(raw, _Document, where, readers)
-    unit_up(document.up, f"{where}: the up vector")
-    views = [_view(view, f"{where}.views[{i}]") for i, view in enumerate(document.views)]
+    unit_up(document.up, f"{where}the up vector")
+    views = [_view(view, f"{where}views[{i}]") for i, view in enumerate(document.views)]
     readers[View] = partial(_numbered_view, views)
-    marks = tuple(_mark(entry, f"{where}.marks[{i}]", readers) for i, entry in enumerate(document.marks))
+    marks = tuple(_mark(entry, f"{where}marks[{i}]", readers) for i, entry in enumerate(document.marks))
     return Marks(marks, document.up, document.photographed_from, document.scene_size, document.cameras)
 
 
