@@ -20,7 +20,7 @@ from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, Point, View, Viewpoint
 
 CONTENT = "selection marks"
-_MAX_BYTES = 1 << 26
+_MAX_BYTES = 1 << 24
 _Row = tuple[float, float, float, float]
 
 
