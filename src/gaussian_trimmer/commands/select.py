@@ -31,7 +31,7 @@ from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks
-from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
+from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
@@ -133,7 +133,7 @@ class Select(TrimSettings):
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""
-        views = None if cameras is not None else self._views(scene, cameras, up)
+        views = self._overview(scene, None, up).views if cameras is None else None
         marks: list[Mark] = self.mark_options.marks()
         if self.masks is not None:
             marks.insert(0, FromMasks(self.masks, self.method, self.gamma, self.threshold))
@@ -198,31 +198,24 @@ class Select(TrimSettings):
         found = lift_objects_by_assignment(scene, posed, labels, get_renderer(self.renderer), self.gamma)
         return found, f"{len(posed)} masks"
 
-    def _views(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> list[Viewpoint]:
-        if cameras is not None:
-            return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
-        return plan_overview(scene, up.direction, self.overview).views
+    def _overview(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
+        if cameras is None:
+            return plan_overview(scene, up.direction, self.overview)
+        return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
 
     def _write_views(self, folder: Path, console: Console) -> None:
         overwrite = self.overwrite or (folder / MANIFEST).is_file()
         with atomic_folder(folder, _LISTING, names=VIEW_FILES, overwrite=overwrite) as part:
             scene, cameras = self._read(console)
-            up = find_up(scene, cameras, self.config.up)
-            whole: Sequence[int] = ()
-            if cameras is None:
-                overview = plan_overview(scene, up.direction, self.overview)
-                views, whole = overview.views, overview.whole
-            else:
-                views = self._views(scene, cameras, up)
-            renderer = get_renderer(self.renderer)
-            drawn = [(view.camera, drawn_rows(scene.means, view)) for view in views]
-            write_view_listing(scene, drawn, whole, self._command_of_views(), part, renderer, grid=self.grid)
+            up, renderer = find_up(scene, cameras, self.config.up), get_renderer(self.renderer)
+            overview = self._overview(scene, cameras, up)
+            drawn = [(view.camera, drawn_rows(scene.means, view)) for view in overview.views]
+            write_view_listing(scene, drawn, overview.whole, self._command_of_views(), part, renderer, grid=self.grid)
         print_up(console, up)
-        console.print(f"{folder}: {len(views)} views, each named by its number for --view-index")
-        if len(whole) < len(views) and whole:
-            console.print(
-                f"The whole capture is in views {whole[0]} to {whole[-1]}, the part with most detail in the others."
-            )
+        console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
+        if 0 < len(overview.whole) < len(drawn):
+            first, last = overview.whole[0], overview.whole[-1]
+            console.print(f"The whole capture is in views {first} to {last}, the part with most detail in the others.")
         console.print(f"To click: open {folder / 'index.html'} in a browser.")
 
     def _command_of_views(self) -> list[str]:
@@ -244,8 +237,5 @@ class Select(TrimSettings):
         return parts
 
     def _next_command(self) -> str:
-        if self.object_ids:
-            parts = ["gaussian-trimmer", "trim", str(self.scene), "--labels", str(self.selection_path)]
-        else:
-            parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.selection_path)]
-        return shlex.join([*parts, *self._common_options()])
+        selection = [*(["--labels"] if self.object_ids else []), str(self.selection_path)]
+        return shlex.join(["gaussian-trimmer", "trim", str(self.scene), *selection, *self._common_options()])
