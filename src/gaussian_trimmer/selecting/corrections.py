@@ -21,9 +21,9 @@ from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 
 _COSTS = np.geomspace(0.05, 25.0, 14)
 """Costs of changing sides to try, by area in squared radii."""
-_CERTAIN = 1e4
+_CERTAIN_COST = 1e4
 """Cost that no cut pays."""
-_COLOUR = 2.0
+_COLOUR_WEIGHT = 2.0
 """Weight of the colours' log-likelihood ratio, relative to that cost."""
 _COLOUR_ROUNDS = 2
 _SEED_RADIUS = 0.5
@@ -88,9 +88,9 @@ def correct_at_click(scene: ViewedScene, selection: BoolArray, seed: Seed, earli
 def _best_region(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Sequence[Seed]) -> BoolArray | None:
     """The selected nodes (S,) after the best region has changed sides; None if none can."""
     fixed = _fixed(graph, before, seed, earlier)
-    stay, certain = np.where(before, 1.0, -1.0), np.where(fixed == 1, _CERTAIN, -np.inf)
+    stay, certain = np.where(before, 1.0, -1.0), np.where(fixed == 1, _CERTAIN_COST, -np.inf)
     cut = SurfaceCut(graph, before, seed.inside, np.where(fixed == 0, graph.areas, 0.0), _COLOUR_ROUNDS)
-    terms = ((np.where(fixed == 0, cost * stay * graph.areas, certain), _COLOUR * cost) for cost in _COSTS)
+    terms = ((np.where(fixed == 0, cost * stay * graph.areas, certain), _COLOUR_WEIGHT * cost) for cost in _COSTS)
     best, best_score = None, -1.0
     for part in cut.sweep(terms, lambda part: _connected(graph, before, part, seed)):
         score = cut.separation(part, _LEAST_CONTRAST) * _width_fit(graph, cut.sides(part), seed)

@@ -26,11 +26,11 @@ from gaussian_trimmer.selecting.segment_in_box import box_overlap
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import HALF, Box, bounding_box
 
-_SAME = 0.75
+_SAME_OVERLAP = 0.75
 """Intersection over union from which on the model and the built-in way mean the same."""
-_MIN_AGREEMENT = 0.5
+_MIN_AGREEMENT_OVERLAP = 0.5
 """The same, of a mask in another view and what is expected there, below which the view is left out."""
-_MIN_FILLED = 0.5
+_MIN_BOX_OVERLAP = 0.5
 """Intersection over union of the user's box and a mask's bounding box, below which the mask is of something else."""
 _CORRECTION_VIEWS = 4
 """Views around the object in which a part is corrected."""
@@ -82,7 +82,7 @@ def _part_seen(
     box = mark if len(mark) == 4 else None
     picture, silhouette = scene.renderer.render(scene.gaussians, scene.camera), scene.coverage(built_in) > HALF
     mask = _mask_of(model.propose(picture.rgb, _prompt(mark)), box)
-    if not mask.any() or overlap(mask, silhouette) >= _SAME:
+    if not mask.any() or overlap(mask, silhouette) >= _SAME_OVERLAP:
         return None
     whole = propagate_mask(scene, picture, mask)
     if not whole.any():
@@ -115,7 +115,7 @@ def _mask_of(found: Candidates, box: Box | None) -> BoolArray:
         return np.asarray(masks[int(np.argmax(found.scores))])
     fits = np.array([_fills(mask, box) for mask in masks])
     best = int(np.argmax(fits * found.scores))
-    return np.asarray(masks[best]) & bool(fits[best] >= _MIN_FILLED)
+    return np.asarray(masks[best]) & bool(fits[best] >= _MIN_BOX_OVERLAP)
 
 
 def _fills(mask: BoolArray, box: Box) -> float:
@@ -136,7 +136,7 @@ def _corrected(scene: ViewedScene, selection: BoolArray, mask: BoolArray, model:
         prompt = Prompt(bounding_box(expected > HALF), logits=expected_logits(expected))
         found = model.propose(renderer.render(gaussians, camera).rgb, prompt).logits > 0
         best = max(found, key=lambda mask: overlap(mask, expected > HALF))
-        if overlap(best, expected > HALF) >= _MIN_AGREEMENT:
+        if overlap(best, expected > HALF) >= _MIN_AGREEMENT_OVERLAP:
             cameras.append(camera)
             masks.append(best)
     lifted = lift_by_assignment(gaussians, cameras, masks, renderer)

@@ -19,18 +19,18 @@ _MIDDLE_SHARE = 0.25
 """Share of the Gaussians nearest to the middle that the views frame."""
 _WHOLE_SHARE = 0.95
 """Share of the Gaussians whose distance tells whether a capture is compact."""
-_COMPACT = 3.2
+_COMPACT_RATIO = 3.2
 """A capture is compact, as of a single object, if it has the latter share within this many radii of the former."""
-_REACH = 3.0
+_DRAWN_RADII = 3.0
 """Gaussians farther from the middle than this many radii of what is framed are left out: walls would hide the rest."""
-_ENDS = (0.005, 0.995)
+_END_QUANTILES = (0.005, 0.995)
 """Quantiles of the centres along each axis between which the whole capture lies."""
-_ROUNDS = 5
-_SIZE, _FOV = 640, float(np.radians(60))
+_MEDIAN_ROUNDS = 5
+_SIZE_PIXELS, _FOV_RADIANS = 640, float(np.radians(60))
 """Width and height in pixels, and field of view."""
 _PITCH_DEGREES = 30.0
 _MIDDLE_FILL, _WHOLE_FILL = 0.6, 0.9
-_TARGET_DISTANCE = 3.0
+_TARGET_RADII = 3.0
 """Distance of the views around a given point, in radii of the part with most detail."""
 
 
@@ -73,12 +73,12 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig
     middle, whole = (float(radius) for radius in np.quantile(distance, [_MIDDLE_SHARE, _WHOLE_SHARE]))
     if config.target is not None:
         return _around_target(config.target, middle, up_frame(up), config)
-    compact = whole < _COMPACT * middle
+    compact = whole < _COMPACT_RATIO * middle
     framed = gaussians if compact else gaussians.select(distance <= np.float32(middle))
     bounds = robust_bounds(framed, up_frame(up))
     check_size(bounds.radius)
     x, y, z = (float(value) for value in middle_point)
-    reach = _REACH * (whole if compact else middle) * max(1.0, config.distance)
+    reach = _DRAWN_RADII * (whole if compact else middle) * max(1.0, config.distance)
     cameras = _framing_ring(bounds, config, _WHOLE_FILL if compact else _MIDDLE_FILL)
     views = [Viewpoint(camera, (x, y, z), reach) for camera in cameras]
     if compact:
@@ -100,13 +100,15 @@ def drawn_rows(means: FloatArray, view: Viewpoint) -> IntArray:
 def _framing_ring(bounds: Bounds, config: OverviewConfig, fill: float) -> list[Camera]:
     """Views whose middle `fill` holds the bounds, nearer or farther by the factor of the configuration."""
     yaws, pitch = _angles(config)
-    distance = config.distance * framing_distance(bounds, yaws, pitch, _FOV, fill)
-    return ring(bounds.centre, bounds.axes, distance, yaws, pitch, Lens(_SIZE, _FOV, NEAR_RADII * bounds.radius))
+    distance = config.distance * framing_distance(bounds, yaws, pitch, _FOV_RADIANS, fill)
+    return ring(
+        bounds.centre, bounds.axes, distance, yaws, pitch, Lens(_SIZE_PIXELS, _FOV_RADIANS, NEAR_RADII * bounds.radius)
+    )
 
 
 def _around_target(target: Point, radius: float, axes: Float64Array, config: OverviewConfig) -> Overview:
-    distance = _TARGET_DISTANCE * radius * config.distance
-    lens = Lens(_SIZE, _FOV, max(NEAR_RADII * radius, 1e-6))
+    distance = _TARGET_RADII * radius * config.distance
+    lens = Lens(_SIZE_PIXELS, _FOV_RADIANS, max(NEAR_RADII * radius, 1e-6))
     cameras = ring(np.array(target, np.float64), axes, distance, *_angles(config), lens)
     # What is farther from the point than the camera stands behind walls as often as not.
     return Overview([Viewpoint(camera, target, 0.95 * distance) for camera in cameras], range(0))
@@ -120,14 +122,14 @@ def _angles(config: OverviewConfig) -> tuple[Float64Array, float]:
 def _bounds_of_nearly_all(gaussians: Gaussians, up: Float64Array) -> Bounds:
     """The box that holds nearly all centres, wherever they lie dense."""
     axes = up_frame(up)
-    low, high = np.quantile(gaussians.means.astype(np.float64) @ axes.T, _ENDS, axis=0)
+    low, high = np.quantile(gaussians.means.astype(np.float64) @ axes.T, _END_QUANTILES, axis=0)
     return Bounds((low + high) / 2 @ axes, axes, (high - low) / 2)
 
 
 def _middle(means: FloatArray) -> FloatArray:
     """Where the centres (N, 3) lie densest, (3,)."""
     middle = np.median(means, axis=0)
-    for _ in range(_ROUNDS):
+    for _ in range(_MEDIAN_ROUNDS):
         distance = np.linalg.norm(means - middle, axis=1)
         middle = np.median(means[distance <= np.quantile(distance, _MIDDLE_SHARE)], axis=0)
     return np.asarray(middle, np.float32)

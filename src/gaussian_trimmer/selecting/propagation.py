@@ -19,17 +19,17 @@ from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import bounding_box
 
 _COLOUR_ROUNDS = 3
-_VISIBLE = 15.0
+_VISIBLE_UNARY = 15.0
 """Unary term of surface that is visible in the user's view, by area in squared radii."""
-_COLOUR = 0.3
+_COLOUR_WEIGHT = 0.3
 """Weight of the colours' log-likelihood ratio, by area in squared radii."""
-_IN_FRONT = 0.2
+_IN_FRONT_DEPTH = 0.2
 """Depth difference, in radii, from which something beside the mask may hide a part of the object."""
 _SURROUNDINGS = 1.0
 """Width of the surroundings that are looked at, in radii."""
-_MIN_PIECE = 0.01
+_MIN_PIECE_SHARE = 0.01
 """Smallest share of the visible object that a piece of it must hold."""
-_MAX_REMNANT, _MIN_ATTACHED = 0.1, 0.5
+_MAX_REMNANT_AREA, _MIN_ATTACHED_LENGTH = 0.1, 0.5
 """Area of a remnant relative to the object's, and length of its boundary with it relative to the root of its area."""
 
 
@@ -57,7 +57,7 @@ def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> B
     if len(graph.rows) < MIN_NODES:
         return nothing
 
-    possible = ~_visible_background(picture, mask, _IN_FRONT * radius)
+    possible = ~_visible_background(picture, mask, _IN_FRONT_DEPTH * radius)
     allowed = _at(possible, pixels)
     rows = np.concatenate([graph.rows, graph.hidden])
     for ends in axis_ends(gaussians.select(rows)):
@@ -71,11 +71,11 @@ def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> B
 
 def _cut(graph: SurfaceGraph, share: FloatArray, allowed: BoolArray) -> BoolArray:
     """The minimum cut by the share of each node in the mask (S,), and by which hidden ones can be object, (S,)."""
-    hidden = np.where(allowed, HIDDEN_UNARY, -_VISIBLE)
-    unaries = graph.areas * np.where(graph.visible_in_view, _VISIBLE * (2 * share - 1), hidden)
+    hidden = np.where(allowed, HIDDEN_UNARY, -_VISIBLE_UNARY)
+    unaries = graph.areas * np.where(graph.visible_in_view, _VISIBLE_UNARY * (2 * share - 1), hidden)
     undecided = graph.areas * (~graph.visible_in_view & allowed)
     cut = SurfaceCut(graph, np.zeros(len(allowed), np.bool_), True, undecided, _COLOUR_ROUNDS)
-    *_, last = cut.cuts(unaries, _COLOUR)
+    *_, last = cut.cuts(unaries, _COLOUR_WEIGHT)
     return last
 
 
@@ -103,7 +103,7 @@ def _without_specks(graph: SurfaceGraph, part: BoolArray, visible: BoolArray) ->
         return part
     areas = np.bincount(piece, graph.areas[rows] * visible[rows])
     found = np.zeros(len(part), np.bool_)
-    found[rows] = (areas > _MIN_PIECE * areas.sum())[piece]
+    found[rows] = (areas > _MIN_PIECE_SHARE * areas.sum())[piece]
     return found
 
 
@@ -118,7 +118,7 @@ def _with_remnants(graph: SurfaceGraph, part: BoolArray) -> BoolArray:
     outer = graph.edges[across][~part[graph.edges[across]]]
     areas = np.bincount(piece[rows], graph.areas[rows], len(part))
     attached = np.bincount(piece[outer], graph.lengths[across], len(part))
-    remnant = (areas < _MAX_REMNANT * graph.areas[part].sum()) & (attached > _MIN_ATTACHED * np.sqrt(areas))
+    remnant = (areas < _MAX_REMNANT_AREA * graph.areas[part].sum()) & (attached > _MIN_ATTACHED_LENGTH * np.sqrt(areas))
     found = part.copy()
     found[rows] = remnant[piece[rows]]
     return found

@@ -24,16 +24,16 @@ from gaussian_trimmer.views import Box, bounding_box, box_slices
 
 _UNARIES = np.geomspace(0.05, 1.6, 8)
 """Unary terms of the surface that is visible in the box to try, by area in squared radii."""
-_COLOUR = 2.0
+_COLOUR_WEIGHT = 2.0
 """Weight of the colours' log-likelihood ratio, relative to that term."""
 _COLOUR_ROUNDS = 3
-_LATTICE = 16
+_LATTICE_PIXELS = 16
 """Number of pixels along each side of the box at which depth is measured."""
 _LAYER_GAP, _MIN_LAYER = 1.0, 0.03
 """Gap between the depths of two surfaces, in radii; smallest share of the pixels on one of them."""
 _SURROUNDINGS = 0.5
 """Width of the surroundings that are looked at, relative to the box's sides."""
-_BEYOND_EDGE = 2.0
+_REACH_BEYOND_EDGE = 2.0
 """Factor on the reach for objects that may go on beyond the picture's edge."""
 _MIN_VISIBLE_AREA = 0.02
 """Smallest area of a piece that is visible in the box, in squared radii."""
@@ -77,7 +77,7 @@ def segment_in_box(scene: ViewedScene, box: Box) -> BoxSegment | None:
     for ends in axis_ends(gaussians.select(unseen)):
         allowed[unseen] &= _between(ends, camera, low, high)
     candidates = _between(gaussians.means, camera, low - margin, high + margin)
-    reach = _BEYOND_EDGE if np.isinf([low, high]).any() else 1.0
+    reach = _REACH_BEYOND_EDGE if np.isinf([low, high]).any() else 1.0
     best: BoxSegment | None = None
     for centre, radius in _surfaces(scene, box):
         graph = build_surface_graph(scene, centre, radius, candidates, reach)
@@ -112,7 +112,7 @@ def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArr
     depths = camera.project(graph.means.astype(np.float64))[1]
     surface_depth = float(camera.to_camera(graph.centre[None])[0, 2])
     terms = (
-        (np.where(allowed, graph.areas * np.where(visible, unary, HIDDEN_UNARY), -np.inf), _COLOUR * unary)
+        (np.where(allowed, graph.areas * np.where(visible, unary, HIDDEN_UNARY), -np.inf), _COLOUR_WEIGHT * unary)
         for unary in _UNARIES
     )
     found: dict[bytes, BoolArray] = {}
@@ -145,7 +145,7 @@ def _surfaces(scene: ViewedScene, box: Box) -> list[tuple[Float64Array, float]]:
     """For each depth at which the box shows a surface, the point in its middle (3,) and half its larger side there."""
     camera = scene.camera
     x0, y0, x1, y1 = box
-    columns, rows = (np.linspace(low, high - 1, _LATTICE).astype(np.int64) for low, high in ((x0, x1), (y0, y1)))
+    columns, rows = (np.linspace(low, high - 1, _LATTICE_PIXELS).astype(np.int64) for low, high in ((x0, x1), (y0, y1)))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     contributors = scene.renderer.top_contributors(scene.gaussians, camera, pixels, CONTRIBUTORS)
     depths = np.sort(surface_depths(scene.gaussians, camera, *contributors))

@@ -34,13 +34,13 @@ from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import HALF
 
-_REACH = 3.0
+_REACH_RADII = 3.0
 """Distance from the point within which Gaussians are looked at, in radii."""
 _RINGS = ((5.0, 8), (35.0, 8), (65.0, 4))
 """Pitch in degrees and number of views of each ring around the point."""
-_MAX_ANGLE = np.cos(np.radians(50))
+_MAX_ANGLE_COSINE = np.cos(np.radians(50))
 """Cosine of the largest angle between a view and the nearest training camera: beyond it nothing was photographed."""
-_SIZE, _FOV, _DISTANCE = 256, float(np.radians(60)), 4.0
+_SIZE_PIXELS, _FOV_RADIANS, _DISTANCE_RADII = 256, float(np.radians(60)), 4.0
 """Size in pixels, field of view and distance in radii of these views."""
 _REFERENCE_RADIUS = 64.0
 """Radius in pixels to which the weights of the user's view are scaled, whatever its resolution."""
@@ -55,13 +55,13 @@ _COLOUR_SIGMA = 10.0
 """Standard deviation of edge weights over Lab colours."""
 _LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
 """Weights of the channels in distances between Lab colours: lightness changes with shading."""
-_CONCAVITY = 0.3
+_CONCAVITY_SCALE = 0.3
 """Concavity at which an edge weighs 1/e: the difference of the normals along the edge."""
-_UNEVEN = 0.5
+_UNEVEN_WEIGHT = 0.5
 """Weight of edges where the surface is too uneven to have a normal, relative to those of a convex surface."""
-_MIN_EDGE = 0.05
+_MIN_EDGE_WEIGHT = 0.05
 """Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
-_GAP, _GAP_SPACINGS = 0.1, 3.0
+_GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
 _BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
 """Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
@@ -101,7 +101,7 @@ class SurfaceGraph:
     @property
     def gap(self) -> float:
         """Largest distance between nodes in one connected piece, in scene units."""
-        return self.radius * max(_GAP, _GAP_SPACINGS * float(np.sqrt(np.median(self.areas))))
+        return self.radius * max(_GAP_RADII, _GAP_SPACINGS * float(np.sqrt(np.median(self.areas))))
 
     def cut(self, unaries: Float64Array) -> BoolArray:
         """Which nodes are object by the minimum cut, (S,).
@@ -179,7 +179,7 @@ def build_surface_graph(
         reach: factor on the distance within which Gaussians are looked at.
     """
     gaussians, camera = scene.gaussians, scene.camera
-    near = np.flatnonzero(np.linalg.norm(gaussians.means - centre, axis=1) < _REACH * reach * radius)
+    near = np.flatnonzero(np.linalg.norm(gaussians.means - centre, axis=1) < _REACH_RADII * reach * radius)
     local = gaussians.select(near)
     views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
@@ -234,9 +234,11 @@ def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> li
     pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _RINGS])
     photographed = -_directions(np.array([taken.centre for taken in scene.seen_from]).reshape(-1, 3), centre)
     if len(photographed):
-        near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE
+        near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE_COSINE
         yaws, pitches = yaws[near], pitches[near]
-    return ring(centre, axes, _DISTANCE * radius, yaws, pitches, Lens(_SIZE, _FOV, NEAR_RADII * radius))
+    return ring(
+        centre, axes, _DISTANCE_RADII * radius, yaws, pitches, Lens(_SIZE_PIXELS, _FOV_RADIANS, NEAR_RADII * radius)
+    )
 
 
 def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
@@ -301,8 +303,8 @@ def _affinity(
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)
     concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
     flat = np.minimum(flatness[a], flatness[b])
-    convex = flat * np.exp(-concavity / _CONCAVITY) + (1 - flat) * _UNEVEN
-    return np.asarray(_MIN_EDGE + (1 - _MIN_EDGE) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
+    convex = flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT
+    return np.asarray(_MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
 
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
