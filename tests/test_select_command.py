@@ -210,20 +210,6 @@ def test_click_in_a_planned_view(ball, tmp_path, capsys):
     assert "--up 0 0 1" in capsys.readouterr().out
 
 
-def test_masks_with_slackness(ball, tmp_path):
-    folder, _, truth = ball
-    command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
-    found = []
-    for gamma in (-0.5, 0.0, 0.5):
-        output = tmp_path / f"{gamma}.npy"
-        assert run(*command, "--gamma", gamma, "--output", output, "--quiet") == 0
-        found.append(np.load(output))
-    assert toy.jaccard(found[1], truth) > 0.5
-    assert not (found[2] & ~found[1]).any()
-    assert not (found[1] & ~found[0]).any()
-    assert found[0].sum() > found[2].sum()
-
-
 def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
     folder, _, truth = ball
     (tmp_path / "ids").mkdir()
