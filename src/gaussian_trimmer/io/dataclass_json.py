@@ -15,7 +15,8 @@ from gaussian_trimmer.settings import Range, hints_of
 
 _LARGEST_WHOLE = 1 << 53
 """Whole numbers up to this survive programs that keep all numbers as floats."""
-_LARGEST_NUMBER = 1e300
+_LARGEST_NUMBER = 1e30
+"""Greatest magnitude of other numbers, whose square can still be computed with."""
 _MAX_PATH = 4096
 Readers = Mapping[Any, Callable[[Any, str], Any]]
 
