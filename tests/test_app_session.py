@@ -251,7 +251,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
 
     if up:
         session.set_up(up)
-    session.mark(click_on_ball(session))
+    session.mark(BALL if up else click_on_ball(session))
     session.mark(Sphere((0.0, 0.0, 0.0), 0.4))
     session.trim(choices)
     command = session.save(tmp_path / "by app", format)
