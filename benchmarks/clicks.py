@@ -161,7 +161,7 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> Iterator[Row]:
                     break
                 result = trim(scene.gaussians, made.mask, config=config, cameras=cameras)
                 row = Row(
-                    scene.name, name, way, view, made.ways[-1], int(np.count_nonzero(made.mask)),
+                    scene.name, name, way, view, made.interpretations[-1], int(np.count_nonzero(made.mask)),
                     _iou(scene.gaussians.select(made.mask), views), _iou(result.object, views), number, exact,
                 )  # fmt: skip
                 yield row

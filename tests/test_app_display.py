@@ -16,8 +16,8 @@ from gaussian_trimmer.cameras import intrinsics, look_at
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import concatenate, quaternions_of
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import FromFile, Sphere, Viewpoint
-from gaussian_trimmer.selecting.select import Selected
 from gaussian_trimmer.trimming.trim import BoundaryConfig, SplitConfig, TrimConfig, trim
 
 
@@ -97,7 +97,7 @@ def test_split_parts_and_filled_gaussians_are_shown():
     document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))
     first = first_snapshot(document, up_of(document, (0.0, 0.0, 1.0)))
     now = first.with_object(
-        replace(first.object, selected=Selected(truth, np.zeros_like(truth)), result=result), "trim"
+        replace(first.object, selected=SelectionState(truth, np.zeros_like(truth)), result=result), "trim"
     )
     painter = Painter(document, 10**6)
     assert len(painter.paint(now, Showing("object", "after"))) == len(result.object)

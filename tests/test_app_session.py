@@ -73,13 +73,14 @@ def test_warming_up_changes_nothing(session):
 
 
 def test_marks_add_up_as_select_has_them(session, ball):
-    from gaussian_trimmer.selecting.select import select, settle_marks
+    from gaussian_trimmer.selecting.select import select
+    from gaussian_trimmer.selecting.view_lookup import resolve_views
 
     marks = [click_on_ball(session), TOP, Box3D((-3, -3, 0.3), (3, 3, 3), "up", "intersect")]
     for mark in marks:
         session.mark(mark)
     scene, cameras = session.document.scene, session.document.cameras
-    expected = select(scene, settle_marks(scene, marks, cameras=cameras), cameras=cameras).mask
+    expected = select(scene, resolve_views(scene, marks, cameras=cameras), cameras=cameras).mask
     assert np.array_equal(session.now.object.selected.mask, expected)
     assert 0 < expected.sum() < ball[2].sum()
 
@@ -250,7 +251,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
 
     if up:
         session.set_up(up)
-    session.mark(click_on_ball(session))
+    session.mark(BALL if up else click_on_ball(session))
     session.mark(Sphere((0.0, 0.0, 0.0), 0.4))
     session.trim(choices)
     command = session.save(tmp_path / "by app", format)

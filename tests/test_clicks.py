@@ -14,9 +14,10 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.clicks import Target, _views_around, select_by_box, select_by_clicks
+from gaussian_trimmer.selecting.clicks import NothingFoundError, _views_around, select_by_box, select_by_click
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
+from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene
 from gaussian_trimmer.trimming.trim import TrimConfig, trim
 from gaussian_trimmer.views import bounding_box
 
@@ -39,14 +40,18 @@ def pixel_of(camera, point):
 
 
 def click_on(point, camera, scene, up=toy.UP):
-    return select_by_clicks(scene, camera, [pixel_of(camera, point)], up, RENDERER)
+    return select_by_click(ViewedScene(scene, camera, up, RENDERER), *pixel_of(camera, point))
+
+
+def box_in(scene, camera, box):
+    return select_by_box(ViewedScene(scene, camera, toy.UP, RENDERER), box)
 
 
 @pytest.mark.parametrize("position", [(5, 0, 3), (-4, 3, 2), (0, -7, 4)])
 def test_click_finds_what_stands_on_the_floor(ball, position):
     scene, truth = ball
     pick = click_on(toy.CENTRE, camera_at(position), scene)
-    assert pick.ways == ("piece",)
+    assert pick.kind == "piece"
     assert toy.jaccard(pick.selection, truth) > 0.9
 
 
@@ -57,10 +62,8 @@ def test_large_pictures_and_units_change_nothing(ball):
     pose = camera.world_to_camera.copy()
     pose[:3, :3] = pose[:3, :3] @ turned.T
     pose[:3, 3] *= scale
-    pick = select_by_clicks(
-        toy.moved(scene, turned, scale), replace(camera, world_to_camera=pose), [pixel_of(camera, toy.CENTRE)],
-        turned @ toy.UP, RENDERER,
-    )  # fmt: skip
+    moved, view = toy.moved(scene, turned, scale), replace(camera, world_to_camera=pose)
+    pick = select_by_click(ViewedScene(moved, view, turned @ toy.UP, RENDERER), *pixel_of(camera, toy.CENTRE))
     assert toy.jaccard(pick.selection, truth) > 0.9
 
 
@@ -73,7 +76,7 @@ def test_a_rough_surface_does_not_hide_what_stands_on_it():
     higher = floor[rng.random(len(floor)) < 0.3]
     means[higher, 2] += rng.uniform(0, 0.14, len(higher)).astype(np.float32)
     pick = click_on(toy.CENTRE, camera_at((5, 0, 3)), scene.replace(means=means))
-    assert pick.ways == ("piece",)
+    assert pick.kind == "piece"
     assert toy.jaccard(pick.selection, truth) > 0.9
 
 
@@ -95,15 +98,11 @@ def two_balls(apart=2.7):
     return concatenate([scene, ball, floor]), np.pad(first, (0, len(ball) + len(floor))), part == 1
 
 
-def test_neighbours_stay_apart_and_several_clicks_add_up():
+def test_neighbours_stay_apart():
     scene, first, second = two_balls()
     camera = camera_at((6, 1, 4), (0, 1.3, 1))
-    one, two = pixel_of(camera, toy.CENTRE), pixel_of(camera, toy.CENTRE + np.array([0, 2.7, 0]))
-    alone = select_by_clicks(scene, camera, [two], toy.UP, RENDERER)
-    assert toy.jaccard(alone.selection, second) > 0.9
-    both = select_by_clicks(scene, camera, [one, two], toy.UP, RENDERER)
-    assert both.ways == ("piece", "piece")
-    assert toy.jaccard(both.selection, first | second) > 0.9
+    assert toy.jaccard(click_on(toy.CENTRE, camera, scene).selection, first) > 0.9
+    assert toy.jaccard(click_on(toy.CENTRE + np.array([0, 2.7, 0]), camera, scene).selection, second) > 0.9
 
 
 @pytest.mark.parametrize("apart", [2.16, 2.2, 2.24, 2.28])
@@ -140,7 +139,7 @@ def test_what_few_large_gaussians_show_is_one_object():
     scene = Gaussians(means, np.log(scales), [[1.0, 0, 0, 0]] * n, np.full(n, 3.0), colours, np.zeros((n, 3, 0)))
     camera = camera_at((6, 1, 4), (0, 0, 1))
     pick = click_on((0, 0, 1), camera, scene)
-    assert pick.ways == ("piece",)
+    assert pick.kind == "piece"
     np.testing.assert_array_equal(pick.selection, np.arange(n) < 60)
 
 
@@ -149,7 +148,8 @@ def test_neighbouring_clicks_agree():
     camera = camera_at((6, 1, 4), (0, 1.3, 1))
     x, y = pixel_of(camera, toy.CENTRE)
     steps = [(0, 0), (8, 0), (-8, 0), (0, 8), (0, -8), (-8, -8), (-8, 8)]
-    found = [select_by_clicks(scene, camera, [(x + dx, y + dy)], toy.UP, RENDERER).selection for dx, dy in steps]
+    viewed = ViewedScene(scene, camera, toy.UP, RENDERER)
+    found = [select_by_click(viewed, x + dx, y + dy).selection for dx, dy in steps]
     assert all(toy.jaccard(selection, found[0]) > 0.95 for selection in found)
     assert max(toy.jaccard(found[0], truth) for truth in (first, first | second)) > 0.9
 
@@ -173,8 +173,8 @@ def test_box_finds_the_thing_that_fills_it():
     camera = camera_at((6, 1, 4), (0, 1.3, 1))
     for truth in (first, second):
         shown = RENDERER.blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
-        pick = select_by_box(scene, camera, bounding_box(shown), toy.UP, RENDERER)
-        assert pick.ways == ("piece",)
+        pick = box_in(scene, camera, bounding_box(shown))
+        assert pick.kind == "piece"
         assert toy.jaccard(pick.selection, truth) > 0.9
 
 
@@ -186,23 +186,18 @@ def patch_on_wall():
     return toy.gaussians(wall, (0.02, 0.05, 0.05), np.where(red[:, None], toy.RED, toy.BLUE)), red
 
 
-def test_colour_decides_where_nothing_stands():
+def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     scene, red = patch_on_wall()
     camera = camera_at((6, 0, 0.5), (0, 0, 0))
-    pick = click_on((0, 0.1, 0.1), camera, scene)
-    assert pick.ways == ("colour",)
+    shown = RENDERER.blend_values(scene, camera, red.astype(np.float32)[:, None])[..., 0] > 0.5
+    pick = box_in(scene, camera, bounding_box(shown, 1))
+    assert pick.kind == "part"
     assert toy.jaccard(pick.selection, red) > 0.8
-    x, y = pixel_of(camera, (0, 0, 0))
-    pick = select_by_box(scene, camera, (x - 30, y - 30, x + 30, y + 30), toy.UP, RENDERER)
-    assert toy.jaccard(pick.selection, red) > 0.8
-
-
-def test_colour_does_not_reach_what_shines_through_from_far_behind():
-    scene, red = patch_on_wall()
-    veil = scene.replace(opacity_logits=np.where(red, 0.0, scene.opacity_logits).astype(np.float32))
-    behind = toy.gaussians([[-8.0, y, z] for y in (-0.3, 0, 0.3) for z in (-0.3, 0, 0.3)], 0.4, toy.RED)
-    pick = click_on((0, 0.1, 0.1), camera_at((6, 0, 0.5), (0, 0, 0)), concatenate([veil, behind]))
-    assert not pick.selection[len(veil) :].any()
+    with pytest.raises(NothingFoundError, match=r"Draw a box .*--segmenter sam"):
+        click_on((0, 0.1, 0.1), camera, scene)
+    plain = scene.replace(sh_dc=np.full_like(scene.sh_dc, 0.3))
+    with pytest.raises(NothingFoundError, match="box close around"):
+        box_in(plain, camera, (60, 60, 140, 140))
 
 
 def test_nearer_surface_comes_first():
@@ -234,23 +229,21 @@ def test_nearer_surface_comes_first():
 @pytest.mark.parametrize("pixel", [(-1, 5), (200, 5), (5, 200)])
 def test_pixels_outside_the_picture(ball, pixel):
     with pytest.raises(InputError, match="outside the view of 200 x 200"):
-        select_by_clicks(ball[0], camera_at((5, 0, 3)), [pixel], toy.UP, RENDERER)
+        select_by_click(ViewedScene(ball[0], camera_at((5, 0, 3)), toy.UP, RENDERER), *pixel)
 
 
 @pytest.mark.parametrize("box", [(5, 5, 5, 9), (9, 9, 5, 20), (200, 0, 220, 5), (-5, 0, 0, 5)])
 def test_impossible_boxes(ball, box):
     with pytest.raises(InputError, match="holds no pixel of the view of 200 x 200 pixels"):
-        select_by_box(ball[0], camera_at((5, 0, 3)), box, toy.UP, RENDERER)
+        box_in(ball[0], camera_at((5, 0, 3)), box)
 
 
 def test_where_nothing_is_seen(ball):
     away = camera_at((40, 0, 60), (80, 0, 120))
     with pytest.raises(InputError, match="Nothing is seen at the pixel"):
-        select_by_clicks(ball[0], away, [(100, 100)], toy.UP, RENDERER)
+        select_by_click(ViewedScene(ball[0], away, toy.UP, RENDERER), 100, 100)
     with pytest.raises(InputError, match="Nothing is seen in the box"):
-        select_by_box(ball[0], away, (50, 50, 150, 150), toy.UP, RENDERER)
-    with pytest.raises(InputError, match="no click"):
-        select_by_clicks(ball[0], away, [], toy.UP, RENDERER)
+        box_in(ball[0], away, (50, 50, 150, 150))
 
 
 def test_overview_shows_a_capture_of_one_thing_whole():
@@ -306,7 +299,7 @@ def test_benchmark_click_then_trim(where, name, view):
     mask = np.pad(scene.coverage(name, view) > 0.5, 1).astype(np.uint8)
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
     y, x = np.unravel_index(np.argmax(depth), depth.shape)
-    pick = select_by_clicks(scene.gaussians, camera, [(int(x), int(y))], scene.up, RENDERER)
+    pick = select_by_click(ViewedScene(scene.gaussians, camera, scene.up, RENDERER), int(x), int(y))
     kept = tuple(camera for camera, train in zip(cameras.cameras, cameras.train, strict=True) if train)
     training = replace(cameras, cameras=kept, train=(True,) * len(kept))
     result = trim(scene.gaussians, pick.selection, config=TrimConfig(up=(0, 0, 1)), cameras=training)

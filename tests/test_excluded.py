@@ -75,7 +75,7 @@ def test_saved_selections_remember_what_was_removed(tmp_path):
     assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None  # changed since
 
 
-@pytest.mark.parametrize("packed", ["", "A", "AAAA", 7, None, "eJz7/////wAK+gX+" * 1000])
+@pytest.mark.parametrize("packed", ["", "A", 7, "eJz7/////wAK+gX+" * 1000])
 def test_damaged_notes_are_passed_over(tmp_path, packed):
     save_selection(ball_without_its_patch(), tmp_path / "a.npy")
     document = json.loads((tmp_path / "a.json").read_text())
@@ -105,5 +105,5 @@ def test_files_of_marks_are_selections(tmp_path):
     found = gt.select(SCENE, [FromFile(tmp_path / "a.json")], up=toy.UP)
     assert np.array_equal(found.mask, ball_without_its_patch().mask)
     found.save_marks(tmp_path / "b.json")
-    with pytest.raises(InputError, match="marks that are of files of marks"):
+    with pytest.raises(InputError, match="refer to files of marks"):
         gt.select(SCENE, [FromFile(tmp_path / "b.json")], up=toy.UP)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import ClassVar
 
 import benchmark_data
 import numpy as np
@@ -86,15 +85,6 @@ def test_soft_coverage_is_cut_at_half() -> None:
         assert (lift_by_vote(scene(), cameras(), soft) == lift_by_vote(scene(), cameras(), left_masks())).all()
 
 
-def test_several_objects_in_one_pass() -> None:
-    labels = [np.where(mask, 1, 7).astype(np.uint8) for mask in left_masks()]
-    for image in labels:
-        image[:6] = 0
-    found = lift_objects_by_assignment(scene(), cameras(), labels, REFERENCE)
-    assert found.dtype == np.uint8
-    assert found.tolist() == [1, 1, 1, 7, 7, 1, 0]
-
-
 def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
     """Gaussians in two layers, and label images whose 40 objects are small squares of one number each, up to 255."""
     places = np.stack(np.meshgrid(np.linspace(-0.9, 0.9, 12), np.linspace(-0.8, 0.8, 10), [0.0, 0.4]), -1)
@@ -121,22 +111,6 @@ def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeyp
         monkeypatch.setattr(lifting, "_WEIGHTS_PER_PASS", held)
         found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
         np.testing.assert_array_equal(found, at_once)
-
-
-def test_one_object_of_a_large_number_costs_no_more_than_the_number_one() -> None:
-    class Counting:
-        """Renders, and notes for how many labels it was asked."""
-
-        asked: ClassVar[list[int]] = []
-
-        def blend_weights(self, gaussians, camera, labels, n_labels):
-            self.asked.append(n_labels)
-            return REFERENCE.blend_weights(gaussians, camera, labels, n_labels)
-
-    labels = [np.where(mask, 255, 0).astype(np.uint8) for mask in left_masks()]
-    found = lift_objects_by_assignment(scene(), cameras(), labels, Counting())
-    assert found.tolist() == [255, 255, 255, 0, 0, 255, 0]
-    assert Counting.asked == [2, 2, 2]
 
 
 def test_one_object_in_one_pass_equals_the_single_assignment() -> None:

@@ -102,6 +102,31 @@ def test_saved_marks_select_the_same(tmp_path):
         gt.select(SCENE.select(np.arange(12)), tmp_path / "marks.json")
 
 
+def test_files_of_earlier_versions_stay_readable(tmp_path):
+    """They left out options with their defaults."""
+    np.save(tmp_path / "part.npy", np.where(SCENE.means[:, 0] > 0.5, 4, 0))
+    old = {
+        "content": "selection marks", "version": "0.1.0", "scene_size": len(SCENE), "up": [0.0, 0.0, 1.0],
+        "cameras": "sparse/0",
+        "marks": [
+            {"mark": "file", "path": "part.npy", "options": {"object_id": [4]}, "effect": "add"},
+            {"mark": "click", "x": 5, "y": 6, "view": 0, "effect": "remove"},
+        ],
+        "views": [{
+            "name": "a.png", "width": 96, "height": 96, "K": CAMERAS[0].K.tolist(),
+            "world_to_camera": CAMERAS[0].world_to_camera.tolist(), "near": 0.01,
+            "drawn": {"centre": [0, 0, 1], "radius": 2},
+        }],
+        "photographed_from": [[1, 2, 3]],
+        "selection": {"file": "a.npy", "crc32": 5, "selected": 3, "excluded": ""},
+    }  # fmt: skip
+    (tmp_path / "old.json").write_text(json.dumps(old, indent=1))
+    marks = gt.read_marks(tmp_path / "old.json")
+    assert marks.marks[0] == FromFile(tmp_path / "part.npy", SelectionOptions(object_id=(4,)))
+    assert marks.marks[1].view.drawn_centre == (0, 0, 1) and marks.marks[1].view.camera.name == "a.png"
+    assert (marks.cameras, marks.photographed_from) == (tmp_path / "sparse/0", ((1.0, 2.0, 3.0),))
+
+
 def test_views_from_all_around_are_saved_with_what_is_drawn_in_them(tmp_path):
     made = selected(Click(320, 320, 0))
     made.save_marks(tmp_path / "marks.json")
@@ -146,7 +171,7 @@ def test_a_click_moves_the_boundary_where_a_part_is_wrong():
     whole = Sphere((0.0, 0.0, 1.0), 1.1, effect="add")
     lower = Plane((0, 0, 1), 0.1, effect="intersect")
     red = gt.select(scene, [whole, lower, Click(*middle(camera, point), camera, "remove")], up=toy.UP)
-    assert red.ways[-1].startswith("the region around the click")
+    assert red.interpretations[-1].startswith("the region around the click")
     assert toy.jaccard(red.mask, selected(whole, lower).mask & ~blue) > 0.9
     with pytest.raises(InputError, match="removes what is not selected"):
         gt.select(scene, [*red.marks.marks, Click(*middle(camera, point), camera, "remove")], up=toy.UP)
@@ -156,21 +181,23 @@ def test_a_click_moves_the_boundary_where_a_part_is_wrong():
     ("change", "message"),
     [
         (lambda d: d.update(content="cameras"), "holds no marks"),
-        (lambda d: d.update(scene_size="many"), "scene_size"),
+        (lambda d: d.update(scene_size="many"), "scene_size is 'many'; it must be a whole number"),
         (lambda d: d.update(up=[0, 0, 0]), "up vector"),
-        (lambda d: d.update(up=[0, 0, float("nan")]), "no finite number"),
+        (lambda d: d.update(up=[0, 0, float("nan")]), r"up\[2\] is nan; it must be a finite number"),
         (lambda d: d["marks"].append({"mark": "wave"}), "no known kind"),
         (lambda d: d["marks"][0].pop("x"), "has no x"),
-        (lambda d: d["marks"][0].update(x=1.5), "x is no whole number"),
-        (lambda d: d["marks"][0].update(view=7), "none of the file's 1 views"),
-        (lambda d: d["marks"][0].update(effect="explode"), "is not one of add"),
+        (lambda d: d["marks"][0].update(x=1.5), "x is 1.5; it must be a whole number"),
+        (lambda d: d["marks"][0].update(view=7), "one of the file's 1 views"),
+        (lambda d: d["marks"][0].update(effect="explode"), "it must be one of add"),
+        (lambda d: d["marks"][0].update(colour="red"), "unknown field 'colour'"),
         (lambda d: d["views"][0].update(width=-3), "image of -3 x 640"),
         (lambda d: d["views"][0].update(near=0), "near"),
         (lambda d: d["views"][0]["world_to_camera"][0].__setitem__(0, 5), "pose"),
-        (lambda d: d["marks"].append({"mark": "file", "path": "a.npy", "options": {"kind": "exec"}}), "selection.kind"),
-        (lambda d: d["marks"].append({"mark": "file", "path": 3}), "is no path"),
-        (lambda d: d["marks"].append({"mark": "sphere", "centre": [0, 0], "radius": 1}), "not 3 numbers"),
-        (lambda d: d.update(marks={}), "no list"),
+        (lambda d: d["marks"].append({"mark": "file", "path": "a.npy", "options": {"kind": "exec"}}), "options.kind"),
+        (lambda d: d["marks"].append({"mark": "file", "path": "a.npy", "options": {"gamma": 9}}), "from -1 to 1"),
+        (lambda d: d["marks"].append({"mark": "file", "path": 3}), "it must be text"),
+        (lambda d: d["marks"].append({"mark": "sphere", "centre": [0, 0], "radius": 1}), "a list of 3 values"),
+        (lambda d: d.update(marks={}), "it must be a list"),
     ],
 )
 def test_files_of_marks_that_cannot_be(tmp_path, change, message):

@@ -9,8 +9,9 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
 from gaussian_trimmer.selecting import model_masks
-from gaussian_trimmer.selecting.clicks import NothingToldApartError, Pick, select_by_box, select_by_clicks
-from gaussian_trimmer.selecting.model_masks import select_by_model, shown
+from gaussian_trimmer.selecting.clicks import NothingFoundError, Pick, select_by_box, select_by_click
+from gaussian_trimmer.selecting.model_masks import select_by_model
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import bounding_box
 
 RENDERER = get_renderer("numba")
@@ -19,6 +20,10 @@ RENDERER = get_renderer("numba")
 def camera_at(position, size=200):
     pose = look_at(np.asarray(position, float), np.asarray(toy.CENTRE, float), toy.UP)
     return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
+
+
+def viewed(scene, camera):
+    return ViewedScene(scene, camera, toy.UP, RENDERER)
 
 
 class Oracle:
@@ -32,7 +37,7 @@ class Oracle:
         if prompt.logits is not None:  # another view: the expected silhouette stands in for what a model sees
             right = prompt.logits > 0
         else:
-            right = shown(self.scene, self.part, self.cameras, RENDERER) > 0.5
+            right = viewed(self.scene, self.cameras).coverage(self.part) > 0.5
         masks = np.stack([np.zeros_like(right), right, np.ones_like(right)])
         return Candidates(np.where(masks, 5.0, -5.0).astype(np.float32), np.array(self.scores, np.float32))
 
@@ -43,15 +48,15 @@ def ball():
 
 
 def box_of(scene, part, camera):
-    return bounding_box(shown(scene, part, camera, RENDERER) > 0.5, 2)
+    return bounding_box(viewed(scene, camera).coverage(part) > 0.5, 2)
 
 
 def test_what_the_built_in_way_finds_too_is_left_to_it(ball):
     scene, truth = ball
     camera = camera_at((5, 0, 3))
     box, oracle = box_of(scene, truth, camera), Oracle(scene, truth, camera)
-    pick = select_by_model(scene, camera, box, toy.UP, RENDERER, oracle)
-    np.testing.assert_array_equal(pick.selection, select_by_box(scene, camera, box, toy.UP, RENDERER).selection)
+    pick = select_by_model(viewed(scene, camera), box, oracle)
+    np.testing.assert_array_equal(pick.selection, select_by_box(viewed(scene, camera), box).selection)
     assert len(oracle.prompts) == 1
     assert oracle.prompts[0].box == box
 
@@ -60,27 +65,11 @@ def test_a_click_on_what_stands_on_something_means_that_without_asking(ball):
     scene, truth = ball
     camera = camera_at((5, 0, 3))
     x, y = camera.project(np.atleast_2d(np.asarray(toy.CENTRE, float)))[0][0]
-    marks, oracle = [(int(x), int(y))], Oracle(scene, truth, camera)
-    pick = select_by_model(scene, camera, marks, toy.UP, RENDERER, oracle)
-    np.testing.assert_array_equal(pick.selection, select_by_clicks(scene, camera, marks, toy.UP, RENDERER).selection)
-    assert pick.ways == ("piece",)
+    mark, oracle = (int(x), int(y)), Oracle(scene, truth, camera)
+    pick = select_by_model(viewed(scene, camera), mark, oracle)
+    np.testing.assert_array_equal(pick.selection, select_by_click(viewed(scene, camera), *mark).selection)
+    assert pick.kind == "piece"
     assert not oracle.prompts
-
-
-@pytest.mark.parametrize(("agreeing", "scores"), [(True, (0.9, 0.1, 0.95)), (False, (0.2, 0.9, 0.1))])
-def test_other_clicks_are_the_models_to_understand(ball, monkeypatch, agreeing, scores):
-    """It takes the mask that the built-in way agrees with, whatever the scores say, and the best one if none does."""
-    scene, truth = ball
-    part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
-    camera = camera_at((5, 0, 3))
-    x, y = camera.project(np.atleast_2d(np.asarray(toy.CENTRE, float)))[0][0]
-    oracle = Oracle(scene, truth if agreeing else part, camera, scores)
-    monkeypatch.setattr(model_masks, "select_by_clicks", lambda *_: Pick(truth, ("colour",)))
-    pick = select_by_model(scene, camera, [(int(x), int(y))], toy.UP, RENDERER, oracle)
-    assert oracle.prompts[0].inside.all()
-    np.testing.assert_allclose(oracle.prompts[0].points, [[int(x) + 0.5, int(y) + 0.5]])
-    assert pick.ways == (("colour",) if agreeing else ("part",))
-    assert toy.jaccard(pick.selection, truth) == 1 if agreeing else toy.jaccard(pick.selection, part) > 0.6
 
 
 def test_a_part_is_carried_around_the_object(ball, monkeypatch):
@@ -89,12 +78,12 @@ def test_a_part_is_carried_around_the_object(ball, monkeypatch):
     part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
     camera = camera_at((5, 0, 3))
     oracle = Oracle(scene, part, camera)
-    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, ("piece",)))
-    pick = select_by_model(scene, camera, box_of(scene, part, camera), toy.UP, RENDERER, oracle)
-    assert pick.ways == ("part",)
+    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, "piece"))
+    pick = select_by_model(viewed(scene, camera), box_of(scene, part, camera), oracle)
+    assert pick.kind == "part"
     assert len(oracle.prompts) == 5
     assert toy.jaccard(pick.selection, part) > toy.jaccard(truth, part) + 0.1
-    seen = shown(scene, pick.selection, camera, RENDERER) > 0.5, shown(scene, part, camera, RENDERER) > 0.5
+    seen = viewed(scene, camera).coverage(pick.selection) > 0.5, viewed(scene, camera).coverage(part) > 0.5
     assert np.count_nonzero(seen[0] & seen[1]) > 0.9 * np.count_nonzero(seen[0] | seen[1])
     far = part & (scene.means[:, 0] < toy.CENTRE[0])
     assert np.count_nonzero(pick.selection & far) > 0.4 * np.count_nonzero(far)
@@ -104,33 +93,37 @@ def test_what_leaks_away_while_it_is_carried_around_is_dropped(ball, monkeypatch
     scene, truth = ball
     part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
     camera = camera_at((5, 0, 3))
-    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, ("piece",)))
+    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, "piece"))
     monkeypatch.setattr(model_masks, "_corrected", lambda *_: np.ones_like(truth))
-    pick = select_by_model(scene, camera, box_of(scene, part, camera), toy.UP, RENDERER, Oracle(scene, part, camera))
+    pick = select_by_model(viewed(scene, camera), box_of(scene, part, camera), Oracle(scene, part, camera))
     np.testing.assert_array_equal(pick.selection, truth)
 
 
-def test_where_the_built_in_way_finds_nothing_the_model_is_asked_all_the_same(ball, monkeypatch):
+def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatch):
+    """It is asked with the pixel's centre, and its mask with the best score is taken."""
     scene, truth = ball
-    camera, marks = camera_at((5, 0, 3)), [(100, 100)]
+    camera = camera_at((5, 0, 3))
 
     def refuse(*_):
-        raise NothingToldApartError("Nothing could be told apart there.")
+        raise NothingFoundError("Nothing stands there.")
 
-    monkeypatch.setattr(model_masks, "select_by_clicks", refuse)
-    pick = select_by_model(scene, camera, marks, toy.UP, RENDERER, Oracle(scene, truth, camera))
-    assert pick.ways == ("part",)
+    monkeypatch.setattr(model_masks, "select_by_click", refuse)
+    oracle = Oracle(scene, truth, camera)
+    pick = select_by_model(viewed(scene, camera), (100, 100), oracle)
+    assert pick.kind == "part"
     assert toy.jaccard(pick.selection, truth) > 0.6
-    with pytest.raises(NothingToldApartError, match="told apart"):
-        select_by_model(scene, camera, marks, toy.UP, RENDERER, Oracle(scene, np.zeros_like(truth), camera))
+    assert oracle.prompts[0].inside.all()
+    np.testing.assert_allclose(oracle.prompts[0].points, [[100.5, 100.5]])
+    with pytest.raises(NothingFoundError, match="Neither the surface nor the model"):
+        select_by_model(viewed(scene, camera), (100, 100), Oracle(scene, np.zeros_like(truth), camera))
 
 
 def test_a_model_that_sees_nothing_changes_nothing(ball):
     scene, truth = ball
     camera = camera_at((5, 0, 3))
     box = box_of(scene, truth, camera)
-    pick = select_by_model(scene, camera, box, toy.UP, RENDERER, Oracle(scene, np.zeros_like(truth), camera))
-    np.testing.assert_array_equal(pick.selection, select_by_box(scene, camera, box, toy.UP, RENDERER).selection)
+    pick = select_by_model(viewed(scene, camera), box, Oracle(scene, np.zeros_like(truth), camera))
+    np.testing.assert_array_equal(pick.selection, select_by_box(viewed(scene, camera), box).selection)
 
 
 def test_marks_outside_the_picture_are_refused_before_the_model_is_asked(ball):
@@ -138,5 +131,5 @@ def test_marks_outside_the_picture_are_refused_before_the_model_is_asked(ball):
     camera = camera_at((5, 0, 3))
     oracle = Oracle(scene, truth, camera)
     with pytest.raises(InputError, match="outside"):
-        select_by_model(scene, camera, [(300, 5)], toy.UP, RENDERER, oracle)
+        select_by_model(viewed(scene, camera), (300, 5), oracle)
     assert not oracle.prompts

@@ -31,7 +31,7 @@ HEADER = struct.Struct("<4sIIBBBB")
 
 
 def raw(version: int, count: int, degree: int, payload: bytes, magic: bytes = b"NGSP", bits: int = 12) -> bytes:
-    return gzip.compress(HEADER.pack(magic, version, count, degree, bits, 0, 0) + payload)
+    return gzip.compress(HEADER.pack(magic, version, count, degree, bits, 0, 0) + payload, mtime=0)
 
 
 def fixed(*values: int) -> bytes:

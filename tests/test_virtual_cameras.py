@@ -67,12 +67,6 @@ def test_paper_distance_is_the_larger_of_both_extents_by_their_lambdas_from_the_
         np.testing.assert_allclose(cameras[2].project(centroid[None])[0], [[256, 256]], atol=1e-3)
 
 
-def test_intrinsics_follow_equation_5():
-    cameras, _ = plan_cameras(box(), UP, PlanConfig(size=200, fov_degrees=90))
-    np.testing.assert_allclose(cameras[0].K, [[100, 0, 100], [0, 100, 100], [0, 0, 1]], atol=1e-9)
-    assert (cameras[0].width, cameras[0].height) == (200, 200)
-
-
 def test_yaws_are_uniform_over_the_circle_at_thirty_degrees_pitch():
     yaws, pitches = yaws_and_pitches(*plan_cameras(box(), UP, PlanConfig(views=5)))
     np.testing.assert_allclose(np.diff(np.append(yaws, yaws[0] + 360)), 72, atol=1e-6)
@@ -196,11 +190,6 @@ def test_clusters_weigh_as_much_as_they_are_opaque():
     assert not dominant_cluster(faint)[which == 1].any()
 
 
-def test_voxels_grow_until_one_cluster_holds_half_of_the_weight():
-    thing, _ = blobs(300, 300, 300, 300)
-    assert dominant_cluster(thing).all()
-
-
 @pytest.mark.parametrize("n", [60, 100, 200, 300])
 @pytest.mark.parametrize("seed", range(3))
 def test_few_gaussians_on_a_sphere_have_the_spheres_bounds(n, seed):
@@ -210,12 +199,6 @@ def test_few_gaussians_on_a_sphere_have_the_spheres_bounds(n, seed):
     bounds = robust_bounds(sphere, up_frame(UP))
     np.testing.assert_allclose(bounds.centre, 0, atol=0.1)
     np.testing.assert_allclose(bounds.half_extents, 0.95, atol=0.07)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3])
-def test_single_gaussians_have_bounds(n):
-    thing = gaussians(np.arange(3.0 * n).reshape(n, 3), (0.05,) * 3, (0.5, 0.5, 0.5))
-    assert (robust_bounds(thing, up_frame(UP)).half_extents > 0).all()
 
 
 def test_few_large_gaussians_reach_beyond_their_centres():
@@ -257,13 +240,7 @@ def test_clusters_follow_a_permutation_and_do_not_depend_on_units():
     ("setting", "sentence"),
     [
         ({"views": -1}, "plan.views is -1; it must be a whole number from 1 to 1000"),
-        ({"framing": "tight"}, "plan.framing is 'tight'; available: fit, paper"),
         ({"size": 8}, "plan.size is 8; it must be a whole number from 16 to 8192"),
-        ({"size": 9000}, "plan.size is 9000; it must be a whole number from 16 to 8192"),
-        ({"fov_degrees": np.nan}, "plan.fov-degrees is nan; it must be a number from 1 to 150"),
-        ({"fill": 0.0}, "plan.fill is 0.0; it must be a number from 0.05 to 1"),
-        ({"fill": 1.5}, "plan.fill is 1.5; it must be a number from 0.05 to 1"),
-        ({"pitch_degrees": 90.0}, "plan.pitch-degrees is 90.0; it must be a number from -89 to 89"),
         ({"pitch_degrees": -100.0}, "plan.pitch-degrees is -100.0; it must be a number from -89 to 89"),
     ],
 )

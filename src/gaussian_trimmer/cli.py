@@ -128,6 +128,10 @@ def _parse(name: str, arguments: Sequence[str]) -> Command:
     from gaussian_trimmer.commands.parsing import parse
 
     kind, prog = _kind_of(name), f"{PROGRAM} {name}"
+    if hasattr(kind, "in_order_of"):  # it takes marks
+        from gaussian_trimmer.commands.mark_options import split_commas
+
+        arguments = split_commas(arguments)
     command = parse(kind, prog, arguments)
     if getattr(command, "preset", "") == "paper":
         from gaussian_trimmer.config import with_paper_preset

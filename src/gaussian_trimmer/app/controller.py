@@ -20,7 +20,7 @@ from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.worker import Worker
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Point
-from gaussian_trimmer.selecting.select import views_to_click_in
+from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 
 _STAGES = 12.0
 """About as many stages as a trim has, for the progress bar."""

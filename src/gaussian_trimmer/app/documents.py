@@ -19,8 +19,9 @@ from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Mark, Marks
-from gaussian_trimmer.selecting.select import Selected, settle_marks
+from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.trimming.trim import TrimConfig
 
 Colour = tuple[int, int, int]
@@ -86,7 +87,7 @@ class MarkedObject:
     """From 1; no other object of the scene has had it."""
     name: str
     colour: Colour
-    selected: Selected
+    selected: SelectionState
     """What the marks select."""
     marks: tuple[Mark, ...] = ()
     result: TrimResult | None = None
@@ -142,13 +143,13 @@ def open_document(path: Path, camera_path: Path | None, progress: Progress = lam
 
 def first_snapshot(document: Document, up: UpVector) -> Snapshot:
     """A document in which nothing is marked."""
-    empty = Selected.nothing(len(document.scene))
+    empty = SelectionState.nothing(len(document.scene))
     return Snapshot(up, basis_of(document, up), (MarkedObject(1, "object 1", PALETTE[0], empty),), 0, "open")
 
 
 def basis_of(document: Document, up: UpVector) -> Marks:
     """What marks are understood with, with an up vector."""
-    return settle_marks(
+    return resolve_views(
         document.scene, (), cameras=document.cameras, up=up.direction, camera_path=document.camera_path
     )  # fmt: skip
 

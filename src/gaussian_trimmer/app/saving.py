@@ -17,7 +17,7 @@ from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
-from gaussian_trimmer.selecting.select import Selection
+from gaussian_trimmer.selecting.select import SelectionResult
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
 MARKS = "selection.json"
@@ -95,9 +95,11 @@ def command_for(document: Document, now: Snapshot, folder: Path, suffix: str) ->
     return shlex.join([*parts, *now.object.choices.arguments(), "--output", "again.npy", "--trim", "again"])
 
 
-def _selection(now: Snapshot, part: MarkedObject) -> Selection:
+def _selection(now: Snapshot, part: MarkedObject) -> SelectionResult:
     selected = part.selected
-    return Selection(selected.mask, replace(now.basis, marks=part.marks), selected.ways, selected.excluded)
+    return SelectionResult(
+        selected.mask, replace(now.basis, marks=part.marks), selected.interpretations, selected.excluded
+    )
 
 
 def _suffix(document: Document, format: str | None) -> str:

@@ -26,9 +26,10 @@ from gaussian_trimmer.app.documents import (
 from gaussian_trimmer.app.saving import save_all, save_one
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
 from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Marks, Point
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
-from gaussian_trimmer.selecting.select import Selected, Selector, views_to_click_in
+from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 from gaussian_trimmer.trimming.trim import trim
 
 MAX_STEPS = 50
@@ -118,8 +119,8 @@ class Session:
             if not selected.mask.any():
                 raise InputError("After this mark nothing would be selected; it was not made. To begin anew, clear.")
             changed = replace(now.object, marks=now.object.marks + marks, selected=selected, result=None)
-            self._step(now.with_object(changed, selected.ways[-1]))
-            return selected.ways[-1]
+            self._step(now.with_object(changed, selected.interpretations[-1]))
+            return selected.interpretations[-1]
 
     def load(self, path: Path) -> str:
         """Take a selection file of any kind, or a file of marks, in place of the active object's marks.
@@ -139,7 +140,7 @@ class Session:
             self._step(
                 now.with_object(replace(now.object, marks=loaded, selected=selected, result=None), "load a selection")
             )
-            return "; ".join(selected.ways)
+            return "; ".join(selected.interpretations)
 
     def clear(self) -> None:
         """Take all marks of the active object away."""
@@ -339,14 +340,14 @@ class Session:
         history = [*self._history[: self._place + 1], after][-MAX_STEPS - 1 :]
         self._history, self._place = history, len(history) - 1
 
-    def _nothing(self) -> Selected:
-        return Selected.nothing(len(self.document.scene))
+    def _nothing(self) -> SelectionState:
+        return SelectionState.nothing(len(self.document.scene))
 
-    def _applied(self, basis: Marks, selected: Selected, marks: Sequence[Mark]) -> Selected:
+    def _applied(self, basis: Marks, selected: SelectionState, marks: Sequence[Mark]) -> SelectionState:
         document = self.document
-        selector = Selector(document.scene, basis, cameras=document.cameras, renderer=document.renderer)
+        interpreter = MarkInterpreter(document.scene, basis, cameras=document.cameras, renderer=document.renderer)
         for mark in marks:
-            selected = selector.apply(selected, mark)
+            selected = interpreter.apply(selected, mark)
         return selected
 
     def _on_basis(self, now: Snapshot, basis: Marks) -> Snapshot:

@@ -10,9 +10,8 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.clicks import small_view
 from gaussian_trimmer.selecting.marks import Point, Viewpoint
-from gaussian_trimmer.selecting.segment_in_box import CONTRIBUTORS, surface_depths
+from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
 
 _SIZE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""

@@ -71,7 +71,7 @@ class MarkOptions:
     intersect: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
     """Only what a selection file selects."""
     grow: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
-    """Also take what lies this near, in distances between neighbouring Gaussians of the selection."""
+    """Also take what lies this near, in median distances between neighbouring Gaussians of the selection."""
     shrink: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
     """Leave out what lies this near to Gaussians that are not selected."""
     order: Suppress[tuple[str, ...]] = ()
@@ -137,10 +137,31 @@ class MarkOptions:
         return Box(x0, y0, x1, y1, view, effect)
 
 
-_REPEATED = tuple(
-    field.name for field in fields(MarkOptions) if field.name not in ("coordinates", "order")
-)  # fmt: skip
+_REPEATED = tuple(field.name for field in fields(MarkOptions) if field.name not in ("coordinates", "order"))
 """Options whose order counts."""
+_OF_NUMBERS = ("click", "box", "box3d", "sphere", "plane")
+"""Ends of the names of options that take several numbers."""
+
+
+def split_commas(arguments: Sequence[str]) -> list[str]:
+    """The arguments of a command, in which the numbers of a mark may be given with commas.
+
+    >>> split_commas(["--click", "360,245", "--box=1,2,30,40", "--add", "a,b.npy"])
+    ['--click', '360', '245', '--box', '1', '2', '30', '40', '--add', 'a,b.npy']
+    """
+    separate, takes_numbers = [], False
+    for argument in arguments:
+        if argument.startswith("--"):
+            name, equals, value = argument.partition("=")
+            takes_numbers = name.replace("_", "-").split("-")[-1] in _OF_NUMBERS
+            separate += [name, *_numbers(value)] if takes_numbers and equals else [argument]
+        else:
+            separate += _numbers(argument) if takes_numbers else [argument]
+    return separate
+
+
+def _numbers(text: str) -> list[str]:
+    return [part for part in text.split(",") if part]
 
 
 def _file(text: str) -> tuple[Path, tuple[int, ...]]:

@@ -31,10 +31,11 @@ from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_mas
 from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
-from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
-from gaussian_trimmer.selecting.saved_selection import is_own_selection, save_array, save_selection
-from gaussian_trimmer.selecting.select import select, settle_marks
+from gaussian_trimmer.selecting.marks_file import read_marks
+from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_rows, plan_overview
+from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
+from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.settings import Range, Share, check_settings
 
 _LISTING = "select --list-views"
@@ -67,9 +68,9 @@ class Select(TrimSettings):
     overview: Annotated[OverviewConfig, arg(name="")] = field(default_factory=OverviewConfig)
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder of masks; the object is bright. Needs --cameras."""
-    output: Annotated[Path, arg(metavar="FILE")] = Path("selection.npy")
+    output: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: SCENE_selection.npy)")] = None
     """File for the selection: .npy with booleans, or with object numbers if --object-ids is given. The marks go beside
-    it; earlier ones of this program are replaced, and their marks kept as FILE.before.json."""
+    it. An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
     """Also trim the selection, with all settings of trim, and write the results to this folder."""
     method: Literal["assignment", "vote"] = "assignment"
@@ -85,6 +86,14 @@ class Select(TrimSettings):
         """This command, with its marks in the order of the arguments that it was made from."""
         return replace(self, mark_options=self.mark_options.in_order_of(arguments))
 
+    @property
+    def selection_path(self) -> Path:
+        """Where the selection is saved."""
+        return Path(f"{self._scene_name()}_selection.npy") if self.output is None else self.output
+
+    def _scene_name(self) -> str:
+        return (self.scene.name or self.scene.resolve().name).split(".")[0]
+
     def run(self) -> int:
         """Select and save the selection, then trim it if asked to; returns the exit code, that of `Trim.run`.
 
@@ -98,7 +107,9 @@ class Select(TrimSettings):
         elif self.trim is not None:
             settings = {known.name: getattr(self, known.name) for known in fields(TrimSettings)}
             settings["overwrite"] = self.overwrite or (self.trim / MANIFEST).is_file()
-            return Trim(self.scene, self.output, output=self.trim, **settings).run(load=lambda: self._select(console))
+            return Trim(self.scene, self.selection_path, output=self.trim, **settings).run(
+                load=lambda: self._select(console)
+            )
         else:
             self._select(console)
             console.print(f"Now: {self._next_command()}")
@@ -111,30 +122,31 @@ class Select(TrimSettings):
             labels, how = self._label(scene, cameras)
             if not labels.any():
                 raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
-            save_array(labels, self.output)
-            console.print(f"{self.output}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
+            save_array(labels, self.selection_path)
+            console.print(f"{self.selection_path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
             return Loaded(scene, labels != 0, cameras)
         up = find_up(scene, cameras, self.config.up)
         print_up(console, up)
-        marks, model = self._settled(scene, cameras, up), self.make_segmenter() if self.segmenter == "sam" else None
+        marks, model = self._resolved(scene, cameras, up), self.make_segmenter() if self.segmenter == "sam" else None
         assert model is None or isinstance(model, SamSegmenter)
         made = select(scene, marks, cameras=cameras, renderer=self.renderer, model=model)
-        save_selection(made, self.output)
+        save_selection(made, self.selection_path, self.scene)
+        understood = ", ".join(made.interpretations)
         console.print(
-            f"{self.output}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {', '.join(made.ways)}"
+            f"{self.selection_path}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {understood}"
         )
         return Loaded(scene, made.mask, cameras, made.marks, made.excluded)
 
-    def _settled(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
+    def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""
-        views = None if cameras is not None else self._views(scene, cameras, up)
+        views = self._overview(scene, None, up).views if cameras is None else None
         marks: list[Mark] = self.mark_options.marks()
         if self.masks is not None:
             marks.insert(0, FromMasks(self.masks, self.method, self.gamma, self.threshold))
-        settled = settle_marks(scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.cameras)
+        resolved = resolve_views(scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.cameras)
         if self.marks is None:
-            return settled
-        return read_marks(self.marks).followed_by(settled, self.cameras)
+            return resolved
+        return read_marks(self.marks).followed_by(resolved, self.cameras)
 
     def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
         found = formats.find_scene(self.scene)
@@ -165,16 +177,24 @@ class Select(TrimSettings):
             raise InputError("--html and --export-viewer show a trim; add --trim DIR, or leave them out.")
         if self.trim is not None:
             self.pages.check(self.trim, overwrite=self.overwrite)
-        if self.output.suffix != ".npy":
-            raise InputError(f"The selection '{self.output}' is saved as .npy; give a name with that ending.")
+        if self.selection_path.suffix != ".npy":
+            raise InputError(f"The selection '{self.selection_path}' is saved as .npy; give a name with that ending.")
         if self.list_views is None:
-            given = (self.scene, self.cameras, *self.mark_options.files)
-            inputs = [path for path in given if path is not None]
-            overwrite = self.overwrite or (not self.object_ids and is_own_selection(self.output))
-            refuse_existing(self.output, inputs=inputs, overwrite=overwrite)
-            if not self.object_ids:
-                marks_path = self.output.with_suffix(".json")
-                refuse_existing(marks_path, inputs=inputs, overwrite=self.overwrite or is_marks_file(marks_path))
+            self._check_files()
+
+    def _check_files(self) -> None:
+        """Refuse to replace inputs, and files that an earlier selection of this scene did not write."""
+        path, note = self.selection_path, note_on(self.selection_path)
+        inputs = [file for file in (self.scene, self.cameras, *self.mark_options.files) if file is not None]
+        again = not self.object_ids and note is not None and note.is_of(self.scene)
+        if note is not None and not note.is_of(self.scene) and not self.overwrite:
+            raise InputError(
+                f"'{path}' is a selection of another scene ('{note.scene or 'unknown'}'); choose another name with "
+                "--output, or replace it with --overwrite."
+            )
+        refuse_existing(path, inputs=inputs, overwrite=self.overwrite or again)
+        if not self.object_ids:
+            refuse_existing(path.with_suffix(".json"), inputs=inputs, overwrite=self.overwrite or again)
 
     def _label(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
         """Object numbers (N,) by the masks, and how they came about."""
@@ -184,31 +204,24 @@ class Select(TrimSettings):
         found = lift_objects_by_assignment(scene, posed, labels, get_renderer(self.renderer), self.gamma)
         return found, f"{len(posed)} masks"
 
-    def _views(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> list[Viewpoint]:
-        if cameras is not None:
-            return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
-        return plan_overview(scene, up.direction, self.overview).views
+    def _overview(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
+        if cameras is None:
+            return plan_overview(scene, up.direction, self.overview)
+        return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
 
     def _write_views(self, folder: Path, console: Console) -> None:
         overwrite = self.overwrite or (folder / MANIFEST).is_file()
         with atomic_folder(folder, _LISTING, names=VIEW_FILES, overwrite=overwrite) as part:
             scene, cameras = self._read(console)
-            up = find_up(scene, cameras, self.config.up)
-            whole: Sequence[int] = ()
-            if cameras is None:
-                overview = plan_overview(scene, up.direction, self.overview)
-                views, whole = overview.views, overview.whole
-            else:
-                views = self._views(scene, cameras, up)
-            renderer = get_renderer(self.renderer)
-            drawn = [(view.camera, drawn_rows(scene.means, view)) for view in views]
-            write_view_listing(scene, drawn, whole, self._command_of_views(), part, renderer, grid=self.grid)
+            up, renderer = find_up(scene, cameras, self.config.up), get_renderer(self.renderer)
+            overview = self._overview(scene, cameras, up)
+            drawn = [(view.camera, drawn_rows(scene.means, view)) for view in overview.views]
+            write_view_listing(scene, drawn, overview.whole, self._command_of_views(), part, renderer, grid=self.grid)
         print_up(console, up)
-        console.print(f"{folder}: {len(views)} views, each named by its number for --view-index")
-        if len(whole) < len(views) and whole:
-            console.print(
-                f"The whole capture is in views {whole[0]} to {whole[-1]}, the part with most detail in the others."
-            )
+        console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
+        if 0 < len(overview.whole) < len(drawn):
+            first, last = overview.whole[0], overview.whole[-1]
+            console.print(f"The whole capture is in views {first} to {last}, the part with most detail in the others.")
         console.print(f"To click: open {folder / 'index.html'} in a browser.")
 
     def _command_of_views(self) -> list[str]:
@@ -219,7 +232,7 @@ class Select(TrimSettings):
             if value != option.default:
                 values = value if isinstance(value, tuple) else (value,)
                 parts += [f"--{option.name}", *(f"{number:.9g}" for number in values)]
-        return parts
+        return [*parts, "--trim", str(Path("trimmed") / self._scene_name())]
 
     def _common_options(self) -> list[str]:
         parts = []
@@ -230,8 +243,5 @@ class Select(TrimSettings):
         return parts
 
     def _next_command(self) -> str:
-        if self.object_ids:
-            parts = ["gaussian-trimmer", "trim", str(self.scene), "--labels", str(self.output)]
-        else:
-            parts = ["gaussian-trimmer", "trim", str(self.scene), str(self.output)]
-        return shlex.join([*parts, *self._common_options()])
+        selection = [*(["--labels"] if self.object_ids else []), str(self.selection_path)]
+        return shlex.join(["gaussian-trimmer", "trim", str(self.scene), *selection, *self._common_options()])

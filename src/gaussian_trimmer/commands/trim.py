@@ -46,7 +46,8 @@ from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter,
 from gaussian_trimmer.selecting.marks import FromFile, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, write_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from
-from gaussian_trimmer.selecting.select import select, settle_marks
+from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -276,7 +277,7 @@ class Trim(TrimSettings):
             return None
         if self.selection is not None and earlier is None:
             further = [FromFile(self.selection, self.selection_options), *further]
-        settled = settle_marks(scene, further, cameras=cameras, up=self.config.up, camera_path=self.cameras)
+        settled = resolve_views(scene, further, cameras=cameras, up=self.config.up, camera_path=self.cameras)
         return settled if earlier is None else earlier.followed_by(settled, self.cameras)
 
     def _refuse_whole_scene(self, selection: BoolArray) -> None:

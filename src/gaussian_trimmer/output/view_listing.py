@@ -18,17 +18,23 @@ from gaussian_trimmer.rendering import Renderer
 
 VIEW_FILES = ("[0-9][0-9][0-9].png", "index.html")
 """Patterns of the names of the files in a listing."""
-_STEPS = (20, 25, 50, 100, 200, 250, 500, 1000)
-_LINES = 12
+_GRID_STEPS = (20, 25, 50, 100, 200, 250, 500, 1000)
+_GRID_LINES = 12
 """Number of lines that a grid has along the longer side, about."""
-_INK, _SHADE = (255, 255, 255), (0, 0, 0)
+_INK_COLOUR, _SHADE_COLOUR = (255, 255, 255), (0, 0, 0)
 _FONT_SCALE = 0.4
 
 
 def write_view_listing(
-    scene: Gaussians, views: Sequence[tuple[Camera, IntArray]], whole: Sequence[int], command: Sequence[str],
-    folder: Path, renderer: Renderer, *, grid: bool = False,
-) -> None:  # fmt: skip
+    scene: Gaussians,
+    views: Sequence[tuple[Camera, IntArray]],
+    whole: Sequence[int],
+    command: Sequence[str],
+    folder: Path,
+    renderer: Renderer,
+    *,
+    grid: bool = False,
+) -> None:
     """Write a picture of each view, 000.png and so on, and `index.html`.
 
     Args:
@@ -53,12 +59,12 @@ def write_view_listing(
 def with_grid(picture: Picture) -> Picture:
     """A picture with lines at round pixel numbers, which stand at its upper and left edge."""
     height, width = picture.shape[:2]
-    step = next((step for step in _STEPS if step * _LINES >= max(height, width)), _STEPS[-1])
+    step = next((step for step in _GRID_STEPS if step * _GRID_LINES >= max(height, width)), _GRID_STEPS[-1])
     drawn = picture.copy()
     for x in range(step, width, step):
-        cv2.line(drawn, (x, 0), (x, height - 1), _INK, 1)
+        cv2.line(drawn, (x, 0), (x, height - 1), _INK_COLOUR, 1)
     for y in range(step, height, step):
-        cv2.line(drawn, (0, y), (width - 1, y), _INK, 1)
+        cv2.line(drawn, (0, y), (width - 1, y), _INK_COLOUR, 1)
     drawn = np.asarray(cv2.addWeighted(drawn, 0.25, picture, 0.75, 0), np.uint8)
     for x in range(step, width, step):
         _number(drawn, x, (x + 2, 10))
@@ -87,15 +93,14 @@ def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]
 
 
 def _number(picture: Picture, number: int, place: tuple[int, int]) -> None:
-    for colour, thickness in ((_SHADE, 3), (_INK, 1)):
-        cv2.putText(
-            picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, colour, thickness, cv2.LINE_AA
-        )  # fmt: skip
+    for colour, thickness in ((_SHADE_COLOUR, 3), (_INK_COLOUR, 1)):
+        cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, colour, thickness, cv2.LINE_AA)
 
 
 _HEADER = """<header>
-<p><b>Click</b> on what you want, <b>drag</b> a box around it; with <b>Shift</b>, or with "remove" ticked, on what
-you do not want. Later clicks belong in the middle of what is missing or too much.</p>
+<p><b>Click</b> on what you want, or <b>drag</b> a box around it. Hold <b>Ctrl</b> (Cmd on a Mac), or tick "remove", for
+what you do not want; <b>Shift</b> adds in any case. Later clicks belong in the middle of what is missing or too
+much.</p>
 <p><label><input type="checkbox" id="remove"> remove</label> <button id="undo">undo</button>
 <button id="clear">clear</button> <button id="copy">copy the command</button></p>
 <textarea id="command" readonly></textarea>

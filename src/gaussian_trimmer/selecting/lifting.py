@@ -93,9 +93,13 @@ def lift_objects_by_assignment(
 
 
 def _assign_in_passes(
-    gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[NDArray[np.int32]], count: int,
-    renderer: Renderer, gamma: float,
-) -> NDArray[np.int32]:  # fmt: skip
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    labels: Sequence[NDArray[np.int32]],
+    count: int,
+    renderer: Renderer,
+    gamma: float,
+) -> NDArray[np.int32]:
     """The rule of `assign_labels` for object numbers 1 to `count`, few of them at a time: as many columns of blend
     weights as there are objects would not fit into memory."""
     n = len(gaussians)

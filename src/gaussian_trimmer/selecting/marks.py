@@ -125,7 +125,7 @@ class Grow:
     """Also take what lies near the selection."""
 
     spacings: float
-    """How near: in mean distances between neighbouring Gaussians of the selection."""
+    """How near: in median distances between neighbouring Gaussians of the selection."""
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,16 @@ class Shrink:
 
 Mark = Click | Box | Box3D | Sphere | Plane | FromFile | FromMasks | Grow | Shrink
 KINDS: dict[str, type[Mark]] = {
-    "click": Click, "box": Box, "box3d": Box3D, "sphere": Sphere, "plane": Plane, "file": FromFile,
-    "masks": FromMasks, "grow": Grow, "shrink": Shrink,
-}  # fmt: skip
+    "click": Click,
+    "box": Box,
+    "box3d": Box3D,
+    "sphere": Sphere,
+    "plane": Plane,
+    "file": FromFile,
+    "masks": FromMasks,
+    "grow": Grow,
+    "shrink": Shrink,
+}
 """The marks by the names that they have in files."""
 
 
@@ -155,7 +162,7 @@ class Marks:
     """Positions of the training cameras, if known: objects are not looked at from other sides."""
     scene_size: int | None = None
     """Number of Gaussians of the scene that the marks were made in, if known."""
-    cameras: Path | None = field(default=None)
+    cameras: Path | None = None
     """File or folder of the cameras of the pictures, which masks need."""
 
     def followed_by(self, further: Marks, cameras: Path | None = None) -> Marks:
@@ -166,6 +173,8 @@ class Marks:
             cameras: where the cameras are now, if they are given anew.
         """
         return replace(
-            self, marks=self.marks + further.marks,
-            photographed_from=self.photographed_from or further.photographed_from, cameras=cameras or self.cameras,
-        )  # fmt: skip
+            self,
+            marks=self.marks + further.marks,
+            photographed_from=self.photographed_from or further.photographed_from,
+            cameras=cameras or self.cameras,
+        )

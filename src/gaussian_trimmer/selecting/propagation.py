@@ -8,51 +8,40 @@ small unary term for the background keeps out what is hidden and hardly touches 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
-from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.rendering import Renderer, Rendering
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, MIN_NODES, SurfaceCut
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import bounding_box
 
-MIN_NODES = 20
-"""Smallest number of nodes of a surface graph that can be cut."""
-HIDDEN = -0.05
-"""Unary term of surface that is hidden in the user's view, by area in squared radii."""
-COLOUR_ROUNDS = 3
-"""How often colour models are learnt from a cut and the cut repeated with them."""
-_VISIBLE = 15.0
+_COLOUR_ROUNDS = 3
+_VISIBLE_UNARY = 15.0
 """Unary term of surface that is visible in the user's view, by area in squared radii."""
-_COLOUR = 0.3
+_COLOUR_WEIGHT = 0.3
 """Weight of the colours' log-likelihood ratio, by area in squared radii."""
-_IN_FRONT = 0.2
+_IN_FRONT_DEPTH = 0.2
 """Depth difference, in radii, from which something beside the mask may hide a part of the object."""
-_MARGIN = 1.0
+_SURROUNDINGS = 1.0
 """Width of the surroundings that are looked at, in radii."""
-_MIN_PIECE = 0.01
+_MIN_PIECE_SHARE = 0.01
 """Smallest share of the visible object that a piece of it must hold."""
-_MAX_REMNANT, _MIN_ATTACHED = 0.1, 0.5
+_MAX_REMNANT_AREA, _MIN_ATTACHED_LENGTH = 0.1, 0.5
 """Area of a remnant relative to the object's, and length of its boundary with it relative to the root of its area."""
 
 
-def propagate_mask(
-    gaussians: Gaussians, camera: Camera, picture: Rendering, mask: BoolArray, up: Float64Array, renderer: Renderer,
-    seen_from: Sequence[Camera] = (),
-) -> BoolArray:  # fmt: skip
+def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> BoolArray:
     """The object that a view's mask shows, on all of its sides, (N,); nothing where the mask shows no surface.
 
     Args:
-        camera: the view.
-        picture: its rendering.
+        scene: the scene in that view.
+        picture: the view's rendering.
         mask: the object in it, (H, W).
-        up: the scene's up vector, (3,).
-        seen_from: training cameras, if known: the surface is not looked at from other sides.
     """
+    gaussians, camera = scene.gaussians, scene.camera
     nothing = np.zeros(len(gaussians), np.bool_)
     solid = mask & (picture.alpha > 0.5)
     if not solid.any():
@@ -62,43 +51,32 @@ def propagate_mask(
     ray = camera.ray_directions(np.array([[box[0] + box[2], box[1] + box[3]]]) / 2)[0]
     centre = camera.centre + ray * depth / (ray @ camera.forward)
     pixels, depths = camera.project(gaussians.means.astype(np.float64))
-    margin = _MARGIN * radius / depth * camera.K[0, 0]
+    margin = _SURROUNDINGS * radius / depth * camera.K[0, 0]
     candidates = (depths > 0) & ((pixels > np.array(box[:2]) - margin) & (pixels < np.array(box[2:]) + margin)).all(1)
-    graph = build_surface_graph(gaussians, camera, centre, radius, candidates, up, renderer, seen_from)
+    graph = build_surface_graph(scene, centre, radius, candidates)
     if len(graph.rows) < MIN_NODES:
         return nothing
 
-    possible = ~_visible_background(picture, mask, _IN_FRONT * radius)
+    possible = ~_visible_background(picture, mask, _IN_FRONT_DEPTH * radius)
     allowed = _at(possible, pixels)
     rows = np.concatenate([graph.rows, graph.hidden])
     for ends in axis_ends(gaussians.select(rows)):
         allowed[rows] &= _at(possible, camera.project(ends)[0])
-    outside, inside = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2)[graph.rows].T
+    outside, inside = (weights[graph.rows] for weights in scene.label_weights(mask))
     share = inside / np.maximum(inside + outside, 1e-12)
     part = _cut(graph, share, allowed[graph.rows])
     part = _with_remnants(graph, _without_specks(graph, part, graph.visible_in_view & (share > 0.5)))
     return graph.with_hidden(gaussians, part, allowed)
 
 
-def colour_weight(accuracy: float) -> float:
-    """Weight of colour models by their balanced accuracy, 0 to 1.
-
-    >>> colour_weight(0.5), colour_weight(1.0)
-    (0.0, 1.0)
-    """
-    return float(np.clip((accuracy - 0.6) / 0.35, 0, 1)) ** 2
-
-
-def _cut(graph: SurfaceGraph, share: Float64Array, allowed: BoolArray) -> BoolArray:
+def _cut(graph: SurfaceGraph, share: FloatArray, allowed: BoolArray) -> BoolArray:
     """The minimum cut by the share of each node in the mask (S,), and by which hidden ones can be object, (S,)."""
-    hidden = np.where(allowed, HIDDEN, -_VISIBLE)
-    unaries = graph.areas * np.where(graph.visible_in_view, _VISIBLE * (2 * share - 1), hidden)
+    hidden = np.where(allowed, HIDDEN_UNARY, -_VISIBLE_UNARY)
+    unaries = graph.areas * np.where(graph.visible_in_view, _VISIBLE_UNARY * (2 * share - 1), hidden)
     undecided = graph.areas * (~graph.visible_in_view & allowed)
-    part = graph.cut(unaries)
-    for _ in range(COLOUR_ROUNDS):
-        ratio, accuracy = graph.colour_evidence(part)
-        part = graph.cut(unaries + _COLOUR * colour_weight(accuracy) * undecided * ratio)
-    return part
+    cut = SurfaceCut(graph, np.zeros(len(allowed), np.bool_), True, undecided, _COLOUR_ROUNDS)
+    *_, last = cut.cuts(unaries, _COLOUR_WEIGHT)
+    return last
 
 
 def _at(mask: BoolArray, pixels: Float64Array) -> BoolArray:
@@ -120,28 +98,27 @@ def _visible_background(picture: Rendering, mask: BoolArray, tolerance: float) -
 
 def _without_specks(graph: SurfaceGraph, part: BoolArray, visible: BoolArray) -> BoolArray:
     """The connected pieces of a part (S,) that hold enough of what is visible of it, (S,)."""
-    rows = np.flatnonzero(part)
+    rows, piece = graph.pieces(part)
     if len(rows) == 0:
         return part
-    piece = connected_points(graph.means[rows].astype(np.float64), graph.gap)
     areas = np.bincount(piece, graph.areas[rows] * visible[rows])
     found = np.zeros(len(part), np.bool_)
-    found[rows] = (areas > _MIN_PIECE * areas.sum())[piece]
+    found[rows] = (areas > _MIN_PIECE_SHARE * areas.sum())[piece]
     return found
 
 
 def _with_remnants(graph: SurfaceGraph, part: BoolArray) -> BoolArray:
     """A part (S,) and the small connected pieces of the rest that are attached to it and to nothing else, (S,)."""
-    rows = np.flatnonzero(~part)
+    rows, numbers = graph.pieces(~part)
     if len(rows) == 0 or not part.any():
         return part
     piece = np.zeros(len(part), np.int64)
-    piece[rows] = connected_points(graph.means[rows].astype(np.float64), graph.gap)
+    piece[rows] = numbers
     across = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
     outer = graph.edges[across][~part[graph.edges[across]]]
     areas = np.bincount(piece[rows], graph.areas[rows], len(part))
     attached = np.bincount(piece[outer], graph.lengths[across], len(part))
-    remnant = (areas < _MAX_REMNANT * graph.areas[part].sum()) & (attached > _MIN_ATTACHED * np.sqrt(areas))
+    remnant = (areas < _MAX_REMNANT_AREA * graph.areas[part].sum()) & (attached > _MIN_ATTACHED_LENGTH * np.sqrt(areas))
     found = part.copy()
     found[rows] = remnant[piece[rows]]
     return found

@@ -24,17 +24,17 @@ from gaussian_trimmer.geometry.support_plane import densest_layer
 
 _STEPS_PER_OCTAVE = 2
 """Windows of the ladder within a factor of two."""
-_WINDOWS = 0.8 * 2.0 ** (np.arange(-5, 1) / _STEPS_PER_OCTAVE)
+_WINDOW_RADII = 0.8 * 2.0 ** (np.arange(-5, 1) / _STEPS_PER_OCTAVE)
 """Radii of the windows, relative to half of the picture's longer side at the seed's depth, rounded to the ladder."""
-_GAPS = np.geomspace(0.03, 0.6, 14)
+_GAP_RADII = np.geomspace(0.03, 0.6, 14)
 """Gaps to try, relative to the window's radius."""
-_BIN = 0.02
+_BIN_HEIGHT = 0.02
 """Height of the histogram's bins, relative to the window's radius; the layer is three bins thick."""
-_DEEPEST = 4.0
+_MAX_DEPTH = 4.0
 """Depth below the seed down to which the layer is searched, in window radii."""
-_AROUND = 1.5
+_LAYER_DISTANCE = 1.5
 """Horizontal distance from the seed within which the layer is searched, in window radii."""
-REACH = float(np.hypot(_DEEPEST, _AROUND))
+REACH = float(np.hypot(_MAX_DEPTH, _LAYER_DISTANCE))
 """Distance from the seed beyond which nothing is looked at, in window radii."""
 _CLEARANCES = (0.03, 0.06, 0.1)
 """Heights above the layer from which on Gaussians belong to what stands on it, in window radii; a greater one is taken
@@ -43,9 +43,9 @@ _MIN_VISIBLE = 0.5
 """Gaussians with less visible weight, in pixels of five views of 512 x 512, connect nothing."""
 _MIN_GAUSSIANS = 200
 """Smallest number of Gaussians in a piece."""
-_MIN_STABILITY, _STABLE = 2, 3
+_MIN_STABILITY, _GOOD_STABILITY = 2, 3
 """Number of steps between gaps over which a piece must be stable, and from which on it is preferred."""
-_SAME = 0.85
+_SAME_SHARE = 0.85
 """Two pieces are the same if the smaller one has at least this share of the other's visible weight."""
 _MAX_GAP = 0.375
 """Largest gap within one piece, relative to the piece's radius."""
@@ -57,13 +57,13 @@ _HIDDEN_GAP = 1 / 3
 """Hardly visible Gaussians belong to a piece within this share of its gap."""
 _MAX_FOOT_HEIGHT = 0.5
 """Largest height of a piece's foot above the layer that it stands on, relative to the piece's radius."""
-_EXTREMES = (0.02, 0.98)
+_END_QUANTILES = (0.02, 0.98)
 """Quantiles that are taken for the ends of a piece, so that single Gaussians do not count."""
-_FOOT = 0.3
+_FOOT_HEIGHT = 0.3
 """Height of the part that is a piece's foot, relative to its radius."""
-_CELL, _RING = 0.15, 2
+_CELL_SIDE, _RING_CELLS = 0.15, 2
 """Side of the cells in which the layer is counted, relative to the piece's radius; width of a ring around the foot."""
-_LAYER = 0.05
+_LAYER_HALF_THICKNESS = 0.05
 """Half of the layer's thickness, relative to the window's radius."""
 _MIN_COVERED = 0.7
 """Smallest share of that ring that the layer must cover."""
@@ -116,7 +116,7 @@ def pieces_on_plane(
     def order(candidate: tuple[_Window, _Piece]) -> tuple[bool, int, bool]:
         window, piece = candidate
         level = round((highest - window.surface) / (_SAME_SURFACE * scale))
-        return piece.stability < _STABLE, level, piece.radius > _GOOD_RADIUS * window.radius
+        return piece.stability < _GOOD_STABILITY, level, piece.radius > _GOOD_RADIUS * window.radius
 
     return [_with_hidden(positions, window, piece) for window, piece in sorted(found, key=order)]
 
@@ -136,42 +136,42 @@ def windows_around(scale: float, positions: Float64Array) -> Float64Array:
     """Radii of the windows about a scale: the same for all points and views of a scene (N, 3) near that scale."""
     scene_size = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
     if scene_size == 0:
-        return np.asarray(_WINDOWS * scale)
+        return np.asarray(_WINDOW_RADII * scale)
     step = round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE
-    return np.asarray(_WINDOWS * (scene_size * 2.0**step))
+    return np.asarray(_WINDOW_RADII * (scene_size * 2.0**step))
 
 
 def _open_window(positions: Float64Array, visible: FloatArray, radius: float, clearance: float) -> _Window | None:
     surface = _find_layer(positions, visible, radius)
     if surface is None:
         return None
-    above = (positions[:, 2] > surface + clearance * radius) & (np.linalg.norm(positions, axis=1) < _DEEPEST * radius)
+    above = (positions[:, 2] > surface + clearance * radius) & (np.linalg.norm(positions, axis=1) < _MAX_DEPTH * radius)
     shows = visible > _MIN_VISIBLE
     return _Window(radius, surface, np.flatnonzero(above & shows), np.flatnonzero(above & ~shows))
 
 
 def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> float | None:
     """Height of the most visible layer below the origin, or None where nothing is below it."""
-    height, bin_height = positions[:, 2], _BIN * window
+    height, bin_height = positions[:, 2], _BIN_HEIGHT * window
     below = (
-        (np.hypot(positions[:, 0], positions[:, 1]) < _AROUND * window)
+        (np.hypot(positions[:, 0], positions[:, 1]) < _LAYER_DISTANCE * window)
         & (height < -bin_height)
-        & (height > -_DEEPEST * window)
-    )  # fmt: skip
+        & (height > -_MAX_DEPTH * window)
+    )
     if visible[below].sum() <= 0:
         return None
-    layer = densest_layer(height[below], visible[below], -_DEEPEST * window, 0.0, bin_height)
+    layer = densest_layer(height[below], visible[below], -_MAX_DEPTH * window, 0.0, bin_height)
     return layer[0] if layer else None
 
 
 def _stable_pieces(positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
     """The pieces around the seeds that stay the same over several gaps, the most stable first, each once."""
-    gaps = _GAPS * window.radius
+    gaps = _GAP_RADII * window.radius
     members = _nested_pieces(positions, seeds, window.rows, gaps)
     sizes = np.array([visible[rows].sum() for rows in members])
     found = {}
     for k in range(len(gaps)):
-        different = np.flatnonzero((sizes < _SAME * sizes[k]) | (sizes * _SAME > sizes[k]))
+        different = np.flatnonzero((sizes < _SAME_SHARE * sizes[k]) | (sizes * _SAME_SHARE > sizes[k]))
         first = int(different[different < k].max(initial=-1)) + 1
         last = int(different[different > k].min(initial=len(gaps))) - 1
         middle = (first + last) // 2
@@ -195,25 +195,27 @@ def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, g
 
 
 def _radius(positions: Float64Array) -> float:
-    low, high = np.quantile(positions, _EXTREMES, axis=0)
+    low, high = np.quantile(positions, _END_QUANTILES, axis=0)
     return float(np.linalg.norm(high - low) / 2)
 
 
 def _stands(positions: Float64Array, visible: FloatArray, piece: _Piece, window: _Window) -> bool:
     """Whether the piece reaches down to the layer, and the layer continues around its foot."""
     height = positions[piece.rows, 2] - window.surface
-    lowest = np.quantile(height, _EXTREMES[0])
+    lowest = np.quantile(height, _END_QUANTILES[0])
     if lowest > _MAX_FOOT_HEIGHT * piece.radius:
         return False
-    foot = positions[piece.rows[height <= lowest + _FOOT * piece.radius], :2]
-    cell = _CELL * piece.radius
-    origin = foot.min(axis=0) - (_RING + 1) * cell
+    foot = positions[piece.rows[height <= lowest + _FOOT_HEIGHT * piece.radius], :2]
+    cell = _CELL_SIDE * piece.radius
+    origin = foot.min(axis=0) - (_RING_CELLS + 1) * cell
     corners = np.floor((foot - origin) / cell).astype(np.int32)
-    footprint = np.zeros(corners.max(axis=0)[::-1] + _RING + 2, np.uint8)
+    footprint = np.zeros(corners.max(axis=0)[::-1] + _RING_CELLS + 2, np.uint8)
     cv2.fillConvexPoly(footprint, cv2.convexHull(corners), 1)
-    ring = (_grown(footprint, _RING) > 0) & (footprint == 0)
+    ring = (_grown(footprint, _RING_CELLS) > 0) & (footprint == 0)
 
-    layer = (np.abs(positions[:, 2] - window.surface) < _LAYER * window.radius) & (visible > _MIN_VISIBLE)
+    layer = (np.abs(positions[:, 2] - window.surface) < _LAYER_HALF_THICKNESS * window.radius) & (
+        visible > _MIN_VISIBLE
+    )
     x, y = np.floor((positions[layer, :2] - origin) / cell).astype(np.int64).T
     within = (x >= 0) & (y >= 0) & (x < footprint.shape[1]) & (y < footprint.shape[0])
     covered = np.zeros_like(footprint)

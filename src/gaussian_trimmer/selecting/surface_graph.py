@@ -8,14 +8,13 @@ minimum cut of this graph is a short boundary that runs along such places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import (
     SH_C0,
     BoolArray,
@@ -26,18 +25,22 @@ from gaussian_trimmer.gaussians import (
     rotation_matrices,
 )
 from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
+from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene
+from gaussian_trimmer.views import HALF
 
-_REACH = 3.0
+_REACH_RADII = 3.0
 """Distance from the point within which Gaussians are looked at, in radii."""
 _RINGS = ((5.0, 8), (35.0, 8), (65.0, 4))
 """Pitch in degrees and number of views of each ring around the point."""
-_MAX_ANGLE = np.cos(np.radians(50))
+_MAX_ANGLE_COSINE = np.cos(np.radians(50))
 """Cosine of the largest angle between a view and the nearest training camera: beyond it nothing was photographed."""
-_SIZE, _FOV, _DISTANCE = 256, np.radians(60), 4.0
+_SIZE_PIXELS, _FOV_RADIANS, _DISTANCE_RADII = 256, float(np.radians(60)), 4.0
 """Size in pixels, field of view and distance in radii of these views."""
 _REFERENCE_RADIUS = 64.0
 """Radius in pixels to which the weights of the user's view are scaled, whatever its resolution."""
@@ -52,13 +55,13 @@ _COLOUR_SIGMA = 10.0
 """Standard deviation of edge weights over Lab colours."""
 _LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
 """Weights of the channels in distances between Lab colours: lightness changes with shading."""
-_CONCAVITY = 0.3
+_CONCAVITY_SCALE = 0.3
 """Concavity at which an edge weighs 1/e: the difference of the normals along the edge."""
-_UNEVEN = 0.5
+_UNEVEN_WEIGHT = 0.5
 """Weight of edges where the surface is too uneven to have a normal, relative to those of a convex surface."""
-_MIN_EDGE = 0.05
+_MIN_EDGE_WEIGHT = 0.05
 """Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
-_GAP, _GAP_SPACINGS = 0.1, 3.0
+_GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
 _BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
 """Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
@@ -98,7 +101,7 @@ class SurfaceGraph:
     @property
     def gap(self) -> float:
         """Largest distance between nodes in one connected piece, in scene units."""
-        return self.radius * max(_GAP, _GAP_SPACINGS * float(np.sqrt(np.median(self.areas))))
+        return self.radius * max(_GAP_RADII, _GAP_SPACINGS * float(np.sqrt(np.median(self.areas))))
 
     def cut(self, unaries: Float64Array) -> BoolArray:
         """Which nodes are object by the minimum cut, (S,).
@@ -117,60 +120,71 @@ class SurfaceGraph:
         found[free] = min_cut(unaries[free], numbers[self.edges[within]], self.weights[within])
         return found
 
-    def boundary(self, part: BoolArray) -> tuple[float, float]:
-        """Weight and length of the boundary between some nodes (S,) and the others, in radii."""
-        cut = part[self.edges[:, 0]] != part[self.edges[:, 1]]
-        return float(self.weights[cut].sum()), float(self.lengths[cut].sum())
+    def boundary(self, part: BoolArray, others: BoolArray) -> tuple[float, float]:
+        """Weight and length of the boundary between some nodes (S,) and others (S,), in radii."""
+        a, b = self.edges.T
+        across = (part[a] & others[b]) | (part[b] & others[a])
+        return float(self.weights[across].sum()), float(self.lengths[across].sum())
 
-    def colour_evidence(self, part: BoolArray, others: BoolArray | None = None) -> tuple[Float64Array, float]:
-        """Clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), or the rest, (S,).
+    def pieces(self, part: BoolArray) -> tuple[IntArray, IntArray]:
+        """The nodes of a part (S,), and the number of the connected piece that each is in, (P,) each."""
+        nodes = np.flatnonzero(part)
+        if len(nodes) == 0:
+            return nodes, nodes
+        return nodes, connected_points(self.means[nodes].astype(np.float64), self.gap)
+
+    def colour_evidence(self, part: BoolArray, others: BoolArray) -> tuple[Float64Array, float]:
+        """Clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), (S,).
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
         bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
         flat = np.ravel_multi_index(tuple(bins.T), _BINS)
-        inside, outside = self.areas * part, self.areas * (~part if others is None else others)
+        inside, outside = self.areas * part, self.areas * others
         models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
         ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[flat]
         hits = [
-            areas[right].sum() / max(areas.sum(), 1e-12)
-            for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
-        ]  # fmt: skip
+            areas[right].sum() / max(areas.sum(), 1e-12) for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
+        ]
         return np.clip(ratio, -_MAX_RATIO, _MAX_RATIO), float(np.mean(hits))
 
     def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
         """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
         selection = np.zeros(len(gaussians), np.bool_)
         selection[self.rows[part]] = True
-        rows = self.hidden[allowed[self.hidden]]
-        if len(rows):
-            squared, near = nearest(self.means, gaussians.means[rows], min(_HIDDEN_NEIGHBOURS, len(self.means)))
-            beside = (part[near].mean(axis=1) > 0.5) & (squared[:, 0] < (_HIDDEN_REACH * self.radius) ** 2)
-            selection[rows[beside]] = True
+        candidates = self.hidden[allowed[self.hidden]]
+        selection[self.followers(gaussians, part, np.ones(len(part), np.bool_), candidates)] = True
         return selection
+
+    def followers(self, gaussians: Gaussians, part: BoolArray, comparable: BoolArray, candidates: IntArray) -> IntArray:
+        """Those of some rows of the scene most of whose nearest comparable nodes (S,) are in a part (S,)."""
+        if len(candidates) == 0:
+            return candidates
+        neighbours = min(_HIDDEN_NEIGHBOURS, len(self.means))
+        squared, near = nearest(self.means, gaussians.means[candidates], neighbours)
+        share = (part & comparable)[near].sum(axis=1) / np.maximum(comparable[near].sum(axis=1), 1)
+        return np.asarray(candidates[(share > HALF) & (squared[:, 0] < (_HIDDEN_REACH * self.radius) ** 2)])
 
 
 def build_surface_graph(
-    gaussians: Gaussians, camera: Camera, centre: Float64Array, radius: float, candidates: BoolArray, up: Float64Array,
-    renderer: Renderer, seen_from: Sequence[Camera] = (), reach: float = 1.0,
-) -> SurfaceGraph:  # fmt: skip
+    scene: ViewedScene, centre: Float64Array, radius: float, candidates: BoolArray, reach: float = 1.0
+) -> SurfaceGraph:
     """The visible surface around a point, from the user's view and from all around.
 
     Args:
-        camera: the user's view.
+        scene: the scene in the user's view.
         centre: the point, (3,).
         radius: about half the size of the object there, in scene units.
         candidates: which Gaussians may become nodes, (N,).
-        up: the scene's up vector, (3,).
-        seen_from: training cameras, if known: views from other sides are left out.
         reach: factor on the distance within which Gaussians are looked at.
     """
-    near = np.flatnonzero(np.linalg.norm(gaussians.means - centre, axis=1) < _REACH * reach * radius)
+    gaussians, camera = scene.gaussians, scene.camera
+    near = np.flatnonzero(np.linalg.norm(gaussians.means - centre, axis=1) < _REACH_RADII * reach * radius)
     local = gaussians.select(near)
-    views = _views_around(camera, centre, reach * radius, up, seen_from)
+    views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
-    in_view = _visible(gaussians, camera, renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
-    weights = [_visible(local, view, renderer) for view in views]
+    in_view = _visible(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
+    weights = [_visible(local, view, scene.renderer) for view in views]
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:
@@ -189,9 +203,18 @@ def build_surface_graph(
     edges, lengths = _edges(beside, np.sqrt(squared), spacing)
     affinity = _affinity(edges, means, colours, normals, flatness)
     return SurfaceGraph(
-        centre, radius, near[nodes], near[~nodes], means, colours, np.square(spacing / radius, dtype=np.float64),
-        in_view[nodes] > _MIN_VISIBLE_IN_VIEW, edges, lengths / radius, lengths / radius * affinity,
-    )  # fmt: skip
+        centre,
+        radius,
+        near[nodes],
+        near[~nodes],
+        means,
+        colours,
+        np.square(spacing / radius, dtype=np.float64),
+        in_view[nodes] > _MIN_VISIBLE_IN_VIEW,
+        edges,
+        lengths / radius,
+        lengths / radius * affinity,
+    )
 
 
 def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
@@ -202,23 +225,20 @@ def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
     return gaussians.means - arms, gaussians.means + arms
 
 
-def _views_around(
-    camera: Camera, centre: Float64Array, radius: float, up: Float64Array, seen_from: Sequence[Camera]
-) -> list[Camera]:
+def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> list[Camera]:
     """Small views of a point from all around, starting at the user's yaw."""
-    axes = up_frame(up)
-    offset = axes @ (camera.centre - centre)
-    directions = []
-    for pitch, number in _RINGS:
-        yaws = np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(number) / number
-        level, rise = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
-        directions += [np.array([np.cos(yaw) * level, np.sin(yaw) * level, rise]) @ axes for yaw in yaws]
-    photographed = -_directions(np.array([taken.centre for taken in seen_from]).reshape(-1, 3), centre)
+    axes = up_frame(scene.up)
+    offset = axes @ (scene.camera.centre - centre)
+    steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _RINGS])
+    yaws = np.arctan2(offset[1], offset[0]) + steps
+    pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _RINGS])
+    photographed = -_directions(np.array([taken.centre for taken in scene.seen_from]).reshape(-1, 3), centre)
     if len(photographed):
-        directions = [way for way in directions if (photographed @ way).max() > _MAX_ANGLE]
-    K = intrinsics(_FOV, _SIZE, _SIZE)
-    poses = [look_at(centre + _DISTANCE * radius * way, centre, axes[2]) for way in directions]
-    return [Camera(pose, K, _SIZE, _SIZE, near=0.01 * radius) for pose in poses]
+        near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE_COSINE
+        yaws, pitches = yaws[near], pitches[near]
+    return ring(
+        centre, axes, _DISTANCE_RADII * radius, yaws, pitches, Lens(_SIZE_PIXELS, _FOV_RADIANS, NEAR_RADII * radius)
+    )
 
 
 def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
@@ -283,8 +303,8 @@ def _affinity(
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)
     concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
     flat = np.minimum(flatness[a], flatness[b])
-    convex = flat * np.exp(-concavity / _CONCAVITY) + (1 - flat) * _UNEVEN
-    return np.asarray(_MIN_EDGE + (1 - _MIN_EDGE) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
+    convex = flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT
+    return np.asarray(_MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
 
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:

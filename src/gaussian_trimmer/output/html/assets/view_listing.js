@@ -43,10 +43,12 @@ for (const view of views) {
     start = pixel(view, event);
     view.setPointerCapture(event.pointerId);
   });
+  view.addEventListener("contextmenu", event => event.preventDefault());  // which Ctrl and a click open on a Mac
   view.addEventListener("pointermove", event => { place.textContent = pixel(view, event).join(" "); });
   view.addEventListener("pointerup", event => {
     if (!start) return;
-    const end = pixel(view, event), remove = event.shiftKey || document.getElementById("remove").checked;
+    const end = pixel(view, event), ticked = document.getElementById("remove").checked;
+    const remove = event.ctrlKey || event.metaKey || (ticked && !event.shiftKey);
     const far = Math.max(Math.abs(end[0] - start[0]), Math.abs(end[1] - start[1])) > +view.dataset.width / 100;
     const low = [Math.min(start[0], end[0]), Math.min(start[1], end[1])];
     const high = [Math.max(start[0], end[0]) + 1, Math.max(start[1], end[1]) + 1];

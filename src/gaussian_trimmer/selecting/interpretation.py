@@ -1,0 +1,268 @@
+"""What marks mean: each adds to what those before it selected, removes from it, or keeps its share of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
+from gaussian_trimmer.selecting.clicks import Pick, pieces_at_click, select_by_box, select_by_click
+from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius
+from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote
+from gaussian_trimmer.selecting.marks import (
+    Box,
+    Box3D,
+    Click,
+    Effect,
+    FromFile,
+    FromMasks,
+    Grow,
+    Mark,
+    Marks,
+    Plane,
+    Point,
+    Shrink,
+    Sphere,
+    View,
+    Viewpoint,
+)
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
+from gaussian_trimmer.selecting.overview import drawn_rows
+from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene, look_at_pixel
+from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.views import HALF
+
+_DISJOINT_SHARE = 0.1
+"""A thing of which a smaller share than this is selected is added as a whole."""
+_SELECTED_SHARE = 0.5
+"""A thing of which a larger share than this is selected is removed as a whole, where others are selected too."""
+_OTHERS_SHARE = 0.2
+"""Others are selected too if the rest of the selection is more than this, relative to the thing."""
+_BOX_TAKES_ALL = 0.9
+"""A box that would remove more than this share of the selection means only what is selected within its sides."""
+INTERPRETATIONS = {
+    "piece": "an object that stands on a surface",
+    "part": "the part that is marked, on all of its sides",
+    "region": "the region around the click, by which the boundary moved",
+    "frame": "all that is selected in the box",
+}
+"""How marks in views are understood."""
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionState:
+    """What the first few marks select, from which the next one goes on; arrays are not changed in place."""
+
+    mask: BoolArray
+    """(N,)."""
+    excluded: BoolArray
+    """What marks removed and none selected again, (N,)."""
+    seeds: tuple[Seed, ...] = ()
+    """What clicks have said about places."""
+    interpretations: tuple[str, ...] = ()
+    """How each mark was understood."""
+
+    @classmethod
+    def nothing(cls, n: int) -> SelectionState:
+        """What no mark selects, in a scene of n Gaussians."""
+        return cls(np.zeros(n, np.bool_), np.zeros(n, np.bool_))
+
+    def combined(self, found: BoolArray, effect: Effect) -> SelectionState:
+        """The state with what a mark means, (N,); what one removes is excluded whether or not it was selected."""
+        if effect == "remove":
+            return replace(self, mask=self.mask & ~found, excluded=self.excluded | found)
+        mask = self.mask | found if effect == "add" else self.mask & found
+        return replace(self, mask=mask, excluded=self.excluded & ~mask)
+
+
+class MarkInterpreter:
+    """Understands marks one at a time: what `select` does for a whole list, without beginning anew at each mark."""
+
+    def __init__(
+        self,
+        scene: Gaussians,
+        marks: Marks,
+        *,
+        cameras: CameraSet | None = None,
+        renderer: Renderer | str = DEFAULT_RENDERER,
+        model: PromptableModel | None = None,
+    ) -> None:
+        """Marks are understood with the up vector, and the places of the photographs, of a list of resolved marks.
+
+        Args:
+            scene: all N Gaussians.
+            marks: resolved marks; which ones they are does not matter here.
+            cameras: the cameras of the pictures that masks belong to.
+            renderer: a renderer, or the name of one.
+            model: as for `select`.
+        """
+        self._scene, self._up, self._cameras, self._model = scene, np.array(marks.up), cameras, model
+        self._renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
+        self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
+
+    def apply(self, before: SelectionState, mark: Mark) -> SelectionState:
+        """The selection after one more mark, whose view is resolved; nothing may remain selected.
+
+        Raises:
+            InputError: the mark is not possible, or nothing is seen at its pixels.
+        """
+        number = len(before.interpretations) + 1
+        if not before.mask.any() and getattr(mark, "effect", "remove") != "add":
+            raise InputError(
+                f"Mark {number} changes a selection, but nothing is selected before it; begin with others."
+            )
+        after, interpretation = self._applied(before, mark, number)
+        return replace(after, interpretations=(*before.interpretations, interpretation))
+
+    def _applied(self, state: SelectionState, mark: Mark, number: int) -> tuple[SelectionState, str]:
+        means = self._scene.means
+        match mark:
+            case Click():
+                return self._click(state, mark)
+            case Box():
+                return self._box(state, mark)
+            case Box3D() | Sphere() | Plane():
+                name = {Box3D: "a 3D box", Sphere: "a sphere", Plane: "what lies above a plane"}[type(mark)]
+                return state.combined(inside_shape(means, mark, self._up), mark.effect), name
+            case FromFile():
+                found, notes = self._from_file(mark)
+                return state.combined(found, mark.effect), "; ".join([f"'{mark.path.name}'", *notes])
+            case FromMasks():
+                found, n = self._lifted(mark)
+                return state.combined(found, mark.effect), f"{n} masks"
+            case Grow():
+                mask = grown(means, state.mask, mark.spacings)
+                return state.combined(mask, "add"), f"grown by {mark.spacings:g} spacings"
+            case Shrink():
+                mask = shrunk(means, state.mask, mark.spacings)
+                return replace(state, mask=mask), f"shrunk by {mark.spacings:g} spacings"
+        raise InputError(f"Mark {number} is a {type(mark).__name__}, which is no mark.")
+
+    def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
+        view, rows = self._viewed(mark.view)
+        if not state.mask.any() or mark.effect == "intersect":
+            return self._picked(state, self._interpreted(view, (mark.x, mark.y)), rows, mark.effect)
+        mask, target = state.mask[rows], look_at_pixel(view, mark.x, mark.y)
+        for piece in pieces_at_click(view, target)[:1]:
+            if _is_meant_whole(piece, mask, mark.effect):
+                return self._picked(state, Pick(piece, "piece"), rows, mark.effect)
+        small, adds = view.small(), mark.effect == "add"
+        x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
+        shown = np.asarray(small.coverage(mask) > HALF)
+        if shown[y, x] == adds:
+            verb, already = ("adds", "selected already") if adds else ("removes", "not selected")
+            raise InputError(
+                f"The click at ({mark.x}, {mark.y}) {verb} what is {already}; click where something is wrong."
+            )
+        seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
+        after = state.mask.copy()
+        after[rows] = correct_at_click(small, mask, seed, state.seeds)
+        excluded = (state.excluded | (state.mask & ~after)) & ~after
+        return SelectionState(after, excluded, (*state.seeds, seed)), INTERPRETATIONS["region"]
+
+    def _box(self, state: SelectionState, mark: Box) -> tuple[SelectionState, str]:
+        view, rows = self._viewed(mark.view)
+        box = mark.x0, mark.y0, mark.x1, mark.y1
+        pick = self._interpreted(view, box)
+        taken = np.count_nonzero(pick.selection & state.mask[rows])
+        if mark.effect != "remove" or taken <= _BOX_TAKES_ALL * np.count_nonzero(state.mask):
+            return self._picked(state, pick, rows, mark.effect)
+        pixels, depths = view.camera.project(self._scene.means.astype(np.float64))
+        within = (depths > 0) & (pixels >= box[:2]).all(axis=1) & (pixels < box[2:]).all(axis=1)
+        return state.combined(np.asarray(within) & state.mask, mark.effect), INTERPRETATIONS["frame"]
+
+    def _interpreted(self, view: ViewedScene, mark: tuple[int, int] | tuple[int, int, int, int]) -> Pick:
+        """What a pixel, or a box, means in a view."""
+        if self._model is not None:
+            return select_by_model(view, mark, self._model)
+        return select_by_click(view, *mark) if len(mark) == 2 else select_by_box(view, mark)
+
+    def _picked(self, state: SelectionState, pick: Pick, rows: IntArray, effect: Effect) -> tuple[SelectionState, str]:
+        """The state with what was found among some rows of the scene."""
+        found = np.zeros(len(state.mask), np.bool_)
+        found[rows[pick.selection]] = True
+        return state.combined(found, effect), INTERPRETATIONS[pick.kind]
+
+    def _viewed(self, view: View) -> tuple[ViewedScene, IntArray]:
+        """What is drawn in a view, and its rows in the scene."""
+        assert isinstance(view, Viewpoint), "views are resolved"
+        rows = drawn_rows(self._scene.means, view)
+        drawn = self._scene if len(rows) == len(self._scene) else self._scene.select(rows)
+        return ViewedScene(drawn, view.camera, self._up, self._renderer, self._seen_from), rows
+
+    def _from_file(self, mark: FromFile) -> tuple[BoolArray, list[str]]:
+        """What a selection file, or a file of marks, selects, (N,), and notes on how it was understood."""
+        if not is_marks_file(mark.path):
+            notes: list[str] = []
+            return load_selection(mark.path, self._scene, mark.options, notes.append), notes
+        marks = read_marks(mark.path)
+        if any(isinstance(inner, FromFile) and is_marks_file(inner.path) for inner in marks.marks):
+            raise InputError(f"'{mark.path}' holds marks that refer to files of marks; save what they select instead.")
+        made = apply_marks(self._scene, marks, cameras=self._cameras, renderer=self._renderer, model=self._model)
+        return made.mask, [f"{len(marks.marks)} marks"]
+
+    def _lifted(self, mark: FromMasks) -> tuple[BoolArray, int]:
+        """The selection (N,) by a folder of masks, and their number."""
+        if self._cameras is None:
+            raise InputError("Masks need the cameras of their pictures.")
+        posed = cameras_with_masks(self._cameras.pinhole_cameras(), mark.folder)
+        masks = [mask_of(camera, mark.folder) for camera in posed]
+        if mark.method == "vote":
+            return lift_by_vote(self._scene, posed, masks, mark.threshold), len(posed)
+        return lift_by_assignment(self._scene, posed, masks, self._renderer, mark.gamma), len(posed)
+
+
+def apply_marks(
+    scene: Gaussians,
+    marks: Marks,
+    *,
+    cameras: CameraSet | None,
+    renderer: Renderer | str,
+    model: PromptableModel | None,
+) -> SelectionState:
+    """What resolved marks select together.
+
+    Raises:
+        InputError: a mark is not possible, the marks are of another scene, or nothing is selected.
+    """
+    if not marks.marks:
+        raise InputError("There is no mark; say what to select by a click, a box, a volume or a file.")
+    if marks.scene_size not in (None, len(scene)):
+        raise InputError(
+            f"The marks were made in a scene of {marks.scene_size} Gaussians, and this one has {len(scene)}; give the "
+            "scene that they were made in."
+        )
+    if cameras is None and marks.cameras is not None and any(isinstance(mark, FromMasks) for mark in marks.marks):
+        cameras = read_camera_set(marks.cameras)
+    interpreter = MarkInterpreter(scene, marks, cameras=cameras, renderer=renderer, model=model)
+    state = SelectionState.nothing(len(scene))
+    for mark in marks.marks:
+        state = interpreter.apply(state, mark)
+    if not state.mask.any():
+        raise InputError(
+            "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
+        )
+    return state
+
+
+def _is_meant_whole(piece: BoolArray, selected: BoolArray, effect: Effect) -> bool:
+    """Whether a click adds, or removes, a whole thing (N,), by what of it and beside it is selected, (N,)."""
+    size, ours, rest = (int(np.count_nonzero(rows)) for rows in (piece, piece & selected, selected & ~piece))
+    if effect == "add":
+        return ours < _DISJOINT_SHARE * size
+    return ours > _SELECTED_SHARE * size and rest > _OTHERS_SHARE * size
+
+
+def _camera_at(place: Point) -> Camera:
+    """A camera of which only the position counts."""
+    pose = np.eye(4)
+    pose[:3, 3] = -np.array(place)
+    return Camera(pose, np.eye(3), 1, 1)

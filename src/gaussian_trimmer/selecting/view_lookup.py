@@ -1,0 +1,83 @@
+"""Which views marks refer to: the cameras' own or, without cameras, some from all around."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, Point, View, Viewpoint
+from gaussian_trimmer.selecting.overview import plan_overview
+
+
+def resolve_views(
+    scene: Gaussians,
+    marks: Sequence[Mark],
+    *,
+    cameras: CameraSet | None = None,
+    up: Any = None,
+    views: Sequence[Viewpoint] | None = None,
+    camera_path: Path | None = None,
+) -> Marks:
+    """Marks whose views are looked up, with the up vector and the places that the scene was photographed from.
+
+    Args:
+        scene: all N Gaussians.
+        marks: name their views, or hold them.
+        cameras: the training cameras, if known.
+        up: the scene's up vector, (3,), if known.
+        views: the views that marks can name, in place of those of `cameras`, or of eight from all around.
+        camera_path: where the cameras came from, if known.
+
+    Raises:
+        InputError: a view is not known.
+    """
+    found = find_up(scene, cameras, up)
+    resolved = []
+    for mark in marks:
+        if isinstance(mark, Click | Box) and isinstance(mark.view, Camera):
+            mark = replace(mark, view=Viewpoint(mark.view))
+        elif isinstance(mark, Click | Box) and not isinstance(mark.view, Viewpoint):
+            views = views_to_click_in(scene, cameras, found.direction) if views is None else views
+            mark = replace(mark, view=find_view(views, mark.view))
+        resolved.append(mark)
+    photographed_from = tuple(_point(camera.centre) for camera in training_cameras(cameras))
+    return Marks(tuple(resolved), _point(found.direction), photographed_from, len(scene), camera_path)
+
+
+def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
+    """The views of the cameras or, without cameras, eight from all around."""
+    if cameras is not None:
+        return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
+    return plan_overview(scene, up).views
+
+
+def find_view(views: Sequence[Viewpoint], wanted: View) -> Viewpoint:
+    """The view of a name, with or without its ending, or else of a number from 0.
+
+    Raises:
+        InputError: there is none, or there are several.
+    """
+    if isinstance(wanted, Viewpoint):
+        return wanted
+    if isinstance(wanted, str):
+        named = [view for view in views if wanted in (view.camera.name, Path(view.camera.name).stem)]
+        if len(named) == 1:
+            return named[0]
+        if named or not wanted.isdigit():
+            known = f"{views[0].camera.name} ... {views[-1].camera.name}" if views[0].camera.name else "numbered from 0"
+            raise InputError(f"{len(named)} views are named '{wanted}'; the {len(views)} views are {known}.")
+    number = int(wanted)  # type: ignore[arg-type]
+    if not 0 <= number < len(views):
+        raise InputError(f"There is no view {wanted}; the {len(views)} views are numbered from 0.")
+    return views[number]
+
+
+def _point(values: Float64Array) -> Point:
+    x, y, z = values.tolist()
+    return x, y, z
