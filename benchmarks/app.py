@@ -142,7 +142,7 @@ def _do(controller: Controller, work: Callable[[], str]) -> float:
 def _wait(controller: Controller) -> None:
     """Wait until all that was given to the app is done."""
     done = threading.Event()
-    controller.worker.submit("done", done.set)
+    controller.worker.submit(done.set)
     done.wait()
 
 

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.app.documents import Colour, Document, MarkedObject, Snapshot
-from gaussian_trimmer.app.highlights import Highlights
+from gaussian_trimmer.app.documents import Colour, MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.result import RowLabel
@@ -19,9 +18,8 @@ When = Literal["before", "after"]
 
 _TINT = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
-STRADDLER: Colour = (255, 0, 255)
 UNCHECKED: Colour = (255, 235, 0)
-_HIGHLIGHT = 0.85
+_UNCHECKED_TINT = 0.85
 
 
 @dataclass(frozen=True)
@@ -31,10 +29,8 @@ class Showing:
     part: Part = "both"
     when: When = "before"
     """What is selected, or what was trimmed; an object that has not been trimmed is shown as it is selected."""
-    colours: bool = True
+    tint: bool = True
     """Tint the objects in their colours."""
-    straddlers: bool = False
-    """Highlight what lies across the boundary."""
     unchecked: bool = False
     """Highlight what no accepted view shows."""
 
@@ -68,43 +64,35 @@ class _Shown:
 
 
 class Painter:
-    """Draws the states of one document. What it keeps is bounded by the number of Gaussians that are shown at most."""
+    """Draws states of one scene. What it keeps is bounded by the number of Gaussians that are shown at most."""
 
-    def __init__(self, document: Document, most: int) -> None:
+    def __init__(self, scene: Gaussians, most: int) -> None:
         """Prepare the whole scene, thinned if it has more Gaussians than `most`."""
-        self.document = document
-        self.frame = Frame.around(document.scene.means)
-        self._scene, self._most = document.scene, most
-        everything = np.ones(len(self._scene), np.bool_)
-        self._rows, self._growth = thinned(everything, most)
-        self._whole = splats_of(self._scene.select(self._rows), self.frame, self._growth)
+        self.scene = scene
+        self.frame = Frame.around(scene.means)
+        self._most = most
+        self._rows, self._growth = thinned(np.ones(len(scene), np.bool_), most)
+        self._whole = splats_of(scene.select(self._rows), self.frame, self._growth)
 
     @property
     def shown(self) -> int:
         """Number of Gaussians of the scene that are shown at once."""
         return len(self._rows)
 
-    def paint(self, now: Snapshot, showing: Showing, highlights: Highlights | None = None) -> Splats:
+    def paint(self, now: Snapshot, showing: Showing, unchecked: BoolArray | None = None) -> Splats:
         """The Gaussians to show of a state, in their colours.
 
         Args:
-            highlights: of the active object's trim, where they are to be shown.
+            now: the state.
+            showing: what of it is to be seen.
+            unchecked: Gaussians to highlight, (N,), as `find_unchecked` has them.
         """
         after = showing.when == "after"
-        owner = _owners(now, after)
-        if showing.part == "object":
-            visible = owner == now.active
-        elif showing.part == "background":
-            visible = (owner < 0) & ~_gone(now, after)
-        else:
-            visible = ~_gone(now, after)
-        rows, splats = self._splats(visible)
-        shown = [_Shown(rows, splats, owner[rows])]
+        rows, splats = self._splats(shown_rows(now, showing) & ~_replaced_rows(now, after))
+        shown = [_Shown(rows, splats, _owners(now, after)[rows])]
         if after:
             shown += self._replacements(now, showing.part)
-        if showing.part == "background":
-            return _joined([part.splats for part in shown])
-        return _joined([_coloured(part, now, showing, highlights if after else None) for part in shown])
+        return _joined([_coloured(part, now, showing, unchecked) for part in shown])
 
     def _splats(self, visible: BoolArray) -> tuple[IntArray, Splats]:
         """Scene rows of what is shown of the visible Gaussians (N,), and these as splats."""
@@ -115,7 +103,7 @@ class Painter:
                 whole.centres[on], whole.covariances[on], whole.colours[on], whole.opacities[on]
             )
         rows, growth = thinned(visible, self._most)
-        return rows, splats_of(self._scene.select(rows), self.frame, growth)
+        return rows, splats_of(self.scene.select(rows), self.frame, growth)
 
     def _replacements(self, now: Snapshot, part: Part) -> list[_Shown]:
         """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
@@ -156,22 +144,27 @@ def splats_of(gaussians: Gaussians, frame: Frame, growth: float = 1.0) -> Splats
     )
 
 
+def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
+    """Which Gaussians of the scene are to be seen, whole or by what an object's trim has in their place, (N,)."""
+    after = showing.when == "after"
+    owner = _owners(now, after)
+    if showing.part == "object":
+        return np.asarray(owner == now.active)
+    dropped = np.zeros(len(owner), np.bool_)
+    for part in now.objects:
+        if after and part.result is not None:
+            dropped[part.result.dropped] = True
+    return ~dropped & (owner < 0) if showing.part == "background" else ~dropped
+
+
 def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
-    """Place of the object that has each Gaussian of the scene whole, (N,); -1 for none. The active one comes first."""
+    """Place of the object that has each Gaussian of the scene, (N,); -1 for none. The active one comes first."""
     owner = np.full(len(now.object.selected.mask), -1, np.int16)
     order = [place for place in range(len(now.objects)) if place != now.active] + [now.active]
     for place in order:
-        owner[_mask(now.objects[place], after)] = place
+        part = now.objects[place]
+        owner[part.result.object_mask if after and part.result is not None else part.selected.mask] = place
     return owner
-
-
-def _mask(part: MarkedObject, after: bool) -> BoolArray:
-    """Which Gaussians of the scene an object has whole, (N,)."""
-    if not after or part.result is None:
-        return part.selected.mask
-    mask = part.result.object_mask
-    mask[_replaced(part)] = False
-    return mask
 
 
 def _changed_rows(part: MarkedObject) -> IntArray:
@@ -181,35 +174,23 @@ def _changed_rows(part: MarkedObject) -> IntArray:
     return np.union1d(np.flatnonzero(labels == RowLabel.SPLIT_INSIDE), part.result.fitted)
 
 
-def _replaced(part: MarkedObject) -> IntArray:
-    """Scene rows in whose place an object's trim has others."""
-    assert part.result is not None
-    return part.result.source_index[_changed_rows(part)]
-
-
-def _gone(now: Snapshot, after: bool) -> BoolArray:
-    """Which Gaussians of the scene are in no file: replaced by others, or left out of the background, (N,)."""
-    gone = np.zeros(len(now.object.selected.mask), np.bool_)
+def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
+    """Gaussians of the scene in whose place a trim has others, (N,)."""
+    replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
         if after and part.result is not None:
-            gone[part.result.dropped] = True
-            gone[_replaced(part)] = True
-    return gone
+            replaced[part.result.source_index[_changed_rows(part)]] = True
+    return replaced
 
 
-def _coloured(part: _Shown, now: Snapshot, showing: Showing, highlights: Highlights | None) -> Splats:
-    """Splats with the colours of the objects and of the highlights."""
-    colours, known = part.splats.colours.copy(), part.rows >= 0
-    if showing.colours:
+def _coloured(part: _Shown, now: Snapshot, showing: Showing, unchecked: BoolArray | None) -> Splats:
+    """Splats with the colours of the objects and of what was not checked."""
+    colours = part.splats.colours.copy()
+    if showing.tint:
         for place, marked in enumerate(now.objects):
             _tint(colours, part.owner == place, marked.colour, _TINT)
-    if highlights is not None:
-        for flagged, wanted, colour in (
-            (highlights.unchecked, showing.unchecked, UNCHECKED),
-            (highlights.straddlers, showing.straddlers, STRADDLER),
-        ):
-            if wanted:
-                _tint(colours, known & flagged[part.rows], colour, _HIGHLIGHT)
+    if showing.unchecked and unchecked is not None:
+        _tint(colours, (part.rows >= 0) & unchecked[part.rows], UNCHECKED, _UNCHECKED_TINT)
     return replace(part.splats, colours=colours)
 
 

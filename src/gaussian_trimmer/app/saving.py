@@ -1,4 +1,4 @@
-"""What the app saves: what the command line would, with the marks that make it again."""
+"""What the app saves: the same as the command line, with the marks from which it can be made again."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from gaussian_trimmer.selecting.select import Selection
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
 MARKS = "selection.json"
-"""Name of the file of marks among the results, as of the command line's."""
+"""Name of the file of marks among the results, the same as the command line's."""
 
 
-def save_one(
-    document: Document, now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False
-) -> str:
-    """Save the trim of the active object and its marks; returns the command that makes the same.
+def save_one(now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False) -> str:
+    """Save the trim of the active object and its marks; returns the command that makes the same files.
 
     Args:
-        format: ending of the splat files; that of the scene if it is not given.
+        now: the state to save.
+        folder: new or empty, or with earlier results.
+        format: ending of the splat files; the scene's own if it is not given.
         overwrite: replace earlier results in the folder.
 
     Raises:
@@ -39,24 +39,34 @@ def save_one(
     part = now.object
     if part.result is None:
         raise InputError(f"'{part.name}' has not been trimmed since it was marked; trim it first.")
-    suffix = _suffix(document, format)
+    suffix = _suffix(now.document, format)
     names = (*result_files(suffix), MARKS)
-    with atomic_folder(
-        folder, RESULTS, names=names, inputs=_inputs(document, [part]), overwrite=overwrite
-    ) as results:  # fmt: skip
+    inputs = _inputs(now.document, [part])
+    with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
         write_marks(replace(now.basis, marks=part.marks), results / MARKS)
-        write_trim(part.result, results, suffix, {**_shown(document), "name": part.name})
-    return command_for(document, now, folder, suffix)
+        write_trim(part.result, results, suffix, {**_shown(now.document), "name": part.name})
+    return command_for(now, folder, suffix)
 
 
 def save_all(
-    document: Document, now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False,
+    now: Snapshot,
+    folder: Path,
+    format: str | None = None,
+    *,
+    overwrite: bool = False,
     progress: Progress = lambda stage: None,
-) -> str:  # fmt: skip
+) -> str:
     """Trim all marked objects together, so that no Gaussian is in two, and save them with the marks of each.
 
     Args:
-        progress: called with what begins.
+        now: the state to save.
+        folder: new or empty, or with earlier results.
+        format: as for `save_one`.
+        overwrite: replace earlier results in the folder.
+        progress: called with the name of each stage when it begins.
+
+    Returns:
+        what was saved, in a few words.
 
     Raises:
         InputError: no object is marked, or the files cannot be written.
@@ -64,30 +74,33 @@ def save_all(
     marked = [part for part in now.objects if part.n_selected]
     if not marked:
         raise InputError("No object is marked; mark one first.")
-    suffix = _suffix(document, format)
+    document, suffix = now.document, _suffix(now.document, format)
     names = (*objects_files(suffix), "selection_*.json")
-    inputs = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
-    with atomic_folder(
-        folder, RESULTS, names=names, inputs=_inputs(document, marked), overwrite=overwrite
-    ) as results:  # fmt: skip
-        config = replace(now.object.choices.config(now.up), fill=False)
-        selections = {part.id: _selection(now, part) for part in marked}
+    shown = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
+    inputs = _inputs(document, marked)
+    with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
         result = trim_objects(
-            document.scene, selections, config=config, renderer=document.renderer, cameras=document.cameras,
+            document.scene,
+            {part.id: _selection(now, part) for part in marked},
+            config=replace(now.object.choices.config(now.up), fill=False),
+            renderer=document.renderer,
+            cameras=document.cameras,
             progress=progress,
-        )  # fmt: skip
+        )
         progress("write")
-        write_objects(result, results, suffix, inputs)
+        write_objects(result, results, suffix, shown)
         for part in marked:
             write_marks(replace(now.basis, marks=part.marks), results / f"selection_{part.id}.json")
     return f"{len(marked)} objects with {sum(len(part.gaussians) for part in result.objects):,} Gaussians"
 
 
-def command_for(document: Document, now: Snapshot, folder: Path, suffix: str) -> str:
-    """The command that makes what was saved in a folder again."""
-    parts = ["gaussian-trimmer", "select", str(document.path), "--marks", str(folder / MARKS)]
+def command_for(now: Snapshot, folder: Path, suffix: str) -> str:
+    """The command that makes what was saved in a folder again, from wherever it is run."""
+    document = now.document
+    marks = (folder / MARKS).absolute()
+    parts = ["gaussian-trimmer", "select", str(document.path.absolute()), "--marks", str(marks)]
     if document.camera_path is not None:
-        parts += ["--cameras", str(document.camera_path)]
+        parts += ["--cameras", str(document.camera_path.absolute())]
     if now.up.source == "given":
         parts += ["--up", *(repr(value) for value in now.up.direction.tolist())]
     if suffix != _suffix(document, None):
@@ -101,7 +114,7 @@ def _selection(now: Snapshot, part: MarkedObject) -> Selection:
 
 
 def _suffix(document: Document, format: str | None) -> str:
-    return formats.format_suffix(formats.find_scene(document.path)) if format is None else suffix_of(format)
+    return formats.written_suffix(formats.find_scene(document.path)) if format is None else suffix_of(format)
 
 
 def _inputs(document: Document, objects: list[MarkedObject]) -> list[Path]:
