@@ -34,9 +34,13 @@ def app():
 
 @pytest.fixture
 def controller(app, folder):
-    app.open(str(folder / "scene.ply"), str(folder / "cameras.json"))
-    finish(app)
+    open_scene(app, folder / "scene.ply", folder / "cameras.json")
     return app
+
+
+def open_scene(controller, path, camera_path=""):
+    controller.panels.path.value, controller.panels.camera_path.value = str(path), str(camera_path)
+    do(controller, controller.open)
 
 
 def finish(controller):
@@ -63,8 +67,7 @@ def test_opening_starts_afresh(controller, folder):
     panels = controller.panels
     panels.part.value, panels.when.value, panels.tool.value = "Object", "After", controls.CLICK
     panels.show_command("of an earlier scene")
-    controller.open(str(folder / "scene.ply"), "")
-    finish(controller)
+    open_scene(controller, folder / "scene.ply")
     assert (panels.part.value, panels.when.value, panels.tool.value) == ("Both", "Before", controls.LOOK)
     assert not panels.command.visible
     assert "press C and click" in panels.status_text
@@ -111,11 +114,9 @@ def test_the_brush_is_a_net_of_the_brushs_size(controller):
 def test_up_turns_the_view(controller):
     server = controller._server
     assert np.allclose(server.initial_camera.up, (0, 0, 1))
-    controller._set_up("-Y", None)
-    finish(controller)
+    do(controller, lambda: controller._set_up("-Y"))
     assert np.allclose(server.initial_camera.up, (0, -1, 0))
-    controller.step("Undo", None)
-    finish(controller)
+    do(controller, lambda: controller.step("Undo"))
     assert np.allclose(server.initial_camera.up, (0, 0, 1))
 
 
@@ -123,35 +124,29 @@ def test_the_object_alone_is_shown_in_its_own_colours_until_it_is_marked(control
     panels, tools = controller.panels, controller.tools
     do(controller, lambda: tools._mark(BALL))
     assert panels.overlays[controls.TINT]
-    controller.show_part("Object", None)
+    do(controller, lambda: controller.show_part("Object"))
     assert not panels.overlays[controls.TINT]
-    controller.trim(None)
-    finish(controller)
+    do(controller, controller.trim)
     assert panels.when.value == "After" and not panels.overlays[controls.TINT]
     do(controller, lambda: tools._mark(TINY))
     assert panels.overlays[controls.TINT]
-    controller.show_part("Object", None)
-    controller._toggle_tint(None)
-    finish(controller)
+    do(controller, lambda: controller.show_part("Object"))
+    do(controller, controller._toggle_tint)
     assert panels.overlays[controls.TINT]
 
 
 def test_sentences_about_a_trim_go_with_it(controller, tmp_path):
     panels = controller.panels
     do(controller, lambda: controller.tools._mark(BALL))
-    controller.trim(None)
-    finish(controller)
+    do(controller, controller.trim)
     assert "views accepted" in panels.summary.content
     panels.folder.value = str(tmp_path / "out")
-    controller._save(None)
-    finish(controller)
+    do(controller, controller._save)
     assert str(tmp_path / "out" / "selection.json") in panels.command.value and panels.command.visible
-    controller.step("Undo", None)
-    finish(controller)
+    do(controller, lambda: controller.step("Undo"))
     assert panels.summary.content == ""
     panels.folder.value = str(tmp_path / "all")
-    controller._save_all(None)
-    finish(controller)
+    do(controller, controller._save_all)
     assert (tmp_path / "all" / "object_1.ply").is_file()
     assert not panels.command.visible
 
@@ -164,7 +159,7 @@ def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder):
         controller.tools.choose(controls.POINTS, None)
         finish(controller)
         assert controller.panels.tool.value == controls.LOOK
-        controller.open(str(folder / "scene.ply"), "")
+        open_scene(controller, folder / "scene.ply")
         controller.tools.choose(controls.POINTS, None)
         finish(controller)
         assert controller.panels.status_text == "Click three points on the ground."

@@ -5,7 +5,6 @@ import json
 import re
 import shlex
 import shutil
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from command_line import run, save_ball
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import TrimChoices, normal_of
-from gaussian_trimmer.app.saving import command_for
+from gaussian_trimmer.app.saving import Target, command_for
 from gaussian_trimmer.app.session import MAX_STEPS, Cancelled, Session
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Box3D, Click, Sphere, Viewpoint
@@ -164,8 +163,7 @@ def test_undo_and_redo_go_through_everything(session):
         session.trim,
         session.add_object,
         lambda: session.mark(BALL),
-        lambda: session.rename("ball"),
-        lambda: session.recolour((1, 2, 3)),
+        lambda: session.describe_object("ball", (1, 2, 3)),
         session.remove_object,
         session.clear,
     ):
@@ -195,7 +193,7 @@ def test_what_was_undone_is_gone_after_another_step(session):
 
 def test_the_history_is_bounded(session):
     for number in range(MAX_STEPS + 5):
-        session.rename(f"object {number + 7}")
+        session.describe_object(f"object {number + 7}", (1, 2, 3))
     steps = 0
     with pytest.raises(InputError):
         while True:
@@ -257,10 +255,10 @@ def test_objects_have_names_and_colours_of_their_own(session):
     assert added.colour != session.now.objects[0].colour
     assert session.now.object.n_selected == 0
     with pytest.raises(InputError, match="Another object"):
-        session.rename("object 1")
+        session.describe_object("object 1", (1, 2, 3))
     for name in ("", "x" * 61, "a\x1b[31m"):
         with pytest.raises(InputError, match="cannot be a name"):
-            session.rename(name)
+            session.describe_object(name, (1, 2, 3))
     session.activate(1)
     assert session.now.object.n_selected > 0
     with pytest.raises(InputError, match="no object 7"):
@@ -318,7 +316,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
     session.mark(click_on_ball(session))
     session.mark(Sphere((0.0, 0.0, 0.0), 0.4))
     session.trim(choices)
-    command = session.save(tmp_path / "by app", format)
+    command = session.save(Target(tmp_path / "by app", format))
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in (tmp_path / "by app").rglob("*"):
@@ -333,14 +331,14 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
 def test_saving_asks_for_a_trim_and_never_replaces_unasked(session, tmp_path):
     session.mark(BALL)
     with pytest.raises(InputError, match="trim it first"):
-        session.save(tmp_path / "out")
+        session.save(Target(tmp_path / "out"))
     session.trim()
-    session.save(tmp_path / "out")
+    session.save(Target(tmp_path / "out"))
     with pytest.raises(InputError):
-        session.save(tmp_path / "out")
-    session.save(tmp_path / "out", overwrite=True)
+        session.save(Target(tmp_path / "out"))
+    session.save(Target(tmp_path / "out", overwrite=True))
     with pytest.raises(InputError, match="Unknown format"):
-        session.save(tmp_path / "other", "obj")
+        session.save(Target(tmp_path / "other", "obj"))
     assert not (tmp_path / "other").exists()
 
 
@@ -351,7 +349,7 @@ def test_a_scene_of_a_format_that_is_only_read_is_saved_in_the_nearest(ball, tmp
     opened.open(tmp_path / "unpacked" / "meta.json")
     opened.mark(BALL)
     opened.trim()
-    opened.save(tmp_path / "out")
+    opened.save(Target(tmp_path / "out"))
     assert (tmp_path / "out" / "object.sog").is_file()
 
 
@@ -359,7 +357,7 @@ def test_the_command_holds_wherever_it_is_run_and_whatever_files_are_called(sess
     monkeypatch.chdir(session.document.path.parent)
     name = Path("a\n```b'.ply")
     now = replace(session.now, document=replace(session.document, path=name))
-    parts = shlex.split(command_for(now, Path("out"), ".ply"))
+    parts = shlex.split(command_for(now, Target(Path("out"), "ply")))
     assert parts[2] == str(name.absolute())
     assert parts[parts.index("--marks") + 1] == str(Path("out", "selection.json").absolute())
 
@@ -368,7 +366,7 @@ def test_several_objects_share_nothing(session, tmp_path):
     session.mark(BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
     session.add_object()
     session.mark(BALL, Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
-    session.save_objects(tmp_path / "out", "ply")
+    session.save_objects(Target(tmp_path / "out", "ply"))
     labels = np.load(tmp_path / "out" / "labels.npz")
     ends = np.cumsum([*labels["object_rows"], len(labels["source_index"])])
     first, second = (labels["source_index"][start:end] for start, end in zip((0, *ends), ends[:2], strict=False))
@@ -377,22 +375,5 @@ def test_several_objects_share_nothing(session, tmp_path):
     assert sum(len(formats.read(tmp_path / "out" / f"{name}.ply")) for name in names) == len(labels["label"])
     assert read_marks(tmp_path / "out" / "selection_2.json").marks == session.now.object.marks
     with pytest.raises(Cancelled):
-        session.save_objects(tmp_path / "never", cancelled=lambda: True)
+        session.save_objects(Target(tmp_path / "never"), cancelled=lambda: True)
     assert not (tmp_path / "never").exists()
-
-
-def test_calls_from_many_threads_follow_each_other(session):
-    session.mark(BALL)
-    places = [(np.cos(k), np.sin(k), 1.0) for k in range(16)]
-    threads = [
-        threading.Thread(target=session.mark, args=(Sphere((float(x), float(y), z), 0.2, effect="remove"),))
-        for x, y, z in places
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(session.now.object.marks) == 1 + len(places)
-    for _ in places:
-        session.undo()
-    assert session.now.object.marks == (BALL,)

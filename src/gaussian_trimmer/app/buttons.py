@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-Changed = Callable[[Any], None]
-"""Receives the browser tab that made a change."""
 _ON, _OFF = "\u25cf ", "\u25cb "
 
 
@@ -16,13 +14,13 @@ class _Row:
     def __init__(
         self, gui: Any, label: str, options: Sequence[str], on: Iterable[str], hint: str | None = None
     ) -> None:
-        self.options, self._on, self._changed = tuple(options), set(on), list[Changed]()
+        self.options, self._on, self._clicked = tuple(options), set(on), list[Callable[[Any], None]]()
         self._group = gui.add_button_group(label, self._labels(), hint=hint)
-        self._group.on_click(self._clicked)
+        self._group.on_click(self._click)
 
-    def on_change(self, changed: Changed) -> None:
-        """Call a function after a tab has pressed a button."""
-        self._changed.append(changed)
+    def on_click(self, clicked: Callable[[Any], None]) -> None:
+        """Call a function with the event after a button was pressed."""
+        self._clicked.append(clicked)
 
     def _labels(self) -> tuple[str, ...]:
         return tuple((_ON if option in self._on else _OFF) + option for option in self.options)
@@ -31,10 +29,10 @@ class _Row:
         if self._group.options != self._labels():
             self._group.options = self._labels()
 
-    def _clicked(self, event: Any) -> None:
+    def _click(self, event: Any) -> None:
         self._press(str(event.target.value)[len(_ON) :])
-        for changed in self._changed:
-            changed(event.client)
+        for clicked in self._clicked:
+            clicked(event)
 
     def _press(self, option: str) -> None:
         raise NotImplementedError

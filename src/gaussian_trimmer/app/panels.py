@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, cast
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.buttons import Choice, Switches
 from gaussian_trimmer.app.display import Part, Showing, When
 from gaussian_trimmer.app.documents import Snapshot, TrimChoices
+from gaussian_trimmer.app.saving import Target
 from gaussian_trimmer.planning.up_vector import UpVector
 
 TOOLS = ("Look", "Click", "Box", "3D box", "Brush", "Up by 3 points")
@@ -27,6 +29,10 @@ _HINTS = {
     BRUSH: "Click on a surface to add what is near it; Ctrl-click removes. Drag the ball to paint along the surface.",
     POINTS: "Click three points on the ground.",
 }
+ABOUT_OPENING = (
+    "Everything that you have marked and trimmed in this scene will be lost for good. To only add cameras, choose *Use "
+    "these cameras with the open scene*: that keeps your marks."
+)
 HELP = """
 | key | |
 |---|---|
@@ -73,6 +79,13 @@ class Panels:
         return TrimChoices(recover=on[_ATTACHED], clean=on[_CLEAN], fill=on[_FILL], fit=on[_FIT])
 
     @property
+    def target(self) -> Target:
+        """Where to save, and how."""
+        folder = Path(self.folder.value.strip() or "trimmed").expanduser().absolute()
+        format = None if self.format.value == AS_SCENE else self.format.value
+        return Target(folder, format, self.existing.value == "Replace")
+
+    @property
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
         part, when = cast("Part", PARTS[self.part.value]), cast("When", WHENS[self.when.value])
@@ -81,6 +94,13 @@ class Panels:
     def look_at_whole(self) -> None:
         """Show the whole scene before the trim, as marking begins."""
         self.part.value, self.when.value, self.overlays[TINT] = "Both", "Before", True
+
+    def start_afresh(self, path: Path) -> None:
+        """Show what belongs to a scene that was just opened."""
+        self.look_at_whole()
+        self.show_tool(LOOK)
+        self.show_command("")
+        self.folder.value = str(Path("trimmed") / path.name.split(".")[0])
 
     def say(self, text: str) -> None:
         """Show a sentence at the top."""

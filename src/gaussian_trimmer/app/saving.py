@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,24 @@ MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
 
 
-def save_one(now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False) -> str:
-    """Save the trim of the active object and its marks; returns the command that makes the same files.
+@dataclass(frozen=True)
+class Target:
+    """Where to save, and how."""
 
-    Args:
-        now: the state to save.
-        folder: new or empty, or with earlier results.
-        format: ending of the splat files; the scene's own if it is not given.
-        overwrite: replace earlier results in the folder.
+    folder: Path
+    """New or empty, or with earlier results."""
+    format: str | None = None
+    """Ending of the splat files; the scene's own, or the nearest that can be written, if it is not given."""
+    overwrite: bool = False
+    """Replace earlier results in the folder."""
+
+    def suffix(self, document: Document) -> str:
+        """Ending of the splat files that are made from a document."""
+        return _own_suffix(document) if self.format is None else suffix_of(self.format)
+
+
+def save_one(now: Snapshot, target: Target) -> str:
+    """Save the trim of the active object and its marks; returns the command that makes the same files.
 
     Raises:
         InputError: the object has not been trimmed since it was marked, or the files cannot be written.
@@ -39,30 +49,20 @@ def save_one(now: Snapshot, folder: Path, format: str | None = None, *, overwrit
     part = now.object
     if part.result is None:
         raise InputError(f"'{part.name}' has not been trimmed since it was marked; trim it first.")
-    suffix = _suffix(now.document, format)
+    suffix, inputs = target.suffix(now.document), _inputs(now.document, [part])
     names = (*result_files(suffix), MARKS)
-    inputs = _inputs(now.document, [part])
-    with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
+    with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         write_marks(replace(now.basis, marks=part.marks), results / MARKS)
         write_trim(part.result, results, suffix, {**_shown(now.document), "name": part.name})
-    return command_for(now, folder, suffix)
+    return command_for(now, target)
 
 
-def save_all(
-    now: Snapshot,
-    folder: Path,
-    format: str | None = None,
-    *,
-    overwrite: bool = False,
-    progress: Progress = lambda stage: None,
-) -> str:
+def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
     """Trim all marked objects together, so that no Gaussian is in two, and save them with the marks of each.
 
     Args:
         now: the state to save.
-        folder: new or empty, or with earlier results.
-        format: as for `save_one`.
-        overwrite: replace earlier results in the folder.
+        target: where to save it.
         progress: called with the name of each stage when it begins.
 
     Returns:
@@ -74,11 +74,11 @@ def save_all(
     marked = [part for part in now.objects if part.n_selected]
     if not marked:
         raise InputError("No object is marked; mark one first.")
-    document, suffix = now.document, _suffix(now.document, format)
+    document, suffix = now.document, target.suffix(now.document)
     names = (*objects_files(suffix), "selection_*.json")
     shown = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
     inputs = _inputs(document, marked)
-    with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
+    with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         result = trim_objects(
             document.scene,
             {part.id: _selection(now, part) for part in marked},
@@ -94,16 +94,16 @@ def save_all(
     return f"{len(marked)} objects with {sum(len(part.gaussians) for part in result.objects):,} Gaussians"
 
 
-def command_for(now: Snapshot, folder: Path, suffix: str) -> str:
-    """The command that makes what was saved in a folder again, from wherever it is run."""
-    document = now.document
-    marks = (folder / MARKS).absolute()
+def command_for(now: Snapshot, target: Target) -> str:
+    """The command that makes what was saved again, from wherever it is run."""
+    document, suffix = now.document, target.suffix(now.document)
+    marks = (target.folder / MARKS).absolute()
     parts = ["gaussian-trimmer", "select", str(document.path.absolute()), "--marks", str(marks)]
     if document.camera_path is not None:
         parts += ["--cameras", str(document.camera_path.absolute())]
     if now.up.source == "given":
         parts += ["--up", *(repr(value) for value in now.up.direction.tolist())]
-    if suffix != _suffix(document, None):
+    if suffix != _own_suffix(document):
         parts += ["--format", suffix.lstrip(".")]
     return shlex.join([*parts, *now.object.choices.arguments(), "--output", "again.npy", "--trim", "again"])
 
@@ -113,8 +113,8 @@ def _selection(now: Snapshot, part: MarkedObject) -> Selection:
     return Selection(selected.mask, replace(now.basis, marks=part.marks), selected.ways, selected.excluded)
 
 
-def _suffix(document: Document, format: str | None) -> str:
-    return formats.written_suffix(formats.find_scene(document.path)) if format is None else suffix_of(format)
+def _own_suffix(document: Document) -> str:
+    return formats.written_suffix(formats.find_scene(document.path))
 
 
 def _inputs(document: Document, objects: list[MarkedObject]) -> list[Path]:

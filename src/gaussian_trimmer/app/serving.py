@@ -57,7 +57,7 @@ def serving(scene: Path | None, cameras: Path | None, *, port: int = 8080, most:
         offered = (str(scene), str(cameras or "")) if scene else (str(sample.SCENE), str(sample.CAMERAS))
         controller = Controller(server, Session(), most, *offered)
         if scene is not None:
-            controller.open(*offered)
+            controller.do("Opening", controller.open)
         yield Running(f"http://{HOST}:{server.get_port()}/", server, controller)
     finally:
         if controller is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -22,7 +21,7 @@ from gaussian_trimmer.app.documents import (
     open_document,
     up_of,
 )
-from gaussian_trimmer.app.saving import save_all, save_one
+from gaussian_trimmer.app.saving import Target, save_all, save_one
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Point
@@ -32,7 +31,6 @@ from gaussian_trimmer.trimming.trim import trim
 
 MAX_STEPS = 50
 """Number of steps that can be undone."""
-_MAX_OBJECTS = 64
 _MAX_NAME = 60
 _DEFAULTS = TrimChoices()
 
@@ -42,13 +40,12 @@ class Cancelled(Exception):  # noqa: N818
 
 
 class Session:
-    """A scene and the history of what was done in it. Methods may be called from any thread; they wait for each other.
+    """A scene and the history of what was done in it. One thread uses it, the worker's; others may only `glance`.
 
     Methods that change something either do so wholly or raise an error and change nothing.
     """
 
     def __init__(self) -> None:
-        self._working = threading.RLock()
         self._history: list[Snapshot] = []
         self._place = 0
 
@@ -59,10 +56,9 @@ class Session:
         Raises:
             InputError: no scene is open yet.
         """
-        with self._working:
-            if not self._history:
-                raise InputError("Open a scene first.")
-            return self._history[self._place]
+        if not self._history:
+            raise InputError("Open a scene first.")
+        return self._history[self._place]
 
     @property
     def document(self) -> Document:
@@ -70,7 +66,7 @@ class Session:
         return self.now.document
 
     def glance(self) -> Snapshot | None:
-        """The latest state, without waiting for what is going on; None if no scene is open yet."""
+        """The latest state, for any thread; None if no scene is open yet."""
         history, place = self._history, self._place
         return history[min(place, len(history) - 1)] if history else None
 
@@ -80,10 +76,9 @@ class Session:
         Raises:
             InputError: a file cannot be read; the scene before stays open.
         """
-        with self._working:
-            document = open_document(path, camera_path, progress)
-            progress("looking for the ground")
-            self._history, self._place = [first_snapshot(document, up_of(document))], 0
+        document = open_document(path, camera_path, progress)
+        progress("looking for the ground")
+        self._history, self._place = [first_snapshot(document, up_of(document))], 0
 
     def use_cameras(self, path: Path) -> None:
         """Give the open scene cameras; marks are kept, and understood anew with them.
@@ -91,17 +86,15 @@ class Session:
         Raises:
             InputError: the cameras cannot be read or are another scene's, or a mark is not possible with them.
         """
-        with self._working:
-            self._step(self.now.with_cameras(path))
+        self._step(self.now.with_cameras(path))
 
     def warm_up(self) -> None:
         """Understand a click and forget it, so that the user's first one does not wait for code to be compiled."""
-        with self._working:
-            now, document = self.now, self.document
-            with suppress(InputError):  # nothing may be seen there, or cameras be distorted
-                view = views_to_click_in(document.scene, document.cameras, now.up.direction)[0]
-                click = Click(view.camera.width // 2, view.camera.height // 2, view)
-                now.applied(now.nothing(), [click])
+        now, document = self.now, self.document
+        with suppress(InputError):  # nothing may be seen there, or cameras be distorted
+            view = views_to_click_in(document.scene, document.cameras, now.up.direction)[0]
+            click = Click(view.camera.width // 2, view.camera.height // 2, view)
+            now.applied(now.nothing(), [click])
 
     def mark(self, *marks: Mark) -> str:
         """Mark the active object, as one step; returns what changed, in a sentence.
@@ -109,17 +102,16 @@ class Session:
         Raises:
             InputError: a mark is not possible, it changes nothing, or after it nothing is selected.
         """
-        with self._working:
-            now, before = self.now, self.now.object
-            selected = now.applied(before.selected, marks)
-            way = selected.ways[-1]
-            if not selected.mask.any():
-                raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
-            change = _change(before.selected, selected)
-            if not change:
-                raise InputError(f"This mark changes nothing, so it was not made: {way}.")
-            self._step(now.with_object(before.marked(before.marks + marks, selected), f"mark ({way})"))
-            return f"{change} {way}. {self.now.object.n_selected:,} Gaussians selected."
+        now, before = self.now, self.now.object
+        selected = now.applied(before.selected, marks)
+        way = selected.ways[-1]
+        if not selected.mask.any():
+            raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
+        change = _change(before.selected, selected)
+        if not change:
+            raise InputError(f"This mark changes nothing, so it was not made: {way}.")
+        self._step(now.with_object(before.marked(before.marks + marks, selected), f"mark ({way})"))
+        return f"{change} {way}. {self.now.object.n_selected:,} Gaussians selected."
 
     def load(self, path: Path) -> str:
         """Replace the active object's marks by a selection file of any kind, or by saved marks.
@@ -127,23 +119,21 @@ class Session:
         Raises:
             InputError: the file cannot be read, does not fit the scene, or selects nothing.
         """
-        with self._working:
-            now = self.now
-            loaded: tuple[Mark, ...] = (FromFile(path),)
-            if is_marks_file(path):
-                given = read_marks(path)
-                loaded, now = given.marks, now.with_basis_of(given)
-            selected = now.applied(now.nothing(), loaded)
-            if not selected.mask.any():
-                raise InputError(f"'{path}' selects nothing in this scene.")
-            self._step(now.with_object(now.object.marked(loaded, selected), "load a selection"))
-            return "; ".join(selected.ways)
+        now = self.now
+        loaded: tuple[Mark, ...] = (FromFile(path),)
+        if is_marks_file(path):
+            given = read_marks(path)
+            loaded, now = given.marks, now.with_basis_of(given)
+        selected = now.applied(now.nothing(), loaded)
+        if not selected.mask.any():
+            raise InputError(f"'{path}' selects nothing in this scene.")
+        self._step(now.with_object(now.object.marked(loaded, selected), "load a selection"))
+        return "; ".join(selected.ways)
 
     def clear(self) -> None:
         """Remove all marks of the active object."""
-        with self._working:
-            now = self.now
-            self._step(now.with_object(now.object.marked((), now.nothing()), "clear"))
+        now = self.now
+        self._step(now.with_object(now.object.marked((), now.nothing()), "clear"))
 
     def undo(self) -> str:
         """Go back one step; returns what was undone.
@@ -151,12 +141,11 @@ class Session:
         Raises:
             InputError: there is nothing left to undo.
         """
-        with self._working:
-            undone = self.now.last
-            if self._place == 0:
-                raise InputError("There is nothing to undo.")
-            self._place -= 1
-            return undone
+        undone = self.now.last
+        if self._place == 0:
+            raise InputError("There is nothing to undo.")
+        self._place -= 1
+        return undone
 
     def redo(self) -> str:
         """Go forward one step again; returns what was redone.
@@ -164,11 +153,10 @@ class Session:
         Raises:
             InputError: nothing was undone.
         """
-        with self._working:
-            if self.now is self._history[-1]:
-                raise InputError("There is nothing to redo.")
-            self._place += 1
-            return self.now.last
+        if self.now is self._history[-1]:
+            raise InputError("There is nothing to redo.")
+        self._place += 1
+        return self.now.last
 
     def set_up(self, given: Point | None) -> UpVector:
         """Set the up vector, or find it from cameras or ground if none is given; marks are understood anew with it.
@@ -176,10 +164,9 @@ class Session:
         Raises:
             InputError: it is not a direction, or a mark is not possible with it.
         """
-        with self._working:
-            up = up_of(self.document, given)
-            self._step(self.now.with_up(up, "up vector"))
-            return up
+        up = up_of(self.document, given)
+        self._step(self.now.with_up(up, "up vector"))
+        return up
 
     def trim(
         self,
@@ -197,38 +184,30 @@ class Session:
             InputError: nothing is selected, or the trim is not possible.
             Cancelled: `cancelled` said so.
         """
-        with self._working:
-            now, document = self.now, self.document
-            if not now.object.n_selected:
-                raise InputError("Nothing is selected; mark an object first.")
-            result = trim(
-                document.scene,
-                now.object.selected.mask,
-                excluded=now.object.selected.excluded,
-                config=choices.config(now.up),
-                renderer=document.renderer,
-                cameras=document.cameras,
-                progress=_stopping(progress, cancelled),
-            )
-            if cancelled():
-                raise Cancelled
-            self._step(now.with_object(replace(now.object, result=result, choices=choices), "trim"))
-            return self.now.object.summary
+        now, document = self.now, self.document
+        if not now.object.n_selected:
+            raise InputError("Nothing is selected; mark an object first.")
+        result = trim(
+            document.scene,
+            now.object.selected.mask,
+            excluded=now.object.selected.excluded,
+            config=choices.config(now.up),
+            renderer=document.renderer,
+            cameras=document.cameras,
+            progress=_stopping(progress, cancelled),
+        )
+        if cancelled():
+            raise Cancelled
+        self._step(now.with_object(replace(now.object, result=result, choices=choices), "trim"))
+        return self.now.object.summary
 
     def add_object(self) -> MarkedObject:
-        """Add an object and make it the active one.
-
-        Raises:
-            InputError: there are too many.
-        """
-        with self._working:
-            now = self.now
-            if len(now.objects) >= _MAX_OBJECTS:
-                raise InputError(f"There are already {_MAX_OBJECTS} objects, the most that the app can show.")
-            number = 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
-            added = MarkedObject(number, f"object {number}", PALETTE[(number - 1) % len(PALETTE)], now.nothing())
-            self._step(replace(now, objects=(*now.objects, added), active=len(now.objects), last="new object"))
-            return added
+        """Add an object and make it the active one."""
+        now = self.now
+        number = 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
+        added = MarkedObject(number, f"object {number}", PALETTE[(number - 1) % len(PALETTE)], now.nothing())
+        self._step(replace(now, objects=(*now.objects, added), active=len(now.objects), last="new object"))
+        return added
 
     def remove_object(self) -> None:
         """Delete the active object.
@@ -236,12 +215,11 @@ class Session:
         Raises:
             InputError: it is the only one.
         """
-        with self._working:
-            now = self.now
-            if len(now.objects) == 1:
-                raise InputError("This is the only object; clear its marks instead.")
-            objects = (*now.objects[: now.active], *now.objects[now.active + 1 :])
-            self._step(replace(now, objects=objects, active=min(now.active, len(objects) - 1), last="delete object"))
+        now = self.now
+        if len(now.objects) == 1:
+            raise InputError("This is the only object; clear its marks instead.")
+        objects = (*now.objects[: now.active], *now.objects[now.active + 1 :])
+        self._step(replace(now, objects=objects, active=min(now.active, len(objects) - 1), last="delete object"))
 
     def activate(self, number: int) -> None:
         """Mark the object with this id from now on; this is not a step that can be undone.
@@ -249,48 +227,32 @@ class Session:
         Raises:
             InputError: there is no such object.
         """
-        with self._working:
-            now = self.now
-            places = [place for place, part in enumerate(now.objects) if part.id == number]
-            if not places:
-                raise InputError(f"There is no object {number} any more.")
-            self._history[self._place] = replace(now, active=places[0])
+        now = self.now
+        places = [place for place, part in enumerate(now.objects) if part.id == number]
+        if not places:
+            raise InputError(f"There is no object {number} any more.")
+        self._history[self._place] = replace(now, active=places[0])
 
-    def rename(self, name: str) -> None:
-        """Name the active object.
+    def describe_object(self, name: str, colour: Colour) -> None:
+        """Give the active object another name or colour.
 
         Raises:
             InputError: the name is empty, too long, or another object's.
         """
-        with self._working:
-            now, name = self.now, " ".join(name.split())
-            if not name or len(name) > _MAX_NAME or not name.isprintable():
-                raise InputError(f"'{name}' cannot be a name: give 1 to {_MAX_NAME} printable characters.")
-            if any(part.name == name and part is not now.object for part in now.objects):
-                raise InputError(f"Another object is already called '{name}'.")
-            if name != now.object.name:
-                self._step(now.with_object(replace(now.object, name=name), "rename"))
+        now, name = self.now, " ".join(name.split())
+        if not name or len(name) > _MAX_NAME or not name.isprintable():
+            raise InputError(f"'{name}' cannot be a name: give 1 to {_MAX_NAME} printable characters.")
+        if any(part.name == name and part is not now.object for part in now.objects):
+            raise InputError(f"Another object is already called '{name}'.")
+        if (name, colour) != (now.object.name, now.object.colour):
+            self._step(now.with_object(replace(now.object, name=name, colour=colour), "name and colour"))
 
-    def recolour(self, colour: Colour) -> None:
-        """Give the active object another colour."""
-        with self._working:
-            now = self.now
-            if colour != now.object.colour:
-                self._step(now.with_object(replace(now.object, colour=colour), "colour"))
-
-    def save(self, folder: Path, format: str | None = None, *, overwrite: bool = False) -> str:
+    def save(self, target: Target) -> str:
         """Save the active object's trim and its marks; returns the command that does the same. See `save_one`."""
-        with self._working:
-            return save_one(self.now, folder, format, overwrite=overwrite)
+        return save_one(self.now, target)
 
     def save_objects(
-        self,
-        folder: Path,
-        format: str | None = None,
-        *,
-        overwrite: bool = False,
-        progress: Progress = lambda stage: None,
-        cancelled: Callable[[], bool] = lambda: False,
+        self, target: Target, progress: Progress = lambda stage: None, cancelled: Callable[[], bool] = lambda: False
     ) -> str:
         """Trim all marked objects together and save them with their marks; see `save_all`.
 
@@ -298,8 +260,7 @@ class Session:
             InputError: no object is marked, or the files cannot be written.
             Cancelled: `cancelled` said so; nothing has been written.
         """
-        with self._working:
-            return save_all(self.now, folder, format, overwrite=overwrite, progress=_stopping(progress, cancelled))
+        return save_all(self.now, target, _stopping(progress, cancelled))
 
     def _step(self, after: Snapshot) -> None:
         """Go on to another state; what was undone before cannot be redone."""

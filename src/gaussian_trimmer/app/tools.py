@@ -50,7 +50,7 @@ class Tools:
         self._server, self._session, self._panels, self._view, self._do = server, session, panels, view, do
         self._corners: list[Point] = []
         self._path: list[tuple[Viewpoint, Place]] = []
-        panels.tool.on_change(lambda client: self.choose(panels.tool.value, client))
+        panels.tool.on_click(lambda event: self.choose(panels.tool.value, event.client))
         panels.three_points.on_click(lambda event: self.choose(POINTS, event.client))
         panels.brush.on_update(lambda event: view.change_ball(radius=self._radius))
         panels.box_size.on_update(lambda event: view.resize_box(panels.box_size.value))
