@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -47,20 +48,15 @@ class Splats:
     """RGB from 0 to 1, (M, 3)."""
     opacities: FloatArray
     """(M, 1)."""
+    rows: IntArray
+    """Rows of the scene that they come from, -1 for none, (M,)."""
 
     def __len__(self) -> int:
         return len(self.centres)
 
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """Splats, and what they stand for."""
-
-    rows: IntArray
-    """Rows of the scene that they come from, -1 for none, (M,)."""
-    splats: Splats
-    owner: NDArray[np.int16]
-    """Place of the object that has each of them, -1 for none, (M,)."""
+    def select(self, on: BoolArray) -> Splats:
+        """Those that are on, (M,)."""
+        return Splats(*(getattr(self, field.name)[on] for field in fields(self)))
 
 
 class Painter:
@@ -72,7 +68,7 @@ class Painter:
         self.frame = Frame.around(scene.means)
         self._most = most
         self._rows, self._growth = thinned(np.ones(len(scene), np.bool_), most)
-        self._whole = splats_of(scene.select(self._rows), self.frame, self._growth)
+        self._whole = self._splats_of(scene.select(self._rows), self._rows, self._growth)
 
     @property
     def shown(self) -> int:
@@ -88,38 +84,45 @@ class Painter:
             unchecked: Gaussians to highlight, (N,), as `find_unchecked` has them.
         """
         after = showing.when == "after"
-        rows, splats = self._splats(shown_rows(now, showing) & ~_replaced_rows(now, after))
-        shown = [_Shown(rows, splats, _owners(now, after)[rows])]
+        splats = self._splats(shown_rows(now, showing) & ~_replaced_rows(now, after))
         if after:
-            shown += self._replacements(now, showing.part)
-        return _joined([_coloured(part, now, showing, unchecked) for part in shown])
+            splats = _joined([splats, *self._replacements(now, showing.part)])
+        colours, owner = splats.colours.copy(), np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
+        if showing.tint:
+            for place, marked in enumerate(now.objects):
+                _tint(colours, owner == place, marked.colour, _TINT)
+        if showing.unchecked and unchecked is not None:
+            _tint(colours, (splats.rows >= 0) & unchecked[splats.rows], UNCHECKED, _UNCHECKED_TINT)
+        return replace(splats, colours=colours)
 
-    def _splats(self, visible: BoolArray) -> tuple[IntArray, Splats]:
-        """Scene rows of what is shown of the visible Gaussians (N,), and these as splats."""
-        on = visible[self._rows]
+    def _splats(self, visible: BoolArray) -> Splats:
+        """What is shown of the visible Gaussians of the scene, (N,)."""
         if self._growth == 1 or visible.all():
-            whole = self._whole
-            return self._rows[on], Splats(
-                whole.centres[on], whole.covariances[on], whole.colours[on], whole.opacities[on]
-            )
+            return self._whole.select(visible[self._rows])
         rows, growth = thinned(visible, self._most)
-        return rows, splats_of(self.scene.select(rows), self.frame, growth)
+        return self._splats_of(self.scene.select(rows), rows, growth)
 
-    def _replacements(self, now: Snapshot, part: Part) -> list[_Shown]:
+    def _replacements(self, now: Snapshot, part: Part) -> Iterator[Splats]:
         """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
-        found: list[_Shown] = []
         for place, marked in enumerate(now.objects):
             result = marked.result
             if result is None:
                 continue
-            if part != "background" and (part == "both" or place == now.active):
+            if part == "both" or (part == "object" and place == now.active):
                 rows = _changed_rows(marked)
-                splats = splats_of(result.object.select(rows), self.frame)
-                found.append(_Shown(result.source_index[rows], splats, np.full(len(rows), place, np.int16)))
+                yield self._splats_of(result.object.select(rows), result.source_index[rows])
             if part != "object":
-                nothing = np.full(len(result.appended), -1)
-                found.append(_Shown(nothing, splats_of(result.appended, self.frame), nothing.astype(np.int16)))
-        return [part for part in found if len(part.rows)]
+                yield self._splats_of(result.appended, np.full(len(result.appended), -1))
+
+    def _splats_of(self, gaussians: Gaussians, rows: IntArray, growth: float = 1.0) -> Splats:
+        """Gaussians from rows of the scene as a viewer draws them, their variances larger by a factor."""
+        return Splats(
+            self.frame.to_viewer(gaussians.means).astype(np.float32),
+            (gaussians.covariances() * (growth * self.frame.scale**2)).astype(np.float32),
+            np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32),
+            gaussians.opacities[:, None].astype(np.float32),
+            rows,
+        )
 
 
 def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
@@ -132,16 +135,6 @@ def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
         return rows, 1.0
     chosen = np.random.default_rng(0).choice(len(rows), most, replace=False)
     return rows[np.sort(chosen)], len(rows) / most
-
-
-def splats_of(gaussians: Gaussians, frame: Frame, growth: float = 1.0) -> Splats:
-    """Gaussians as a viewer draws them, their variances larger by a factor."""
-    return Splats(
-        frame.to_viewer(gaussians.means).astype(np.float32),
-        (gaussians.covariances() * (growth * frame.scale**2)).astype(np.float32),
-        np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32),
-        gaussians.opacities[:, None].astype(np.float32),
-    )
 
 
 def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
@@ -183,26 +176,10 @@ def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
     return replaced
 
 
-def _coloured(part: _Shown, now: Snapshot, showing: Showing, unchecked: BoolArray | None) -> Splats:
-    """Splats with the colours of the objects and of what was not checked."""
-    colours = part.splats.colours.copy()
-    if showing.tint:
-        for place, marked in enumerate(now.objects):
-            _tint(colours, part.owner == place, marked.colour, _TINT)
-    if showing.unchecked and unchecked is not None:
-        _tint(colours, (part.rows >= 0) & unchecked[part.rows], UNCHECKED, _UNCHECKED_TINT)
-    return replace(part.splats, colours=colours)
-
-
 def _tint(colours: FloatArray, rows: BoolArray, colour: Colour, share: float) -> None:
     """Mix a colour into those of some rows, in place."""
     colours[rows] = (1 - share) * colours[rows] + share * np.array(colour, np.float32) / 255
 
 
 def _joined(parts: list[Splats]) -> Splats:
-    if len(parts) == 1:
-        return parts[0]
-    return Splats(
-        np.concatenate([part.centres for part in parts]), np.concatenate([part.covariances for part in parts]),
-        np.concatenate([part.colours for part in parts]), np.concatenate([part.opacities for part in parts]),
-    )  # fmt: skip
+    return Splats(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Splats)))

@@ -56,9 +56,7 @@ class SceneView:
             centres, colours = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.float32)
             covariances, opacities = np.eye(3, dtype=np.float32)[None] * 1e-4, np.zeros((1, 1), np.float32)
         if self._splats is None:
-            self._splats = self._server.scene.add_gaussian_splats(
-                "/splats", centres, covariances, colours, opacities
-            )  # fmt: skip
+            self._splats = self._server.scene.add_gaussian_splats("/splats", centres, covariances, colours, opacities)
         else:
             self._splats.set_gaussians(centres, covariances, colours, opacities)
         self._server.flush()
