@@ -85,11 +85,12 @@ class TrimChoices:
 
     def arguments(self) -> list[str]:
         """The same on the command line."""
-        chosen = (
-            (self.fill, ["--fill"]), (not self.clean, ["--background", "exact"]), (not self.fit, ["--refine", "off"]),
-        )  # fmt: skip
-        options = [part for given, parts in chosen if given for part in parts]
-        return options if self.recover else [*options, "--evidence.no-recover"]
+        return [
+            *(["--fill"] if self.fill else []),
+            *([] if self.clean else ["--background", "exact"]),
+            *([] if self.fit else ["--refine", "off"]),
+            *([] if self.recover else ["--evidence.no-recover"]),
+        ]
 
 
 @dataclass(frozen=True, eq=False)

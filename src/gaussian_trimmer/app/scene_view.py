@@ -28,9 +28,7 @@ _ARROW = 2.5
 """Length of the up arrow in the viewer's units."""
 _EDGE_PIXELS = 2.0
 _BALL_SUBDIVISIONS = 2
-_EDGES = np.array([
-    [corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit
-])  # fmt: skip
+_EDGES = np.array([[corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit])
 """Corners of a box that an edge joins, (12, 2); the bits of a corner's number are its sides in x, y and z."""
 _SIGNS = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
 """Corners of a box of side one around the origin, (8, 3)."""
