@@ -15,6 +15,8 @@ from gaussian_trimmer.selecting.marks import Box3D, Sphere
 
 pytest.importorskip("viser", reason="needs viser: the app extra")
 BALL = Sphere((0.0, 0.0, 1.0), 1.2)
+TINY = Sphere((2.5, 2.5, 0.0), 0.3)
+"""Beside the ball."""
 
 
 @pytest.fixture(scope="module")
@@ -85,20 +87,14 @@ def test_the_box_in_space_is_of_lines_and_around_the_selection(controller):
     assert np.allclose(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).max() / view.frame.scale, 2.2, atol=0.3)
 
 
-TINY = Sphere((2.5, 2.5, 0.0), 0.3)
-"""A mark beside the ball, so that the marks together change something."""
-
-
 def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(controller):
     do(controller, lambda: controller.tools.begin(controls.BOX3D, client(controller)))
     up = controller.session.now.up.direction
     box = controller._view.box_mark(controller.panels.box_size.value, up, "add")
     assert isinstance(box, Box3D)
     eye = controller.tools.viewpoint(client(controller)).camera.centre
-    turned = np.array(controller._view._box[0].position)
-    assert np.linalg.norm(turned - controller._view.frame.to_viewer(eye)) > 0.7 * np.linalg.norm(
-        controller._view.frame.scale * np.array(controller.panels.box_size.value)
-    )
+    centre = controller._view.frame.to_scene(controller._view._box[0].position)
+    assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(controller.panels.box_size.value)
     do(controller, lambda: controller.session.mark(box))
     assert controller.session.now.object.n_selected  # something is in it
 
