@@ -158,7 +158,7 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     tab.switch("Brush")
     tab.wait("Click on a surface")
     finish(app)
-    click(tab, beside)
+    tab.until_said(lambda: click(tab, beside), "a sphere.")
     until(lambda: session.now.object.n_selected > by_box, "what the brush adds")
     with_brush = session.now.object.n_selected
     tab.page.keyboard.down("Control")
