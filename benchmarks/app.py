@@ -121,7 +121,7 @@ def _trimming(controller: Controller, mark: Mark, runs: int) -> tuple[float, flo
     by_app, alone = [], []
     for _ in range(runs + 1):
         start = time.perf_counter()
-        controller.trim(None)
+        controller.do("Trimming", controller.trim)
         _wait(controller)
         by_app.append(time.perf_counter() - start)
         start = time.perf_counter()
@@ -142,7 +142,7 @@ def _do(controller: Controller, work: Callable[[], str]) -> float:
 def _wait(controller: Controller) -> None:
     """Wait until all that was given to the app is done."""
     done = threading.Event()
-    controller.worker.submit("done", done.set)
+    controller.worker.submit(done.set)
     done.wait()
 
 

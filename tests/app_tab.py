@@ -58,10 +58,9 @@ class Tab:
         field.fill(text)
         field.blur()
 
-    def choose(self, label, option):
-        """Choose from a list by its label."""
-        self._field(label).click()
-        self.page.get_by_role("option", name=option, exact=True).click()
+    def switch(self, option):
+        """Press a button of a choice, or a switch, that is off."""
+        self.press(f"\u25cb {option}")
 
     def _field(self, label):
         return self.page.locator(f'xpath=//*[text()="{label}"]/following::input[1]').first

@@ -12,11 +12,24 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 
+def need_browser(*packages):
+    """Skip the whole module that calls this when it is imported, unless a browser and the packages are there."""
+    for package in ("playwright.sync_api", *packages):
+        pytest.importorskip(package, reason=f"needs {package.split('.')[0]}")
+    if installed() is None:
+        pytest.skip("needs a browser: apt install chromium", allow_module_level=True)
+
+
+def installed():
+    """Path of the browser; None where there is none."""
+    return next((path for path in map(shutil.which, NAMES) if path), None)
+
+
 @contextmanager
 def chromium():
     """The browser."""
     api = pytest.importorskip("playwright.sync_api", reason="needs a browser's driver: pip install playwright")
-    found = next((path for path in map(shutil.which, NAMES) if path), None)
+    found = installed()
     if found is None:
         pytest.skip("needs a browser: apt install chromium")
     with api.sync_playwright() as playwright:

@@ -1,16 +1,17 @@
-"""The app in a real browser: open the sample, mark, trim, toggle, undo, save; and what goes wrong is a message."""
+"""The app in a real browser. One short way through it is in every run; the others take minutes and are slow."""
 
 import shlex
 
 import numpy as np
 import pytest
 from app_tab import Tab, until
-from browser import chromium
+from browser import chromium, need_browser
 from command_line import run
 
 from gaussian_trimmer import formats, sample
+from gaussian_trimmer.selecting.marks import Box3D
 
-pytest.importorskip("viser", reason="needs viser: the app extra")
+need_browser("viser")
 
 UP = np.array([0, 0, 0.16])
 SHOWN = 4000
@@ -65,7 +66,23 @@ def marked(tab, lighthouse):
     tab.until_said(lambda: click(tab, lighthouse), "an object that stands on a surface")
 
 
+def finish(app):
+    until(lambda: not app.controller.worker.busy, "the program to finish")
+
+
+def test_a_click_and_a_trim(browser, app, lighthouse):
+    tab = Tab(browser, app, *SMALL)
+    tab.wait("59,472 Gaussians")
+    marked(tab, lighthouse)
+    tab.page.keyboard.press("t")
+    tab.wait("views accepted")
+    assert len(app.controller.session.now.object.result.object) > 1000
+    assert tab.errors == []
+
+
+@pytest.mark.slow
 def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeypatch):
+    panels = app.controller.panels
     tab = Tab(browser, app, *LAPTOP)
     tab.wait("59,472 Gaussians")
     before = tab.until_colour(lighthouse, lambda colour: colour.max() > 100)  # once it has faded in
@@ -74,36 +91,52 @@ def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeyp
     tinted = tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() > 25)
     assert tinted[0] > tinted[2] + 60
 
+    for key, tool in (("x", "the box"), ("b", "the brush")):  # hides nothing behind it
+        tab.page.keyboard.press(key)
+        until(lambda key=key: panels.tool.value == {"x": "3D box", "b": "Brush"}[key], tool)
+        finish(app)
+        tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() < 40)
+    tab.page.keyboard.press("Escape")
+
     tab.page.keyboard.press("t")
     tab.wait("views accepted")
     tab.page.keyboard.press("3")  # the background alone
     tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() > 40)
-    tab.page.keyboard.press("2")  # the object alone
-    tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() < 25)
+    tab.page.keyboard.press("2")  # the object alone, in its own colours
+    tab.until_colour(lighthouse, lambda colour: 60 < colour[0] < colour[2] + 60)
+    tab.page.keyboard.press("v")
+    tab.until_colour(lighthouse, lambda colour: colour[0] > colour[2] + 60)
+
+    tab.panel("Trim")
+    for option, value in (("Before", "After"), ("Before", "After")):  # keys work after a button was pressed
+        tab.switch(option)
+        until(lambda option=option: panels.when.value == option, option)
+        tab.page.keyboard.press("Space")
+        until(lambda value=value: panels.when.value == value, value)
+    tab.switch("Not checked")
     tab.page.keyboard.press("1")
+    until(lambda: panels.part.value == "Both", "both parts")
 
     tab.page.keyboard.press("Control+z")
     tab.wait("Undone: trim.")
     assert app.controller.session.now.object.result is None
     tab.page.keyboard.press("Control+Shift+z")
     tab.wait("Done again: trim.")
-    tab.page.keyboard.press("Space")
-    until(lambda: app.controller.panels.when.value == "Before", "the view before the trim")
 
     tab.panel("Save")
     tab.write("Folder", str(tmp_path / "by app"))
     tab.press("Save the object")
     tab.wait("Saved in")
-    command = tab.page.locator("pre").first.inner_text().strip()
+    command = tab.page.locator("textarea").first.input_value()
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in sorted((tmp_path / "again").rglob("*")):
         if file.is_file() and file.name not in ("report.json", "manifest.json"):
             assert file.read_bytes() == (tmp_path / "by app" / file.relative_to(tmp_path / "again")).read_bytes(), file
-    assert len(formats.read(tmp_path / "again" / "object.ply")) > 1000
     assert tab.errors == []
 
 
+@pytest.mark.slow
 def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     session = app.controller.session
     tab = Tab(browser, app, *SMALL)
@@ -122,9 +155,10 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     by_box = session.now.object.n_selected
 
     beside = np.array([lighthouse[0] + 0.3, lighthouse[1], 0])
-    tab.page.keyboard.press("b")
+    tab.switch("Brush")
     tab.wait("Click on a surface")
-    click(tab, beside)
+    finish(app)
+    tab.until_said(lambda: click(tab, beside), "a sphere.")
     until(lambda: session.now.object.n_selected > by_box, "what the brush adds")
     with_brush = session.now.object.n_selected
     tab.page.keyboard.down("Control")
@@ -135,21 +169,25 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
 
     tab.page.keyboard.press("x")
     tab.wait("Move the box")
-    tab.choose("It does", "Keep only")
+    finish(app)
     tab.press("Apply the box")
-    until(lambda: session.now.object.marks[-1].effect == "intersect", "the box in space")
+    until(lambda: isinstance(session.now.object.marks[-1], Box3D), "the box in space")
 
     tab.panel("Scene")
     tab.press("Up by three clicks on the ground")
-    tab.wait("Click three points of the ground.")
+    tab.wait("Click three points on the ground.")
     for step, said in (([0.1, 0.0], "2 more"), ([0.4, 0.1], "1 more"), ([0.3, -0.3], "Up is")):
         place = [*(lighthouse[:2] + step), 0.0]
         tab.until_said(lambda place=place: click(tab, place), said)
     until(lambda: session.now.up.source == "given", "the up vector")
     assert session.now.up.direction[2] > 0.98
+    tab.press("-Z")
+    camera = app.server.get_clients()[tab.client].camera
+    until(lambda: camera.up_direction[2] < -0.98, "the view to turn")
     assert tab.errors == []
 
 
+@pytest.mark.slow
 def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lighthouse, tmp_path):
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
@@ -168,6 +206,10 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     other.wait("All tabs show and change the same scene.")
     marked(other, lighthouse)
     tab.wait("an object that stands on a surface")
+    tab.panel("Scene")
+    tab.press("Open")  # asks first
+    tab.press("Keep working here")
+    assert app.controller.session.now.has_work
 
     lost = set(app.server.get_clients())
     app.server._websock_server.disconnect_all_clients()
@@ -180,10 +222,23 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     assert tab.errors == []
 
 
+@pytest.mark.slow
 def test_the_page_says_that_the_program_has_ended(browser):
     from gaussian_trimmer.app.serving import serving
 
     with serving(None, None, port=0) as app:
         tab = Tab(browser, app, *SMALL)
         tab.wait("Open a scene.")
-    tab.wait("Connecting...")
+    tab.wait("The program has ended")
+
+
+@pytest.mark.slow
+def test_another_sites_page_cannot_frame_the_app(browser, tmp_path):
+    from gaussian_trimmer.app.serving import serving
+
+    with serving(None, None, port=0) as app:
+        (tmp_path / "other.html").write_text(f'<iframe src="{app.address}"></iframe>')
+        page = browser.new_page()
+        page.goto((tmp_path / "other.html").as_uri())
+        page.wait_for_timeout(5000)
+        assert not app.server.get_clients()

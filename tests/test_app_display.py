@@ -1,4 +1,4 @@
-"""Tests of what the app shows: which Gaussians, in which colours, from where, and what is highlighted."""
+"""Tests of what the app shows: which Gaussians, in which colours, from where; and of marks on what is shown."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.display import STRADDLER, UNCHECKED, Painter, Showing, thinned
+from gaussian_trimmer.app.display import UNCHECKED, Painter, Showing, shown_rows, thinned
 from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
-from gaussian_trimmer.app.highlights import Highlights, find_highlights
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, box_at, pixel_at, surface_points
-from gaussian_trimmer.cameras import intrinsics, look_at
+from gaussian_trimmer.app.unchecked import find_unchecked
+from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, before_what_shows, box_at, pixel_at, surface_points
+from gaussian_trimmer.cameras import look_at
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import concatenate, quaternions_of
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
-from gaussian_trimmer.selecting.marks import FromFile, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere, Viewpoint
 from gaussian_trimmer.trimming.trim import BoundaryConfig, SplitConfig, TrimConfig, trim
 
 
@@ -39,7 +40,7 @@ def session(tmp_path_factory):
 
 @pytest.fixture
 def painter(session):
-    return Painter(session.document, 10**6)
+    return Painter(session.document.scene, 10**6)
 
 
 def tinted(splats, plain):
@@ -47,7 +48,7 @@ def tinted(splats, plain):
 
 
 def test_before_the_objects_have_their_colours_and_nothing_else(session, painter):
-    now, plain = session.now, painter.paint(session.now, Showing(colours=False))
+    now, plain = session.now, painter.paint(session.now, Showing(tint=False))
     shown = painter.paint(now, Showing())
     assert len(shown) == len(session.document.scene)
     owner = np.any([part.selected.mask for part in now.objects], axis=0)
@@ -74,7 +75,7 @@ def test_parts_are_the_object_and_the_rest(session, painter):
 def test_after_the_active_object_is_what_was_trimmed(session, painter):
     session.activate(1)
     try:
-        splats = painter.paint(session.now, Showing("object", "after", colours=False))
+        splats = painter.paint(session.now, Showing("object", "after", tint=False))
         trimmed = session.now.object.result.object
         centres = painter.frame.to_scene(splats.centres.astype(np.float64))
         assert np.allclose(np.sort(centres, axis=0), np.sort(trimmed.means, axis=0), atol=1e-5)
@@ -99,56 +100,40 @@ def test_split_parts_and_filled_gaussians_are_shown():
     now = first.with_object(
         replace(first.object, selected=SelectionState(truth, np.zeros_like(truth)), result=result), "trim"
     )
-    painter = Painter(document, 10**6)
+    painter = Painter(scene, 10**6)
     assert len(painter.paint(now, Showing("object", "after"))) == len(result.object)
     assert len(painter.paint(now, Showing("background", "after"))) == len(result.background)
     assert len(painter.paint(now, Showing("both", "after"))) == len(result.object) + len(result.background)
 
 
-def test_highlights_are_drawn_where_they_are_asked_for(session, painter):
-    now = session.now
-    n = len(session.document.scene)
-    flags = Highlights(np.arange(n) == 3, np.arange(n) == 5)
-    plain = painter.paint(now, Showing(when="after", colours=False))
-    shown = painter.paint(now, Showing(when="after", colours=False, straddlers=True, unchecked=True), flags)
-    result = now.objects[0].result
-    fitted = result.source_index[result.fitted]
-    assert len(fitted)
-    rows = np.flatnonzero(~np.isin(np.arange(n), [*result.dropped, *fitted]))
-    rows = np.append(rows, fitted)
-    assert np.array_equal(np.unique(rows[tinted(shown, plain)]), [3, 5])
-    for row, colour in ((3, STRADDLER), (5, UNCHECKED)):
-        assert np.abs(shown.colours[rows == row] * 255 - colour).max() < 40
-    only = painter.paint(now, Showing(when="after", colours=False, straddlers=True), flags)
-    assert np.array_equal(np.unique(rows[tinted(only, plain)]), [3])
+def test_what_was_not_checked_is_highlighted_where_that_is_asked_for(session, painter):
+    now, scene = session.now, session.document.scene
+    floor = int(np.flatnonzero(~np.any([part.selected.mask for part in now.objects], axis=0))[0])
+    flags = np.arange(len(scene)) == floor
+    plain = painter.paint(now, Showing(when="after", tint=False), flags)
+    shown = painter.paint(now, Showing(when="after", tint=False, unchecked=True), flags)
+    (row,) = np.flatnonzero(tinted(shown, plain))
+    assert np.allclose(painter.frame.to_scene(shown.centres[row]), scene.means[floor], atol=1e-4)
+    assert np.abs(shown.colours[row] * 255 - UNCHECKED).max() < 40
 
 
 def test_what_no_view_shows_is_unchecked():
     scene, truth = toy.ball_on_floor(n_ball=3000)
     core = toy.gaussians(toy.CENTRE + np.random.default_rng(0).normal(0, 0.1, (40, 3)), (0.02, 0.02, 0.02), toy.RED)
     result = trim(concatenate([scene, core]), np.append(truth, np.ones(40, bool)), up="z")
-    found = find_highlights(result).unchecked
+    found = find_unchecked(result)
     assert result.object_mask[-40:].all()
     assert found[-40:].all()  # nothing shows the inside
     assert found[:-40][truth].mean() < 0.4
     assert not (found & ~result.object_mask).any()
 
 
-def test_straddlers_lie_at_the_outline_and_belong_to_the_object():
-    scene, truth = large_ball()
-    result = trim(scene, truth, up="z", config=TrimConfig(refine="off"))
-    found = find_highlights(result).straddlers
-    assert found.any()
-    assert not (found & ~result.object_mask).any()
-    assert not find_highlights(trim(*toy.ball_on_floor(), up="z")).straddlers.any()
-
-
 def test_large_scenes_are_thinned_for_display_only(session):
     n = len(session.document.scene)
-    few = Painter(session.document, n // 4)
+    few = Painter(session.document.scene, n // 4)
     assert few.shown == n // 4
-    shown = few.paint(session.now, Showing(colours=False))
-    whole = Painter(session.document, n).paint(session.now, Showing(colours=False))
+    shown = few.paint(session.now, Showing(tint=False))
+    whole = Painter(session.document.scene, n).paint(session.now, Showing(tint=False))
     assert len(shown) == n // 4
     assert np.trace(shown.covariances, axis1=1, axis2=2).mean() > 3 * np.trace(
         whole.covariances, axis1=1, axis2=2
@@ -209,13 +194,26 @@ def test_surface_points_lie_on_the_surface_and_are_none_in_the_void():
     assert void is None
 
 
-def test_intrinsics_follow_the_smaller_side_of_a_browser():
-    view = browser(Frame(np.zeros(3), 1.0), width=100, height=100).viewpoint(Frame(np.zeros(3), 1.0))
-    assert np.allclose(view.camera.K, intrinsics(0.8, 100, 100))
-
-
 def test_a_painter_keeps_no_more_than_it_shows():
     scene, _ = toy.ball_on_floor()
-    painter = Painter(Document(Path("a.ply"), None, scene, None, get_renderer("numba")), 50)
+    painter = Painter(scene, 50)
     kept = painter._whole
     assert len(kept.covariances) == len(kept.centres) == 50
+
+
+def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_before_it(session):
+    session.add_object()
+    session.mark(Box3D((-2.0, -2.0, 0.02), (2.0, 2.0, 3.0)))  # the ball without the floor
+    now, scene = session.now, session.document.scene
+    shown = scene.select(np.flatnonzero(shown_rows(now, Showing("object"))))
+    from_below = browser(Frame(np.zeros(3), 1.0), eye=(0.5, 0.0, -6.0), width=160, height=160)
+    view = from_below.viewpoint(Frame(np.zeros(3), 1.0))
+    before = now.object.n_selected
+    with pytest.raises(InputError, match="not selected"):
+        session.mark(Click(80, 88, view, "remove"))  # meets the floor
+    session.mark(Click(80, 88, before_what_shows(shown, view, [(0.5, 0.55)], get_renderer("numba")), "remove"))
+    assert session.now.object.n_selected < before
+    with pytest.raises(InputError, match="Nothing that is shown"):
+        before_what_shows(shown, view, [(0.0, 0.0)], get_renderer("numba"))
+    for _ in range(3):
+        session.undo()

@@ -1,7 +1,12 @@
 """Tests of the app's state, without a browser: what is opened, marked, undone, trimmed and saved."""
 
 import itertools
-import threading
+import json
+import re
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +14,8 @@ import toy
 from command_line import run, save_ball
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.documents import TrimChoices
+from gaussian_trimmer.app.documents import TrimChoices, normal_of
+from gaussian_trimmer.app.saving import Target, command_for
 from gaussian_trimmer.app.session import MAX_STEPS, Cancelled, Session
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Box3D, Click, Sphere, Viewpoint
@@ -17,6 +23,7 @@ from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
 
 BALL = Sphere((0.0, 0.0, 1.0), 1.2)
 TOP = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
+FLOOR = Sphere((0.0, 0.0, 0.0), 0.9)
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +71,47 @@ def test_opening_tells_its_stages_and_keeps_the_scene_where_a_file_is_bad(sessio
     assert state(session) == before
 
 
+def test_cameras_are_added_to_the_open_scene_and_marks_are_kept(session, ball):
+    session.open(session.document.path)
+    session.mark(BALL)
+    before = state(session)
+    session.use_cameras(ball[0] / "cameras.json")
+    assert session.document.cameras is not None
+    assert session.now.up.source == "camera file"
+    assert state(session) == before
+    assert session.undo() == "cameras"
+    assert session.document.cameras is None
+
+
+def test_cameras_of_another_scene_are_refused(session, ball, tmp_path):
+    session.mark(BALL)
+    before = state(session)
+    document = json.loads((ball[0] / "cameras.json").read_text())
+    for frame in document["frames"]:
+        pose = np.array(frame["world_to_camera"])
+        pose[:3, :3] = np.diag([-1, 1, -1]) @ pose[:3, :3]  # they look away from the scene
+        pose[:3, 3] = np.diag([-1, 1, -1]) @ pose[:3, 3]
+        frame["world_to_camera"] = pose.tolist()
+    (tmp_path / "away.json").write_text(json.dumps(document))
+    for act in (session.use_cameras, lambda path: session.open(ball[0] / "scene.ply", path)):
+        with pytest.raises(InputError, match="0 % of this scene"):
+            act(tmp_path / "away.json")
+        assert state(session) == before
+
+
+def test_cameras_of_a_nerfstudio_training_are_brought_to_its_coordinates(ball, tmp_path):
+    for name in ("scene.ply", "cameras.json"):
+        shutil.copy(ball[0] / name, tmp_path)
+    transform = np.eye(4)[:3]
+    transform[:, 3] = 0.1, 0.0, 0.0
+    (tmp_path / "dataparser_transforms.json").write_text(json.dumps({"transform": transform.tolist(), "scale": 1.0}))
+    plain, moved = Session(), Session()
+    plain.open(ball[0] / "scene.ply", ball[0] / "cameras.json")
+    moved.open(tmp_path / "scene.ply", tmp_path / "cameras.json")
+    for one, other in zip(plain.document.cameras.cameras, moved.document.cameras.cameras, strict=True):
+        np.testing.assert_allclose(other.centre, one.centre + np.array([0.1, 0, 0]), atol=1e-9)
+
+
 def test_warming_up_changes_nothing(session):
     before = state(session)
     session.warm_up()
@@ -95,13 +143,31 @@ def test_a_mark_after_which_nothing_is_selected_is_refused(session):
     assert state(session) == before
 
 
+def test_a_mark_that_changes_nothing_is_not_made(session):
+    assert re.match(r"Added (\d+): a sphere. \1 Gaussians selected", session.mark(BALL))
+    session.trim()
+    before = state(session)
+    with pytest.raises(InputError, match="changes nothing"):
+        session.mark(Sphere((0.0, 0.0, 1.0), 0.5))
+    assert state(session) == before  # with the trim
+    outside = Sphere((2.0, 2.0, 0.0), 0.5, effect="remove")
+    assert "the trim will leave out" in session.mark(outside)
+    with pytest.raises(InputError, match="changes nothing"):
+        session.mark(outside)
+
+
 def test_undo_and_redo_go_through_everything(session):
     states = [state(session)]
     for act in (
-        lambda: session.mark(BALL), lambda: session.mark(TOP, BALL), lambda: session.trim(), session.add_object,
-        lambda: session.mark(BALL), lambda: session.rename("ball"), lambda: session.recolour((1, 2, 3)),
-        session.remove_object, session.clear,
-    ):  # fmt: skip
+        lambda: session.mark(BALL),
+        lambda: session.mark(TOP, FLOOR),
+        session.trim,
+        session.add_object,
+        lambda: session.mark(BALL),
+        lambda: session.describe_object("ball", (1, 2, 3)),
+        session.remove_object,
+        session.clear,
+    ):
         act()
         states.append(state(session))
     assert all(one != other for one, other in itertools.pairwise(states))
@@ -120,16 +186,15 @@ def test_undo_and_redo_go_through_everything(session):
 def test_what_was_undone_is_gone_after_another_step(session):
     session.mark(BALL)
     session.mark(TOP)
-    assert session.undo() == "a sphere"
-    session.mark(Sphere((0.0, 0.0, 0.0), 0.5))
+    assert session.undo() == "mark (a sphere)"
+    session.mark(FLOOR)
     with pytest.raises(InputError, match="nothing to redo"):
         session.redo()
 
 
 def test_the_history_is_bounded(session):
-    session.mark(BALL)
-    for _ in range(MAX_STEPS + 5):
-        session.mark(BALL)
+    for number in range(MAX_STEPS + 5):
+        session.describe_object(f"object {number + 7}", (1, 2, 3))
     steps = 0
     with pytest.raises(InputError):
         while True:
@@ -174,13 +239,13 @@ def test_up_by_axis_by_points_and_found(session):
     assert session.now.up.source == "camera file"
     session.mark(Box3D((-1.2, -1.2, 0.1), (1.2, 1.2, 2.2), "up"))
     selected = session.now.object.n_selected
-    up = session.up_from_points([(0, 0, 0), (1, 0, 0.5), (0, 1, 0)], (0, 0, -5))
+    up = session.set_up(normal_of([(0, 0, 0), (1, 0, 0.5), (0, 1, 0)], (0, 0, -5)))
     assert up.direction @ np.array([0.5, 0, -1]) / np.hypot(1, 0.5) == pytest.approx(1)
     assert session.now.object.n_selected != selected  # a box that stands upright has turned
     assert session.set_up(None).source == "camera file"
     assert session.now.object.n_selected == selected
     with pytest.raises(InputError, match="in a line"):
-        session.up_from_points([(0, 0, 0), (1, 1, 1), (2, 2, 2)], (0, 0, 5))
+        normal_of([(0, 0, 0), (1, 1, 1), (2, 2, 2)], (0, 0, 5))
     with pytest.raises(InputError, match="up vector"):
         session.set_up((0, 0, 0))
 
@@ -191,10 +256,10 @@ def test_objects_have_names_and_colours_of_their_own(session):
     assert added.colour != session.now.objects[0].colour
     assert session.now.object.n_selected == 0
     with pytest.raises(InputError, match="Another object"):
-        session.rename("object 1")
+        session.describe_object("object 1", (1, 2, 3))
     for name in ("", "x" * 61, "a\x1b[31m"):
-        with pytest.raises(InputError, match="no name"):
-            session.rename(name)
+        with pytest.raises(InputError, match="cannot be a name"):
+            session.describe_object(name, (1, 2, 3))
     session.activate(1)
     assert session.now.object.n_selected > 0
     with pytest.raises(InputError, match="no object 7"):
@@ -247,14 +312,12 @@ def test_the_up_vector_of_loaded_marks_comes_along(session, tmp_path):
     [(TrimChoices(), None, None), (TrimChoices(False, False, True, False), (0.0, 0.1, 1.0), "splat")],
 )
 def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch, choices, up, format):
-    import shlex
-
     if up:
         session.set_up(up)
     session.mark(BALL if up else click_on_ball(session))
     session.mark(Sphere((0.0, 0.0, 0.0), 0.4))
     session.trim(choices)
-    command = session.save(tmp_path / "by app", format)
+    command = session.save(Target(tmp_path / "by app", format))
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in (tmp_path / "by app").rglob("*"):
@@ -269,22 +332,42 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
 def test_saving_asks_for_a_trim_and_never_replaces_unasked(session, tmp_path):
     session.mark(BALL)
     with pytest.raises(InputError, match="trim it first"):
-        session.save(tmp_path / "out")
+        session.save(Target(tmp_path / "out"))
     session.trim()
-    session.save(tmp_path / "out")
+    session.save(Target(tmp_path / "out"))
     with pytest.raises(InputError):
-        session.save(tmp_path / "out")
-    session.save(tmp_path / "out", overwrite=True)
+        session.save(Target(tmp_path / "out"))
+    session.save(Target(tmp_path / "out", overwrite=True))
     with pytest.raises(InputError, match="Unknown format"):
-        session.save(tmp_path / "other", "obj")
+        session.save(Target(tmp_path / "other", "obj"))
     assert not (tmp_path / "other").exists()
+
+
+def test_a_scene_of_a_format_that_is_only_read_is_saved_in_the_nearest(ball, tmp_path):
+    formats.write(formats.read(ball[0] / "scene.ply"), tmp_path / "scene.sog")
+    shutil.unpack_archive(tmp_path / "scene.sog", tmp_path / "unpacked", "zip")
+    opened = Session()
+    opened.open(tmp_path / "unpacked" / "meta.json")
+    opened.mark(BALL)
+    opened.trim()
+    opened.save(Target(tmp_path / "out"))
+    assert (tmp_path / "out" / "object.sog").is_file()
+
+
+def test_the_command_holds_wherever_it_is_run_and_whatever_files_are_called(session, monkeypatch):
+    monkeypatch.chdir(session.document.path.parent)
+    name = Path("a\n```b'.ply")
+    now = replace(session.now, document=replace(session.document, path=name))
+    parts = shlex.split(command_for(now, Target(Path("out"), "ply")))
+    assert parts[2] == str(name.absolute())
+    assert parts[parts.index("--marks") + 1] == str(Path("out", "selection.json").absolute())
 
 
 def test_several_objects_share_nothing(session, tmp_path):
     session.mark(BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
     session.add_object()
     session.mark(BALL, Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
-    session.save_objects(tmp_path / "out", "ply")
+    session.save_objects(Target(tmp_path / "out", "ply"))
     labels = np.load(tmp_path / "out" / "labels.npz")
     ends = np.cumsum([*labels["object_rows"], len(labels["source_index"])])
     first, second = (labels["source_index"][start:end] for start, end in zip((0, *ends), ends[:2], strict=False))
@@ -293,22 +376,5 @@ def test_several_objects_share_nothing(session, tmp_path):
     assert sum(len(formats.read(tmp_path / "out" / f"{name}.ply")) for name in names) == len(labels["label"])
     assert read_marks(tmp_path / "out" / "selection_2.json").marks == session.now.object.marks
     with pytest.raises(Cancelled):
-        session.save_objects(tmp_path / "never", cancelled=lambda: True)
+        session.save_objects(Target(tmp_path / "never"), cancelled=lambda: True)
     assert not (tmp_path / "never").exists()
-
-
-def test_calls_from_many_threads_follow_each_other(session):
-    session.mark(BALL)
-    places = [(np.cos(k), np.sin(k), 1.0) for k in range(16)]
-    threads = [
-        threading.Thread(target=session.mark, args=(Sphere((float(x), float(y), z), 0.2, effect="remove"),))
-        for x, y, z in places
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(session.now.object.marks) == 1 + len(places)
-    for _ in places:
-        session.undo()
-    assert session.now.object.marks == (BALL,)

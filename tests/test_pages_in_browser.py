@@ -164,6 +164,19 @@ def test_the_viewer_turns_zooms_moves_and_begins_anew(browser, viewer):
         assert page.locator("h1").text_content() == HOSTILE
 
 
+def test_the_backdrops_of_the_viewer_show(browser, viewer):
+    with opened(browser, viewer, width=640, height=480) as page:
+        page.locator("input[name=part][value=object]").check()
+        drawn(page)
+        corners = []
+        for backdrop in ("light", "dark", "checker"):
+            page.locator(f"input[name=backdrop][value={backdrop}]").check()
+            page.wait_for_timeout(300)
+            corners.append(screenshot(page.locator("#stage"))[:100, :100])
+        assert corners[0].min() > 200 > 60 > corners[1].max()
+        assert corners[2].std() > 5
+
+
 def test_fingers_turn_and_zoom(browser, viewer):
     with opened(browser, viewer, width=640, height=480, has_touch=True) as page:
         page.locator("input[name=part][value=object]").check()

@@ -10,10 +10,11 @@ from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW
 from gaussian_trimmer.output.html import viewer
-from gaussian_trimmer.output.html.viewer import viewer_page, write_viewer
+from gaussian_trimmer.output.html.viewer import first_angles, first_view, viewer_page, write_viewer
 from gaussian_trimmer.trimming.trim import trim
 
 
@@ -74,6 +75,18 @@ def test_too_many_gaussians_are_refused_with_the_limit(parts, tmp_path, monkeypa
 def test_nothing_to_show_is_refused(parts):
     with pytest.raises(InputError, match="no Gaussians"):
         viewer_page({"background": parts["object"].select(slice(0, 0))}, toy.UP, "empty")
+
+
+def test_the_page_opens_on_the_side_that_was_photographed():
+    scene, truth = toy.ball_on_floor()
+    places = [(np.cos(angle), np.sin(angle), 0.8) for angle in np.radians([170, 190, 210])]
+    K = intrinsics(0.8, 64, 64)
+    cameras = tuple(Camera(look_at(toy.CENTRE + 6 * np.array(p), toy.CENTRE, toy.UP), K, 64, 64) for p in places)
+    with toy.one_thread():
+        result = trim(scene, truth, config=toy.small_config(), cameras=CameraSet(cameras, None, (True,) * 3, False))
+    view = first_view(result.bounds, first_angles(result))
+    outward = np.cos(view["yaw"]) * result.bounds.axes[0] + np.sin(view["yaw"]) * result.bounds.axes[1]
+    assert outward @ np.array([np.cos(np.radians(190)), np.sin(np.radians(190)), 0]) > 0.95
 
 
 def test_a_result_exports_object_background_or_both(tmp_path):

@@ -21,6 +21,7 @@ from app_tab import Tab, until  # noqa: E402
 from browser import chromium  # noqa: E402
 
 from gaussian_trimmer import formats, sample  # noqa: E402
+from gaussian_trimmer.app.panels import VIEWS  # noqa: E402
 from gaussian_trimmer.app.serving import serving  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images" / "app"
@@ -65,11 +66,10 @@ def walk(browser: Any, lighthouse: Any) -> None:
         tab.page.keyboard.press("t")
         tab.wait("views accepted")
         controller = app.controller
-        controller.panels.views.value = True
-        controller.panels.part.value = "Object"
-        controller.panels.colours.value = False
-        controller.focus(app.server.get_clients()[tab.client])
-        until(lambda: not controller.worker.doing, "the object alone")
+        controller.panels.overlays[VIEWS] = True
+        controller.show_part("Object")
+        controller.do("Looking", lambda: controller.focus(app.server.get_clients()[tab.client]))
+        until(lambda: not controller.worker.busy, "the object alone")
         tab.page.wait_for_timeout(DRAWING)
         save(tab, "trimmed")
 

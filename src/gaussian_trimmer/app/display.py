@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.app.documents import Colour, Document, MarkedObject, Snapshot
-from gaussian_trimmer.app.highlights import Highlights
+from gaussian_trimmer.app.documents import Colour, MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.result import RowLabel
@@ -19,9 +19,8 @@ When = Literal["before", "after"]
 
 _TINT = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
-STRADDLER: Colour = (255, 0, 255)
 UNCHECKED: Colour = (255, 235, 0)
-_HIGHLIGHT = 0.85
+_UNCHECKED_TINT = 0.85
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,8 @@ class Showing:
     part: Part = "both"
     when: When = "before"
     """What is selected, or what was trimmed; an object that has not been trimmed is shown as it is selected."""
-    colours: bool = True
+    tint: bool = True
     """Tint the objects in their colours."""
-    straddlers: bool = False
-    """Highlight what lies across the boundary."""
     unchecked: bool = False
     """Highlight what no accepted view shows."""
 
@@ -51,87 +48,81 @@ class Splats:
     """RGB from 0 to 1, (M, 3)."""
     opacities: FloatArray
     """(M, 1)."""
+    rows: IntArray
+    """Rows of the scene that they come from, -1 for none, (M,)."""
 
     def __len__(self) -> int:
         return len(self.centres)
 
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """Splats, and what they stand for."""
-
-    rows: IntArray
-    """Rows of the scene that they come from, -1 for none, (M,)."""
-    splats: Splats
-    owner: NDArray[np.int16]
-    """Place of the object that has each of them, -1 for none, (M,)."""
+    def select(self, on: BoolArray) -> Splats:
+        """Those that are on, (M,)."""
+        return Splats(*(getattr(self, field.name)[on] for field in fields(self)))
 
 
 class Painter:
-    """Draws the states of one document. What it keeps is bounded by the number of Gaussians that are shown at most."""
+    """Draws states of one scene. What it keeps is bounded by the number of Gaussians that are shown at most."""
 
-    def __init__(self, document: Document, most: int) -> None:
+    def __init__(self, scene: Gaussians, most: int) -> None:
         """Prepare the whole scene, thinned if it has more Gaussians than `most`."""
-        self.document = document
-        self.frame = Frame.around(document.scene.means)
-        self._scene, self._most = document.scene, most
-        everything = np.ones(len(self._scene), np.bool_)
-        self._rows, self._growth = thinned(everything, most)
-        self._whole = splats_of(self._scene.select(self._rows), self.frame, self._growth)
+        self.scene = scene
+        self.frame = Frame.around(scene.means)
+        self._most = most
+        self._rows, self._growth = thinned(np.ones(len(scene), np.bool_), most)
+        self._whole = self._splats_of(scene.select(self._rows), self._rows, self._growth)
 
     @property
     def shown(self) -> int:
         """Number of Gaussians of the scene that are shown at once."""
         return len(self._rows)
 
-    def paint(self, now: Snapshot, showing: Showing, highlights: Highlights | None = None) -> Splats:
+    def paint(self, now: Snapshot, showing: Showing, unchecked: BoolArray | None = None) -> Splats:
         """The Gaussians to show of a state, in their colours.
 
         Args:
-            highlights: of the active object's trim, where they are to be shown.
+            now: the state.
+            showing: what of it is to be seen.
+            unchecked: Gaussians to highlight, (N,), as `find_unchecked` has them.
         """
         after = showing.when == "after"
-        owner = _owners(now, after)
-        if showing.part == "object":
-            visible = owner == now.active
-        elif showing.part == "background":
-            visible = (owner < 0) & ~_gone(now, after)
-        else:
-            visible = ~_gone(now, after)
-        rows, splats = self._splats(visible)
-        shown = [_Shown(rows, splats, owner[rows])]
+        splats = self._splats(shown_rows(now, showing) & ~_replaced_rows(now, after))
         if after:
-            shown += self._replacements(now, showing.part)
-        if showing.part == "background":
-            return _joined([part.splats for part in shown])
-        return _joined([_coloured(part, now, showing, highlights if after else None) for part in shown])
+            splats = _joined([splats, *self._replacements(now, showing.part)])
+        colours, owner = splats.colours.copy(), np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
+        if showing.tint:
+            for place, marked in enumerate(now.objects):
+                _tint(colours, owner == place, marked.colour, _TINT)
+        if showing.unchecked and unchecked is not None:
+            _tint(colours, (splats.rows >= 0) & unchecked[splats.rows], UNCHECKED, _UNCHECKED_TINT)
+        return replace(splats, colours=colours)
 
-    def _splats(self, visible: BoolArray) -> tuple[IntArray, Splats]:
-        """Scene rows of what is shown of the visible Gaussians (N,), and these as splats."""
-        on = visible[self._rows]
+    def _splats(self, visible: BoolArray) -> Splats:
+        """What is shown of the visible Gaussians of the scene, (N,)."""
         if self._growth == 1 or visible.all():
-            whole = self._whole
-            return self._rows[on], Splats(
-                whole.centres[on], whole.covariances[on], whole.colours[on], whole.opacities[on]
-            )
+            return self._whole.select(visible[self._rows])
         rows, growth = thinned(visible, self._most)
-        return rows, splats_of(self._scene.select(rows), self.frame, growth)
+        return self._splats_of(self.scene.select(rows), rows, growth)
 
-    def _replacements(self, now: Snapshot, part: Part) -> list[_Shown]:
+    def _replacements(self, now: Snapshot, part: Part) -> Iterator[Splats]:
         """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
-        found: list[_Shown] = []
         for place, marked in enumerate(now.objects):
             result = marked.result
             if result is None:
                 continue
-            if part != "background" and (part == "both" or place == now.active):
+            if part == "both" or (part == "object" and place == now.active):
                 rows = _changed_rows(marked)
-                splats = splats_of(result.object.select(rows), self.frame)
-                found.append(_Shown(result.source_index[rows], splats, np.full(len(rows), place, np.int16)))
+                yield self._splats_of(result.object.select(rows), result.source_index[rows])
             if part != "object":
-                nothing = np.full(len(result.appended), -1)
-                found.append(_Shown(nothing, splats_of(result.appended, self.frame), nothing.astype(np.int16)))
-        return [part for part in found if len(part.rows)]
+                yield self._splats_of(result.appended, np.full(len(result.appended), -1))
+
+    def _splats_of(self, gaussians: Gaussians, rows: IntArray, growth: float = 1.0) -> Splats:
+        """Gaussians from rows of the scene as a viewer draws them, their variances larger by a factor."""
+        return Splats(
+            self.frame.to_viewer(gaussians.means).astype(np.float32),
+            (gaussians.covariances() * (growth * self.frame.scale**2)).astype(np.float32),
+            np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32),
+            gaussians.opacities[:, None].astype(np.float32),
+            rows,
+        )
 
 
 def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
@@ -146,32 +137,27 @@ def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
     return rows[np.sort(chosen)], len(rows) / most
 
 
-def splats_of(gaussians: Gaussians, frame: Frame, growth: float = 1.0) -> Splats:
-    """Gaussians as a viewer draws them, their variances larger by a factor."""
-    return Splats(
-        frame.to_viewer(gaussians.means).astype(np.float32),
-        (gaussians.covariances() * (growth * frame.scale**2)).astype(np.float32),
-        np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32),
-        gaussians.opacities[:, None].astype(np.float32),
-    )
+def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
+    """Which Gaussians of the scene are to be seen, whole or by what an object's trim has in their place, (N,)."""
+    after = showing.when == "after"
+    owner = _owners(now, after)
+    if showing.part == "object":
+        return np.asarray(owner == now.active)
+    dropped = np.zeros(len(owner), np.bool_)
+    for part in now.objects:
+        if after and part.result is not None:
+            dropped[part.result.dropped] = True
+    return ~dropped & (owner < 0) if showing.part == "background" else ~dropped
 
 
 def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
-    """Place of the object that has each Gaussian of the scene whole, (N,); -1 for none. The active one comes first."""
+    """Place of the object that has each Gaussian of the scene, (N,); -1 for none. The active one comes first."""
     owner = np.full(len(now.object.selected.mask), -1, np.int16)
     order = [place for place in range(len(now.objects)) if place != now.active] + [now.active]
     for place in order:
-        owner[_mask(now.objects[place], after)] = place
+        part = now.objects[place]
+        owner[part.result.object_mask if after and part.result is not None else part.selected.mask] = place
     return owner
-
-
-def _mask(part: MarkedObject, after: bool) -> BoolArray:
-    """Which Gaussians of the scene an object has whole, (N,)."""
-    if not after or part.result is None:
-        return part.selected.mask
-    mask = part.result.object_mask
-    mask[_replaced(part)] = False
-    return mask
 
 
 def _changed_rows(part: MarkedObject) -> IntArray:
@@ -181,36 +167,13 @@ def _changed_rows(part: MarkedObject) -> IntArray:
     return np.union1d(np.flatnonzero(labels == RowLabel.SPLIT_INSIDE), part.result.fitted)
 
 
-def _replaced(part: MarkedObject) -> IntArray:
-    """Scene rows in whose place an object's trim has others."""
-    assert part.result is not None
-    return part.result.source_index[_changed_rows(part)]
-
-
-def _gone(now: Snapshot, after: bool) -> BoolArray:
-    """Which Gaussians of the scene are in no file: replaced by others, or left out of the background, (N,)."""
-    gone = np.zeros(len(now.object.selected.mask), np.bool_)
+def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
+    """Gaussians of the scene in whose place a trim has others, (N,)."""
+    replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
         if after and part.result is not None:
-            gone[part.result.dropped] = True
-            gone[_replaced(part)] = True
-    return gone
-
-
-def _coloured(part: _Shown, now: Snapshot, showing: Showing, highlights: Highlights | None) -> Splats:
-    """Splats with the colours of the objects and of the highlights."""
-    colours, known = part.splats.colours.copy(), part.rows >= 0
-    if showing.colours:
-        for place, marked in enumerate(now.objects):
-            _tint(colours, part.owner == place, marked.colour, _TINT)
-    if highlights is not None:
-        for flagged, wanted, colour in (
-            (highlights.unchecked, showing.unchecked, UNCHECKED),
-            (highlights.straddlers, showing.straddlers, STRADDLER),
-        ):
-            if wanted:
-                _tint(colours, known & flagged[part.rows], colour, _HIGHLIGHT)
-    return replace(part.splats, colours=colours)
+            replaced[part.result.source_index[_changed_rows(part)]] = True
+    return replaced
 
 
 def _tint(colours: FloatArray, rows: BoolArray, colour: Colour, share: float) -> None:
@@ -219,9 +182,4 @@ def _tint(colours: FloatArray, rows: BoolArray, colour: Colour, share: float) ->
 
 
 def _joined(parts: list[Splats]) -> Splats:
-    if len(parts) == 1:
-        return parts[0]
-    return Splats(
-        np.concatenate([part.centres for part in parts]), np.concatenate([part.covariances for part in parts]),
-        np.concatenate([part.colours for part in parts]), np.concatenate([part.opacities for part in parts]),
-    )  # fmt: skip
+    return Splats(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Splats)))

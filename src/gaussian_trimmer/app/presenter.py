@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import cast
-
-from gaussian_trimmer.app.display import Painter, Part, Showing, When
+from gaussian_trimmer.app.display import Painter, Showing
 from gaussian_trimmer.app.documents import Snapshot
-from gaussian_trimmer.app.highlights import Highlights, find_highlights
-from gaussian_trimmer.app.panels import PARTS, WHENS, Panels
+from gaussian_trimmer.app.panels import ARROW, VIEWS, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.unchecked import find_unchecked
+from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.result import TrimResult
 
 
@@ -21,8 +21,9 @@ class Presenter:
         self._painter: Painter | None = None
         self._painted: tuple[Snapshot, Showing] | None = None
         self._listed: Snapshot | None = None
-        self._turned: tuple[object, bool] | None = None
-        self._highlights: tuple[TrimResult, Highlights] | None = None
+        self._up: UpVector | None = None
+        self._arrow: tuple[UpVector, bool] | None = None
+        self._unchecked: tuple[TrimResult, BoolArray] | None = None
         self._views_of: TrimResult | None = None
 
     def refresh(self) -> None:
@@ -30,45 +31,43 @@ class Presenter:
         now = self._session.glance()
         if now is None:
             return
-        painter, showing = self.painter(), self._showing()
+        painter, showing, result = self.painter(), self._panels.showing, now.object.result
         if self._painted != (now, showing):
-            highlights = self._find_highlights(now) if showing.straddlers or showing.unchecked else None
-            self._view.show(painter.paint(now, showing, highlights))
+            found = self._find_unchecked(result) if showing.unchecked and showing.when == "after" else None
+            self._view.show(painter.paint(now, showing, found))
             self._painted = now, showing
-        turned = now.up, self._panels.up_shown.value
-        if self._turned != turned:
-            self._view.show_up(now.up.direction, self._panels.up_shown.value)
-            self._turned = turned
-        wanted = now.object.result if self._panels.views.value else None
+        self._show_up(now.up)
+        wanted = result if self._panels.overlays[VIEWS] else None
         if wanted is not self._views_of:
             self._view.show_views(wanted)
             self._views_of = wanted
-        if now is not self._listed:  # what somebody is typing is kept otherwise
+        if now is not self._listed:  # otherwise, what somebody is typing is kept
             self._panels.refresh(now)
             self._listed = now
 
     def painter(self) -> Painter:
         """What draws the open scene; made anew, with a view without tools, for another scene."""
-        document = self._session.document
-        if self._painter is None or self._painter.document is not document:
-            self._painter = Painter(document, self._most)
+        scene = self._session.document.scene
+        if self._painter is None or self._painter.scene is not scene:
+            self._painter = Painter(scene, self._most)
             self._view.frame = self._painter.frame
             self._view.hide_ball()
             self._view.hide_box()
             self._view.show_points([])
         return self._painter
 
-    def _showing(self) -> Showing:
-        panels = self._panels
-        return Showing(
-            cast("Part", PARTS[panels.part.value]), cast("When", WHENS[panels.when.value]), panels.colours.value,
-            panels.straddlers.value, panels.unchecked.value,
-        )  # fmt: skip
+    def _show_up(self, up: UpVector) -> None:
+        if self._up is not up:
+            self._view.show_up(up.direction)
+            self._up = up
+        arrow = up, self._panels.overlays[ARROW]
+        if self._arrow != arrow:
+            self._view.show_arrow(up.direction, arrow[1])
+            self._arrow = arrow
 
-    def _find_highlights(self, now: Snapshot) -> Highlights | None:
-        result = now.object.result
+    def _find_unchecked(self, result: TrimResult | None) -> BoolArray | None:
         if result is None:
             return None
-        if self._highlights is None or self._highlights[0] is not result:
-            self._highlights = result, find_highlights(result)
-        return self._highlights[1]
+        if self._unchecked is None or self._unchecked[0] is not result:
+            self._unchecked = result, find_unchecked(result)
+        return self._unchecked[1]

@@ -1,10 +1,10 @@
-"""What the app saves: what the command line would, with the marks that make it again."""
+"""What the app saves: the same as the command line, with the marks from which it can be made again."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +21,27 @@ from gaussian_trimmer.selecting.select import SelectionResult
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
 MARKS = "selection.json"
-"""Name of the file of marks among the results, as of the command line's."""
+"""Name of the file of marks among the results, the same as the command line's."""
 
 
-def save_one(
-    document: Document, now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False
-) -> str:
-    """Save the trim of the active object and its marks; returns the command that makes the same.
+@dataclass(frozen=True)
+class Target:
+    """Where to save, and how."""
 
-    Args:
-        format: ending of the splat files; that of the scene if it is not given.
-        overwrite: replace earlier results in the folder.
+    folder: Path
+    """New or empty, or with earlier results."""
+    format: str | None = None
+    """Ending of the splat files; the scene's own, or the nearest that can be written, if it is not given."""
+    overwrite: bool = False
+    """Replace earlier results in the folder."""
+
+    def suffix(self, document: Document) -> str:
+        """Ending of the splat files that are made from a document."""
+        return _own_suffix(document) if self.format is None else suffix_of(self.format)
+
+
+def save_one(now: Snapshot, target: Target) -> str:
+    """Save the trim of the active object and its marks; returns the command that makes the same files.
 
     Raises:
         InputError: the object has not been trimmed since it was marked, or the files cannot be written.
@@ -39,24 +49,24 @@ def save_one(
     part = now.object
     if part.result is None:
         raise InputError(f"'{part.name}' has not been trimmed since it was marked; trim it first.")
-    suffix = _suffix(document, format)
+    suffix, inputs = target.suffix(now.document), _inputs(now.document, [part])
     names = (*result_files(suffix), MARKS)
-    with atomic_folder(
-        folder, RESULTS, names=names, inputs=_inputs(document, [part]), overwrite=overwrite
-    ) as results:  # fmt: skip
+    with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         write_marks(replace(now.basis, marks=part.marks), results / MARKS)
-        write_trim(part.result, results, suffix, {**_shown(document), "name": part.name})
-    return command_for(document, now, folder, suffix)
+        write_trim(part.result, results, suffix, {**_shown(now.document), "name": part.name})
+    return command_for(now, target)
 
 
-def save_all(
-    document: Document, now: Snapshot, folder: Path, format: str | None = None, *, overwrite: bool = False,
-    progress: Progress = lambda stage: None,
-) -> str:  # fmt: skip
+def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
     """Trim all marked objects together, so that no Gaussian is in two, and save them with the marks of each.
 
     Args:
-        progress: called with what begins.
+        now: the state to save.
+        target: where to save it.
+        progress: called with the name of each stage when it begins.
+
+    Returns:
+        what was saved, in a few words.
 
     Raises:
         InputError: no object is marked, or the files cannot be written.
@@ -64,33 +74,36 @@ def save_all(
     marked = [part for part in now.objects if part.n_selected]
     if not marked:
         raise InputError("No object is marked; mark one first.")
-    suffix = _suffix(document, format)
+    document, suffix = now.document, target.suffix(now.document)
     names = (*objects_files(suffix), "selection_*.json")
-    inputs = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
-    with atomic_folder(
-        folder, RESULTS, names=names, inputs=_inputs(document, marked), overwrite=overwrite
-    ) as results:  # fmt: skip
-        config = replace(now.object.choices.config(now.up), fill=False)
-        selections = {part.id: _selection(now, part) for part in marked}
+    shown = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
+    inputs = _inputs(document, marked)
+    with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         result = trim_objects(
-            document.scene, selections, config=config, renderer=document.renderer, cameras=document.cameras,
+            document.scene,
+            {part.id: _selection(now, part) for part in marked},
+            config=replace(now.object.choices.config(now.up), fill=False),
+            renderer=document.renderer,
+            cameras=document.cameras,
             progress=progress,
-        )  # fmt: skip
+        )
         progress("write")
-        write_objects(result, results, suffix, inputs)
+        write_objects(result, results, suffix, shown)
         for part in marked:
             write_marks(replace(now.basis, marks=part.marks), results / f"selection_{part.id}.json")
     return f"{len(marked)} objects with {sum(len(part.gaussians) for part in result.objects):,} Gaussians"
 
 
-def command_for(document: Document, now: Snapshot, folder: Path, suffix: str) -> str:
-    """The command that makes what was saved in a folder again."""
-    parts = ["gaussian-trimmer", "select", str(document.path), "--marks", str(folder / MARKS)]
+def command_for(now: Snapshot, target: Target) -> str:
+    """The command that makes what was saved again, from wherever it is run."""
+    document, suffix = now.document, target.suffix(now.document)
+    marks = (target.folder / MARKS).absolute()
+    parts = ["gaussian-trimmer", "select", str(document.path.absolute()), "--marks", str(marks)]
     if document.camera_path is not None:
-        parts += ["--cameras", str(document.camera_path)]
+        parts += ["--cameras", str(document.camera_path.absolute())]
     if now.up.source == "given":
         parts += ["--up", *(repr(value) for value in now.up.direction.tolist())]
-    if suffix != _suffix(document, None):
+    if suffix != _own_suffix(document):
         parts += ["--format", suffix.lstrip(".")]
     return shlex.join([*parts, *now.object.choices.arguments(), "--output", "again.npy", "--trim", "again"])
 
@@ -102,8 +115,8 @@ def _selection(now: Snapshot, part: MarkedObject) -> SelectionResult:
     )
 
 
-def _suffix(document: Document, format: str | None) -> str:
-    return formats.format_suffix(formats.find_scene(document.path)) if format is None else suffix_of(format)
+def _own_suffix(document: Document) -> str:
+    return formats.written_suffix(formats.find_scene(document.path))
 
 
 def _inputs(document: Document, objects: list[MarkedObject]) -> list[Path]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.app.display import Splats
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import Float64Array, quaternions_of
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, quaternions_of
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.marks import Box3D, Effect, Point
@@ -26,6 +26,12 @@ _FRUSTUM = 0.3
 """Size of a virtual camera, relative to the object's radius."""
 _ARROW = 2.5
 """Length of the up arrow in the viewer's units."""
+_EDGE_PIXELS = 2.0
+_BALL_SUBDIVISIONS = 2
+_EDGES = np.array([[corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit])
+"""Corners of a box that an edge joins, (12, 2); the bits of a corner's number are its sides in x, y and z."""
+_SIGNS = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
+"""Corners of a box of side one around the origin, (8, 3)."""
 
 
 class SceneView:
@@ -48,16 +54,21 @@ class SceneView:
             centres, colours = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.float32)
             covariances, opacities = np.eye(3, dtype=np.float32)[None] * 1e-4, np.zeros((1, 1), np.float32)
         if self._splats is None:
-            self._splats = self._server.scene.add_gaussian_splats(
-                "/splats", centres, covariances, colours, opacities
-            )  # fmt: skip
+            self._splats = self._server.scene.add_gaussian_splats("/splats", centres, covariances, colours, opacities)
         else:
             self._splats.set_gaussians(centres, covariances, colours, opacities)
         self._server.flush()
 
-    def show_up(self, up: Float64Array, visible: bool) -> None:
-        """Turn the view so that up is up, and show the direction as an arrow."""
-        self._server.scene.set_up_direction(tuple(up.tolist()))
+    def show_up(self, up: Float64Array) -> None:
+        """Turn the view of all tabs, and of those to come, so that up is up."""
+        x, y, z = up.tolist()
+        self._server.scene.set_up_direction((x, y, z))
+        self._server.initial_camera.up = (x, y, z)
+        for client in self._server.get_clients().values():
+            client.camera.up_direction = (x, y, z)
+
+    def show_arrow(self, up: Float64Array, visible: bool) -> None:
+        """Show the up vector as an arrow, or hide it."""
         points = np.array([[np.zeros(3), _ARROW * up]], np.float32)
         self._server.scene.add_arrows(
             "/up", points, (40, 120, 255), shaft_radius=0.03, head_radius=0.09, head_length=0.25, visible=visible
@@ -86,17 +97,19 @@ class SceneView:
         ]
 
     def show_box(self, centre: Point, size: Sequence[float], up: Float64Array) -> None:
-        """Show a box that stands upright, with handles to move it."""
-        turn = quaternions_of(up_frame(up).T[None])[0]
-        dimensions = tuple(float(value * self.frame.scale) for value in size)
+        """Show the edges of a box that stands upright, with handles to move it.
+
+        A box with faces would hide the splats behind it, however transparent it is.
+        """
         self.hide_box()
+        turn = quaternions_of(up_frame(up).T[None])[0]
         gizmo = self._server.scene.add_transform_controls(
             "/box3d", scale=1.5, disable_rotations=True, depth_test=False, wxyz=turn, position=self._place(centre)
-        )  # fmt: skip
-        solid = self._server.scene.add_box(
-            "/box3d/shape", (255, 170, 40), dimensions, opacity=0.25, side="double", cast_shadow=False
-        )  # fmt: skip
-        self._box = gizmo, solid
+        )
+        edges = self._server.scene.add_line_segments(
+            "/box3d/edges", self._edges(size), (255, 170, 40), thickness=_EDGE_PIXELS, thickness_units="screen"
+        )
+        self._box = gizmo, edges
 
     def hide_box(self) -> None:
         """Take the box away."""
@@ -117,23 +130,29 @@ class SceneView:
     def resize_box(self, size: Sequence[float]) -> None:
         """Give the box another size."""
         if self._box is not None:
-            self._box[1].dimensions = tuple(float(value * self.frame.scale) for value in size)
+            self._box[1].points = self._edges(size)
 
     def show_ball(self, point: Point, radius: float, dragged: Callable[[Any], None]) -> None:
-        """Show the brush where it touched the surface; what happens when it is dragged is told to a function."""
-        if self._ball is not None:
-            self._ball.remove()
+        """Show the brush on the surface as a net, through which the splats can be seen; report when it is dragged."""
+        self.hide_ball()
         self._ball = self._server.scene.add_icosphere(
-            "/brush", radius * self.frame.scale, (255, 255, 255), opacity=0.35, position=self._place(point),
+            "/brush",
+            radius * self.frame.scale,
+            (255, 255, 255),
+            subdivisions=_BALL_SUBDIVISIONS,
+            wireframe=True,
+            position=self._place(point),
             cast_shadow=False,
-        )  # fmt: skip
+        )
         for modifier in (None, "shift", "cmd/ctrl"):
             self._ball.on_drag("left", modifier=modifier)(dragged)
 
-    def move_ball(self, point: Point) -> None:
-        """Move the brush."""
-        if self._ball is not None:
+    def change_ball(self, *, point: Point | None = None, radius: float | None = None) -> None:
+        """Move the brush, or change its size."""
+        if self._ball is not None and point is not None:
             self._ball.position = self._place(point)
+        if self._ball is not None and radius is not None:
+            self._ball.radius = radius * self.frame.scale
 
     def hide_ball(self) -> None:
         """Take the brush away."""
@@ -141,13 +160,15 @@ class SceneView:
             self._ball.remove()
         self._ball = None
 
-    def look(self, client: Any, eye: Point, target: Point, up: Float64Array) -> None:
+    def look(self, client: Any, eye: Point, target: Point) -> None:
         """Let one tab, or all tabs that open later, look from one point at another."""
         camera: Any = self._server.initial_camera if client is None else client.camera
-        if client is None:
-            camera.up = tuple(up.tolist())
         camera.position = self._place(eye)
         camera.look_at = self._place(target)
+
+    def _edges(self, size: Sequence[float]) -> FloatArray:
+        """Ends of the edges of a box in the viewer's units, around its middle, (12, 2, 3)."""
+        return np.asarray((_SIGNS * np.array(size, np.float64) * self.frame.scale)[_EDGES], np.float32)
 
     def _place(self, point: Point) -> tuple[float, float, float]:
         x, y, z = self.frame.to_viewer(np.array(point)).tolist()

@@ -1,10 +1,8 @@
-"""Starts the app: a viser server that only its own pages, and those who have the token, can talk to."""
+"""Starts the app: a viser server that only pages of its own, on this machine, can talk to."""
 
 from __future__ import annotations
 
 import io
-import secrets
-import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -14,13 +12,16 @@ from typing import Any
 
 from gaussian_trimmer import sample
 from gaussian_trimmer.app.controller import Controller
-from gaussian_trimmer.app.guard import guarding, is_loopback
+from gaussian_trimmer.app.guard import guarding_viser
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.errors import InputError
 
+HOST = "127.0.0.1"
 INSTALL = 'pip install "gaussian-trimmer[app]"'
 MOST_SHOWN = 400_000
 """Gaussians that are shown at most, unless another number is asked for."""
+_FAREWELL_SECONDS = 0.3
+"""Time for the last message to reach the browser."""
 
 
 @dataclass(frozen=True)
@@ -28,30 +29,26 @@ class Running:
     """The app while it runs."""
 
     address: str
-    """What to open in a browser, with the token if one is needed."""
+    """What to open in a browser."""
     server: Any
     """The viser server."""
     controller: Controller
 
 
 @contextmanager
-def serving(
-    scene: Path | None, cameras: Path | None, *, host: str = "127.0.0.1", port: int = 8080, most: int = MOST_SHOWN
-) -> Iterator[Running]:
-    """Run the app, until the end of the context.
+def serving(scene: Path | None, cameras: Path | None, *, port: int = 8080, most: int = MOST_SHOWN) -> Iterator[Running]:
+    """Run the app, until the end of the context. Only this machine can reach it.
 
     Args:
         scene: opened at the start; None: the user opens one.
         cameras: the cameras of the scene.
-        host: address to listen at. Beyond this machine a token is needed, which the address has.
         port: the first one that is free from this on.
         most: number of Gaussians that are shown at most; larger scenes are thinned for display.
 
     Raises:
-        InputError: viser is not installed or cannot be guarded, or the address is none of this machine's.
+        InputError: viser is not installed or cannot be guarded.
     """
-    token = "" if is_loopback(host) else secrets.token_urlsafe(24)
-    server = _start(host, port, token)
+    server = _start(port)
     controller = None
     try:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
@@ -60,13 +57,12 @@ def serving(
         offered = (str(scene), str(cameras or "")) if scene else (str(sample.SCENE), str(sample.CAMERAS))
         controller = Controller(server, Session(), most, *offered)
         if scene is not None:
-            controller.open(*offered)
-        shown = f"[{host}]" if ":" in host else host
-        address = f"http://{shown}:{server.get_port()}/{f'?token={token}' if token else ''}"
-        yield Running(address, server, controller)
+            controller.do("Opening", controller.open)
+        yield Running(f"http://{HOST}:{server.get_port()}/", server, controller)
     finally:
         if controller is not None:
             controller.stop()
+            threading.Event().wait(_FAREWELL_SECONDS)
         with redirect_stdout(io.StringIO()):
             server.stop()
 
@@ -78,11 +74,11 @@ def wait(until: Callable[[], bool] = lambda: False) -> None:
         pause.wait(0.5)
 
 
-def _start(host: str, port: int, token: str) -> Any:
-    """A server that listens, guarded.
+def _start(port: int) -> Any:
+    """A guarded server that listens.
 
     Raises:
-        InputError: viser is not installed or cannot be guarded, or the address is none of this machine's.
+        InputError: viser is not installed or cannot be guarded.
     """
     try:
         import viser
@@ -96,24 +92,10 @@ def _start(host: str, port: int, token: str) -> Any:
             """Refuse."""
             return None
 
-    _check_host(host)
-    with guarding(token) as started, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
+    with guarding_viser() as guards, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
         # Without a label, the panel says in its place whether the page is connected.
-        server = Server(host=host, port=port, verbose=False)
-    if not started:
+        server = Server(host=HOST, port=port, verbose=False)
+    if not guards:
         server.stop()
         raise InputError(f"This version of viser, {viser.__version__}, cannot be guarded; install another: {INSTALL}.")
     return server
-
-
-def _check_host(host: str) -> None:
-    """Refuse an address at which viser would wait for ever to be able to listen.
-
-    Raises:
-        InputError: the address is none of this machine's.
-    """
-    try:
-        family = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0][0]
-        socket.create_server((host, 0), family=family).close()
-    except (OSError, UnicodeError) as error:
-        raise InputError(f"Cannot listen at '{host}': {error}; give an address of this machine to --host.") from error

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint
@@ -17,6 +18,8 @@ _SIZE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
+_BEFORE_SURFACE = 0.999
+"""Depth of a near plane that hides what stands before a surface, relative to the surface's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +94,30 @@ def box_at(view: Viewpoint, low: Sequence[float], high: Sequence[float]) -> tupl
     return x0, y0, x1 + 1, y1 + 1
 
 
+def before_what_shows(
+    gaussians: Gaussians, view: Viewpoint, places: Sequence[Sequence[float]], renderer: Renderer
+) -> Viewpoint:
+    """The view without what stands before some of the scene's Gaussians at places of the picture, as `pixel_at`.
+
+    The near plane moves up to the first of these Gaussians, so that a mark meant for them, made while others are
+    hidden, does not meet the others, whoever understands it.
+
+    Raises:
+        InputError: none of the Gaussians is seen at these places.
+    """
+    found = [point for point in surface_points(gaussians, view, places, renderer) if point is not None]
+    if not found:
+        raise InputError("Nothing that is shown is there; click on what you see.")
+    depth = float(view.camera.to_camera(np.array(found))[:, 2].min())
+    return Viewpoint(replace(view.camera, near=max(view.camera.near, _BEFORE_SURFACE * depth)))
+
+
 def surface_points(
     gaussians: Gaussians, view: Viewpoint, places: Sequence[Sequence[float]], renderer: Renderer
 ) -> list[Point | None]:
     """The points of the scene that show at places of the picture, as `pixel_at`; None where nothing is seen."""
+    if not len(gaussians):
+        return [None] * len(places)
     small = small_view(view.camera)
     pixels = np.array([pixel_at(Viewpoint(small), place) for place in places])
     rows, weights = renderer.top_contributors(gaussians, small, pixels, CONTRIBUTORS)

@@ -1,45 +1,33 @@
-"""One thread for all that takes time, so that callbacks of a web server return at once and nothing runs twice."""
+"""One thread for everything that takes time, so that callbacks of the web server return at once."""
 
 from __future__ import annotations
 
 import queue
 import threading
+import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 
-
-@dataclass(frozen=True, eq=False)
-class _Job:
-    name: str
-    work: Callable[[], None]
+_PATIENCE_SECONDS = 10.0
+Job = Callable[[], None]
 
 
 class Worker:
-    """Does one job after the other, in the order in which they were given."""
+    """Does one job after the other, in the order in which they were submitted. One that fails is printed."""
 
-    def __init__(self, failed: Callable[[str, BaseException], None]) -> None:
-        """Begin to wait for jobs.
-
-        Args:
-            failed: told the name of a job and its exception, in the worker's thread; later jobs are done all the same.
-        """
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._failed, self._cancelled, self._doing = failed, threading.Event(), ""
+    def __init__(self) -> None:
+        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._cancelled, self.busy = threading.Event(), False
         self._thread = threading.Thread(target=self._work, name="gaussian-trimmer-app", daemon=True)
         self._thread.start()
 
-    @property
-    def doing(self) -> str:
-        """Name of the job that is being done; empty if there is none."""
-        return self._doing
-
-    def submit(self, name: str, work: Callable[[], None]) -> None:
-        """Give a job to be done after those that were given before."""
-        self._jobs.put(_Job(name, work))
+    def submit(self, job: Job) -> None:
+        """Do a job after those that were submitted before."""
+        self._jobs.put(job)
 
     def cancel(self) -> None:
-        """Ask the present job to stop; those that come after it are done."""
-        if self._doing:
+        """Ask the present job to stop; later ones are done."""
+        if self.busy:
             self._cancelled.set()
 
     def cancelled(self) -> bool:
@@ -47,17 +35,21 @@ class Worker:
         return self._cancelled.is_set()
 
     def stop(self) -> None:
-        """Let the present job be the last, and ask it to stop."""
+        """Let the present job be the last, ask it to stop, and wait for that."""
+        with suppress(queue.Empty):
+            while True:
+                self._jobs.get_nowait()
         self._jobs.put(None)
         self.cancel()
+        self._thread.join(_PATIENCE_SECONDS)
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
             self._cancelled.clear()
-            self._doing = job.name
+            self.busy = True
             try:
-                job.work()
-            except BaseException as error:
-                self._failed(job.name, error)
+                job()
+            except BaseException:
+                traceback.print_exc()
             finally:
-                self._doing = ""
+                self.busy = False

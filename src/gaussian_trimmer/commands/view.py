@@ -21,20 +21,18 @@ from gaussian_trimmer.settings import Range, check_settings
 class View:
     """Open the app in a browser: mark an object in the 3D view, trim it, look at it from all sides, correct, and save.
 
-    Press Ctrl-C to stop. It needs the extra `app`. Only this machine can reach the app, unless --host says
-    otherwise; then the address that is printed has a token, without which nothing is answered.
+    Press Ctrl-C to stop. It needs the extra `app`. Only this machine can reach the app; from another one,
+    use a tunnel: ssh -L 8080:127.0.0.1:8080 WORKSTATION.
     """
 
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
-    """Splat file of the scene, or the folder of a training; without it, the app begins empty and offers the sample."""
+    """Splat file of the scene, or the folder of a training; without it, the app starts empty and offers the sample."""
     cameras: Annotated[Path | None, arg(metavar="PATH")] = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json."""
-    host: str = "127.0.0.1"
-    """Address to listen at; 0.0.0.0 lets other machines in, those that have the token."""
     port: Annotated[int, Range(0, 65535)] = 8080
-    """Port to listen at; if taken, the next free port; 0 picks any."""
+    """Port to listen at; if it is taken, the next free port; 0 picks any."""
     most: Annotated[int, Range(1000, 100_000_000)] = MOST_SHOWN
-    """Show at most this many Gaussians; larger scenes are thinned for display, and only there."""
+    """Show at most this many Gaussians; larger scenes are thinned, but only for display."""
     browser: bool = True
     """Open the page in this machine's browser."""
     quiet: bool = False
@@ -48,14 +46,14 @@ class View:
         """
         check_settings(self)
         if self.scene is None and self.cameras is not None:
-            raise InputError("--cameras needs the scene that they belong to.")
+            raise InputError("--cameras needs a scene: give the scene that the cameras belong to.")
         for path in (self.scene, self.cameras):
             if path is not None and not (is_file(path) or is_folder(path)):
                 raise InputError(f"There is no file '{path}'.")
         if self.scene is not None:
             formats.format_suffix(formats.find_scene(self.scene))
         console = open_console(quiet=False)
-        with serving(self.scene, self.cameras, host=self.host, port=self.port, most=self.most) as app:
+        with serving(self.scene, self.cameras, port=self.port, most=self.most) as app:
             console.print(app.address)
             if not self.quiet:
                 console.print("Ctrl-C ends the app.")

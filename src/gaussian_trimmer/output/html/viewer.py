@@ -14,6 +14,7 @@ from gaussian_trimmer.formats.splat import ROW, rows_of
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
 from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
 from gaussian_trimmer.result import TrimResult
 
@@ -23,13 +24,14 @@ Part = Literal["object", "background", "both"]
 _FOV = float(np.radians(45))
 _FILL = 0.8
 """Share of the picture's shorter side that the sphere around the bounds fills at first."""
-_YAW, _PITCH = float(np.radians(30)), float(np.radians(20))
+_ANGLES = float(np.radians(30)), float(np.radians(20))
+"""Yaw and pitch of the first view, in radians, if nothing speaks for others."""
 _NEAR = 0.01
 """Distance in radii of the bounds before which nothing is drawn."""
 _HELP = (
-    "Drag to turn, with Shift or the right button to move; the wheel or two fingers zoom. With the picture focused: "
-    "arrows turn, Shift and arrows move, + and - zoom, Space keeps turning, Home begins anew. Colours are the same "
-    "from every side."
+    "Drag to turn; drag with Shift or the right button to move; zoom with the wheel or two fingers. With the picture "
+    "focused: arrows turn, Shift and arrows move, + and - zoom, Space keeps turning, Home starts over. Colours are the "
+    "same from every side."
 )
 
 
@@ -50,13 +52,30 @@ def export_viewer(result: TrimResult, path: str | Path, part: str = "object", *,
     if part not in choices:
         raise InputError(f"Unknown part '{part}' of a trim; available: {', '.join(choices)}.")
     parts = {name: getattr(result, name) for name in choices[part]}
-    write_viewer(parts, path, result.up.direction, bounds=result.bounds, overwrite=overwrite)
+    angles = first_angles(result)
+    write_viewer(parts, path, result.up.direction, bounds=result.bounds, angles=angles, overwrite=overwrite)
+
+
+def first_angles(result: TrimResult) -> tuple[float, float]:
+    """Yaw and pitch, in radians, from which a page shows a trim at first: the middle of what was observed.
+
+    The report's turntable begins there, too. If the whole circle was observed, or nothing, they are the usual ones.
+    """
+    sides = checked_sides(result)
+    if not 0 < sides.degrees < 360:
+        return _ANGLES
+    return float(np.radians(sides.middle)), float(np.radians(np.median(sides.pitches)))
 
 
 def write_viewer(
-    parts: Mapping[str, Gaussians], path: str | Path, up: Float64Array, *, bounds: Bounds | None = None,
+    parts: Mapping[str, Gaussians],
+    path: str | Path,
+    up: Float64Array,
+    *,
+    bounds: Bounds | None = None,
+    angles: tuple[float, float] = _ANGLES,
     overwrite: bool = True,
-) -> None:  # fmt: skip
+) -> None:
     """Write Gaussians as a page, which appears whole or not at all.
 
     Args:
@@ -64,6 +83,7 @@ def write_viewer(
         path: name of the page, which ends with .html.
         up: the up vector, (3,), around which the page turns what it shows.
         bounds: what fills the picture at first; bounds of the first part if they are not given.
+        angles: yaw and pitch, in radians and in the frame of the bounds, from which it is shown at first.
         overwrite: replace the file if it exists.
 
     Raises:
@@ -74,7 +94,7 @@ def write_viewer(
     check_page_name(path)
     if path.exists() and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with overwrite=True.")
-    page = viewer_page(parts, up, path.stem, bounds)
+    page = viewer_page(parts, up, path.stem, bounds, angles)
     with atomic_file(path) as part:
         part.write_text(page, encoding="utf-8")
 
@@ -89,7 +109,13 @@ def check_page_name(path: Path) -> None:
         raise InputError(f"The page '{path}' is for a browser; give it a name that ends with .html.")
 
 
-def viewer_page(parts: Mapping[str, Gaussians], up: Float64Array, title: str, bounds: Bounds | None = None) -> str:
+def viewer_page(
+    parts: Mapping[str, Gaussians],
+    up: Float64Array,
+    title: str,
+    bounds: Bounds | None = None,
+    angles: tuple[float, float] = _ANGLES,
+) -> str:
     """The page as HTML. Arguments are those of `write_viewer`, and the page's title.
 
     The Gaussians are in it as a .splat file, around the origin, so that single precision suffices wherever they are.
@@ -110,28 +136,28 @@ def viewer_page(parts: Mapping[str, Gaussians], up: Float64Array, title: str, bo
     data = base64.b64encode(rows.tobytes()).decode("ascii")
     ends = np.cumsum([0, *(len(part) for part in parts.values())]).tolist()
     ranges = [{"name": name, "range": ends[i : i + 2]} for i, name in enumerate(parts)]
-    settings = {**first_view(bounds), "axes": bounds.axes.tolist(), "centre": [0.0, 0.0, 0.0], "parts": ranges}
+    settings = {**first_view(bounds, angles), "axes": bounds.axes.tolist(), "centre": [0.0, 0.0, 0.0], "parts": ranges}
     body = (
         f'<div id="stage" class="light"><canvas id="canvas" tabindex="0" role="application" aria-label="{text(title)}: '
         f'{count:,} Gaussians. {_HELP}"></canvas><p id="message" role="alert" hidden></p></div>'
         "<noscript><p>The page draws only where scripts are allowed.</p></noscript>"
         f"<footer><h1>{text(title)}</h1><span>{count:,} Gaussians</span>{_choices(list(parts))}"
         '<button type="button" id="turn" aria-pressed="false">turn</button>'
-        '<button type="button" id="reset">begin anew</button>'
+        '<button type="button" id="reset">start over</button>'
         f"<details><summary>help</summary>{_HELP}</details></footer>"
         f'<script type="text/plain" id="splats">{data}</script>{json_block("settings", settings)}'
     )
     return document(title, body, style=asset("viewer.css"), script=asset("viewer.js"))
 
 
-def first_view(bounds: Bounds) -> dict[str, Any]:
+def first_view(bounds: Bounds, angles: tuple[float, float] = _ANGLES) -> dict[str, Any]:
     """From where a page shows the bounds at first: angles in radians, lengths in scene units.
 
     The camera is `distance` from the bounds' centre in the direction of `yaw` and `pitch` in their frame, and its
     picture's shorter side spans `fov`.
     """
     distance = bounds.radius / (_FILL * np.sin(_FOV / 2))
-    return {"yaw": _YAW, "pitch": _PITCH, "distance": distance, "fov": _FOV, "near": _NEAR * bounds.radius}
+    return {"yaw": angles[0], "pitch": angles[1], "distance": distance, "fov": _FOV, "near": _NEAR * bounds.radius}
 
 
 def _choices(parts: list[str]) -> str:

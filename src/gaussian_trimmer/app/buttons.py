@@ -1,0 +1,78 @@
+"""Choices and switches as rows of buttons. Unlike dropdowns and tick boxes, they leave all keys to the app."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+_ON, _OFF = "\u25cf ", "\u25cb "
+
+
+class _Row:
+    """Buttons whose labels show which of them are on."""
+
+    def __init__(
+        self, gui: Any, label: str, options: Sequence[str], on: Iterable[str], hint: str | None = None
+    ) -> None:
+        self.options, self._on, self._clicked = tuple(options), set(on), list[Callable[[Any], None]]()
+        self._group = gui.add_button_group(label, self._labels(), hint=hint)
+        self._group.on_click(self._click)
+
+    def on_click(self, clicked: Callable[[Any], None]) -> None:
+        """Call a function with the event after a button was pressed."""
+        self._clicked.append(clicked)
+
+    def _labels(self) -> tuple[str, ...]:
+        return tuple((_ON if option in self._on else _OFF) + option for option in self.options)
+
+    def _show(self) -> None:
+        if self._group.options != self._labels():
+            self._group.options = self._labels()
+
+    def _click(self, event: Any) -> None:
+        self._press(str(event.target.value)[len(_ON) :])
+        for clicked in self._clicked:
+            clicked(event)
+
+    def _press(self, option: str) -> None:
+        raise NotImplementedError
+
+
+class Choice(_Row):
+    """Buttons of which one is on."""
+
+    def __init__(self, gui: Any, label: str, options: Sequence[str], *, hint: str | None = None) -> None:
+        super().__init__(gui, label, options, options[:1], hint)
+
+    @property
+    def value(self) -> str:
+        """The option that is on."""
+        (value,) = self._on
+        return value
+
+    @value.setter
+    def value(self, option: str) -> None:
+        self._on = {option}
+        self._show()
+
+    def offer(self, options: Sequence[str], chosen: str) -> None:
+        """Give other options."""
+        self.options = tuple(options)
+        self.value = chosen
+
+    def _press(self, option: str) -> None:
+        self.value = option
+
+
+class Switches(_Row):
+    """Buttons each of which is on or off."""
+
+    def __getitem__(self, option: str) -> bool:
+        return option in self._on
+
+    def __setitem__(self, option: str, on: bool) -> None:
+        (self._on.add if on else self._on.discard)(option)
+        self._show()
+
+    def _press(self, option: str) -> None:
+        self[option] = not self[option]
