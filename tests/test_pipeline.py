@@ -27,6 +27,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.trim import (
     BoundaryConfig,
@@ -115,6 +116,15 @@ def test_the_report_of_a_run():
     assert np.linalg.norm(result.bounds.centre - [0, 0, 1]) < 0.1
     assert "background" not in vars(result)  # made when it is asked for
     assert result.background is result.background
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.3])
+def test_looking_again_from_the_same_places_changes_nothing(depth):
+    scene, truth = ball_on_floor(0, 1500)
+    selection = eroded(scene, truth, depth)
+    cameras, _ = plan_cameras(scene.select(selection), UP, PlanConfig(size=48))
+    once, often = (trim(scene, selection, config=small_config(), view_cameras=cameras * n) for n in (1, 12))
+    np.testing.assert_array_equal(often.object_mask, once.object_mask)
 
 
 def test_permuting_the_scene_permutes_the_answer():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from gaussian_trimmer.rendering import Rendering
 
 HALF = 0.5
 """A pixel belongs to the object where the object's alpha, or its share of the picture, is above this."""
+
+REFERENCE_PIXELS = 5 * 512 * 512
+"""Pixels of the default views. Thresholds on summed blend weights hold for these, whatever views there are."""
 
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
@@ -72,6 +76,17 @@ class TrimmedView:
     """The segmenter's mask, (H, W)."""
     rejected: str
     """Why the mask was rejected; empty if it was accepted."""
+
+
+def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:
+    """Blend weights summed over some of a set of views, in pixels of five views of 512 x 512.
+
+    Args:
+        weights: the sums, in pixels of these views, of any shape.
+        cameras: the cameras of the whole set.
+    """
+    pixels = sum(camera.height * camera.width for camera in cameras)
+    return np.asarray(weights * np.float32(REFERENCE_PIXELS / pixels))
 
 
 def bounding_box(mask: BoolArray, margin: int = 0) -> Box:

@@ -2,7 +2,8 @@
 
 Centres mislead: a Gaussian whose centre lies inside a mask may show mostly outside of it. What counts here is the blend
 weight that a Gaussian has inside and outside the masks, summed over the views. The sums do not depend on the order of
-views or Gaussians.
+views or Gaussians. They are in pixels of five views of 512 x 512, so that thresholds hold for any number and size of
+views.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.settings import Share, Weight
 
 _SEEN = 1e-3
-"""Blend weight in pixels, summed over the views, above which a Gaussian counts as seen."""
+"""Blend weight above which a Gaussian counts as seen."""
+_CLEARLY_SEEN = 1.0
+"""The same for one that the views may take from the object against its label."""
 _UNDECIDED = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
 _VISIBLE_WEIGHT = 3.0
@@ -133,4 +136,4 @@ def find_outsiders(
     visible = np.minimum(1, np.divide(seen, whole, out=np.zeros_like(seen), where=whole > 0))
     share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED), where=seen > 0)
     weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE, 1, 2)
-    return np.asarray((seen > 1) & (weight * (_UNDECIDED - share) > probability - _UNDECIDED))
+    return np.asarray((seen > _CLEARLY_SEEN) & (weight * (_UNDECIDED - share) > probability - _UNDECIDED))

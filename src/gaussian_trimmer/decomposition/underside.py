@@ -25,8 +25,8 @@ _DEEP = 2.0
 """Depth below the middle of the plane, relative to half of its thickness, from which on that is deep."""
 _MOST = 0.1
 """Share of an object's Gaussians that may reach into the ground; where more do, the object does not stand on it."""
-_MIN_SHOWN = 1e-3
-"""Blend weight in pixels, summed over the views, below which nothing is noticed."""
+_MIN_SHOWN = 2e-4
+"""Mean blend weight in the views, in pixels, below which nothing is noticed."""
 
 
 def reaching_into_ground(gaussians: Gaussians, keep: BoolArray, bounds: Bounds, plane: SupportPlane) -> BoolArray:
@@ -65,7 +65,7 @@ def find_underside(
         rows = np.flatnonzero(keep & ~hanging)
         outside, inside = _weights(gaussians.select(rows), cameras, visible, renderer)
         uncovered = outside - seen_outside[rows]
-        found = in_ground[rows] & (uncovered > _MIN_SHOWN) & (uncovered > np.maximum(inside, seen_inside[rows]))
+        found = in_ground[rows] & (uncovered > _MIN_SHOWN * len(cameras)) & (uncovered > np.maximum(inside, seen_inside[rows]))
         if not found.any():
             break
         hanging[rows[found]] = True

@@ -9,12 +9,10 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, Rendering
-from gaussian_trimmer.views import HALF, View, bounding_box
+from gaussian_trimmer.views import HALF, View, bounding_box, to_reference
 
 OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
-_REFERENCE_PIXELS = 5 * 512 * 512
-"""Pixels of the default views: thresholds on visible weight hold for these, whatever views there are."""
 
 
 def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
@@ -24,8 +22,7 @@ def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> 
         weights: blend weights in each view, in pixels of that view, (N,) each.
         cameras: the cameras of the views.
     """
-    pixels = sum(camera.height * camera.width for camera in cameras)
-    return np.asarray(np.sum(weights, axis=0) * np.float32(_REFERENCE_PIXELS / pixels))
+    return to_reference(np.sum(weights, axis=0), cameras)
 
 
 def complete_views(

@@ -20,7 +20,7 @@ from gaussian_trimmer.planning.virtual_cameras import small_views_from
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import OCCLUDER_DISTANCE
 from gaussian_trimmer.trimming.scope import Scope, support_plane_of
-from gaussian_trimmer.views import TrimmedView
+from gaussian_trimmer.views import TrimmedView, to_reference
 
 _LOW = 8.0
 """Pitch in degrees of the small views that look for what hangs below the object."""
@@ -50,7 +50,8 @@ def decompose(
 ) -> Decomposition:  # fmt: skip
     """Evidence from the views of the whole scene, evidence from the object in isolation, and splits."""
     with clock("weigh"):
-        openly, inside, hidden = np.sum(_weigh(scope.local, accepted, renderer), axis=0).T
+        weights = to_reference(np.sum(_weigh(scope.local, accepted, renderer), axis=0), scope.cameras)
+        openly, inside, hidden = weights.T
         outside = openly + hidden
         # Where something hides the object, what little shows of it there says nothing against it.
         told = np.where(scope.coarse, openly, outside) if config.evidence.excuse_hidden else outside
@@ -62,7 +63,7 @@ def decompose(
         if config.evidence.second_evidence and len(rows):
             plane = support_plane_of(scope, keep, inside + outside, config)
             free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
-            alone = np.sum(weights, axis=0)
+            alone = to_reference(np.sum(weights, axis=0), scope.cameras)
             widths = np.exp(isolated.log_scales.max(axis=1) - np.log(scope.bounds.radius))
             wrong = find_halo(alone, inside[rows], outside[rows], free, config.evidence)
             wrong |= find_outsiders(alone, inside[rows], told[rows], probability[rows], widths)
