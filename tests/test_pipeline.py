@@ -118,6 +118,20 @@ def test_the_report_of_a_run():
     assert result.background is result.background
 
 
+def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene():
+    cameras, _ = plan_cameras(SCENE.select(TRUTH), UP, PlanConfig(size=96))
+    opacities = {}
+    for source in (None, "labels", "renderings", "photographs", "given"):
+        segmenter = TightMasks()
+        if source:
+            segmenter.mask_source = source
+        result = trim(SCENE, TRUTH, config=small_config(refine="fit"), segmenter=segmenter, view_cameras=cameras)
+        assert len(result.fitted)
+        opacities[source] = result.object.opacity_logits.tolist()
+    assert opacities[None] == opacities["labels"] == opacities["renderings"]
+    assert opacities["photographs"] == opacities["given"] != opacities[None]
+
+
 @pytest.mark.parametrize("depth", [0.0, 0.3])
 def test_looking_again_from_the_same_places_changes_nothing(depth):
     scene, truth = ball_on_floor(0, 1500)

@@ -65,7 +65,8 @@ def find_underside(
         rows = np.flatnonzero(keep & ~hanging)
         outside, inside = _weights(gaussians.select(rows), cameras, visible, renderer)
         uncovered = outside - seen_outside[rows]
-        found = in_ground[rows] & (uncovered > _MIN_SHOWN * len(cameras)) & (uncovered > np.maximum(inside, seen_inside[rows]))
+        noticed = uncovered > _MIN_SHOWN * len(cameras)
+        found = in_ground[rows] & noticed & (uncovered > np.maximum(inside, seen_inside[rows]))
         if not found.any():
             break
         hanging[rows[found]] = True

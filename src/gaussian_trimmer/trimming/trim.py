@@ -32,7 +32,13 @@ from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of, get_segmenter
+from gaussian_trimmer.segmentation.segmenters import (
+    DEFAULT_SEGMENTER,
+    Segmenter,
+    description_of,
+    get_segmenter,
+    knows_outlines,
+)
 from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.trimming.boundary import decompose
@@ -175,8 +181,7 @@ def trim_checked(
     not_fitted, filled = "", None
     if config.refine == "fit":
         with clock("refine"):
-            # Masks of renders know no outline better than the labels do; those of photographs may.
-            seen, trust = (accepted, segmenter.name != DEFAULT_SEGMENTER) if view_cameras else ([], False)
+            seen, trust = (accepted, knows_outlines(given_segmenter)) if view_cameras else ([], False)
             rows, fitted, not_fitted = refine_boundary(scope, rows, dropped, seen, trust, known, config)
             _LOG.info("fitted %d of the object's rows%s", len(fitted), f": {not_fitted}" if not_fitted else "")
     if config.fill:

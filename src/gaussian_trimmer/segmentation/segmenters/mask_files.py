@@ -19,6 +19,7 @@ from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.segmentation.segmenters import MaskSource
 from gaussian_trimmer.views import View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -43,6 +44,7 @@ class MaskFilesSegmenter:
     """
 
     name = "mask-files"
+    mask_source: MaskSource = "given"
 
     def __init__(self, config: MaskFilesConfig | None = None) -> None:
         folder = config.folder if config else None
