@@ -9,26 +9,27 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
-from gaussian_trimmer.planning.virtual_cameras import framing_views
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
-_FOV = 20.0
-"""Field of view in degrees. Training cameras are farther away than views that frame an object in a wide lens, and what
+_FOV_DEGREES = 20.0
+"""Field of view. Training cameras are farther away than views that frame an object in a wide lens, and what
 was trained from afar is not right in their perspective: an outline that is fitted in wide views shrinks."""
-_STEPS = (-20.0, 0.0, 20.0, 40.0)
+_PITCH_STEPS = (-20.0, 0.0, 20.0, 40.0)
 """Heights of the views above and below the planned ones, in degrees."""
-_LOWEST, _HIGHEST = 5.0, 75.0
+_MIN_PITCH, _MAX_PITCH = 5.0, 75.0
 """Range of pitches in degrees where nothing is known of the training cameras; what they saw is looked at from there."""
-_BESIDE = 10.0
+_GAP_PITCH_MARGIN = 10.0
 """The same around the planned pitch where the views leave a part of the circle out, since then nothing was seen from
 there."""
-_BEYOND = 25.0
+_TRAINING_PITCH_MARGIN = 25.0
 """How much farther up and down than the training cameras the views may look from, in degrees."""
-_FULL_CIRCLE = np.radians(100)
+_LARGEST_YAW_GAP = np.radians(100)
 """Views without a wider gap between their yaws stand all around the object."""
-_ALONE = np.radians(30)
+_SINGLE_VIEW_SPAN = np.radians(30)
 """Span of yaws around a single view."""
-_MARGIN = 0.15
+_CLOSE_UP_MARGIN = 0.15
 """Margin around the object in a view that is cut out, as a share of its box."""
 
 
@@ -47,15 +48,22 @@ def views_at_heights(
     yaws, pitches = _angles(planned, bounds)
     first, span = _arc(yaws)
     pitch = float(np.degrees(np.median(pitches)))
-    low, high = (_LOWEST, _HIGHEST) if span >= 2 * np.pi else (pitch - _BESIDE, pitch + _BESIDE)
+    low, high = (
+        (_MIN_PITCH, _MAX_PITCH) if span >= 2 * np.pi else (pitch - _GAP_PITCH_MARGIN, pitch + _GAP_PITCH_MARGIN)
+    )
     seen = cameras_that_see(training, bounds)
     if seen:
         lowest, highest = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98]))
-        low, high = max(lowest - _BEYOND, -_HIGHEST), min(highest + _BEYOND, _HIGHEST)
-    heights = np.radians(np.clip(pitch + np.array(_STEPS), min(low, pitch), max(high, pitch)))
+        low, high = (
+            max(lowest - _TRAINING_PITCH_MARGIN, -_MAX_PITCH),
+            min(highest + _TRAINING_PITCH_MARGIN, _MAX_PITCH),
+        )
+    heights = np.radians(np.clip(pitch + np.array(_PITCH_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
-    return framing_views(bounds, places, heights[np.arange(count) % len(heights)], size, _FOV)
+    pitches, fov = heights[np.arange(count) % len(heights)], float(np.radians(_FOV_DEGREES))
+    distance = framing_distance(bounds, places, pitches, fov, PlanConfig.fill)
+    return ring(bounds.centre, bounds.axes, distance, places, pitches, Lens(size, fov, NEAR_RADII * bounds.radius))
 
 
 def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tuple[slice, slice]]:
@@ -69,7 +77,7 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
     pixels, depths = camera.project(bounds.corners())
     x0, y0, x1, y1 = 0, 0, camera.width, camera.height
     if (depths > 0).all() and np.isfinite(pixels).all():
-        margin = _MARGIN * np.ptp(pixels, axis=0)
+        margin = _CLOSE_UP_MARGIN * np.ptp(pixels, axis=0)
         first = np.clip(np.floor(pixels.min(axis=0) - margin), 0, (x1, y1)).astype(int)
         last = np.clip(np.ceil(pixels.max(axis=0) + margin), 0, (x1, y1)).astype(int)
         if (last - first >= 1).all():
@@ -87,11 +95,11 @@ def _angles(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Fl
 def _arc(yaws: Float64Array) -> tuple[float, float]:
     """First yaw and span of the arc that evenly spread views stand for, in radians; the full circle if they do."""
     if len(yaws) == 1:
-        return float(yaws[0]) - _ALONE / 2, float(_ALONE)
+        return float(yaws[0]) - _SINGLE_VIEW_SPAN / 2, float(_SINGLE_VIEW_SPAN)
     ordered = np.sort(yaws)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
     widest = int(np.argmax(gaps))
-    if gaps[widest] <= max(_FULL_CIRCLE, 1.5 * 2 * np.pi / len(yaws)):
+    if gaps[widest] <= max(_LARGEST_YAW_GAP, 1.5 * 2 * np.pi / len(yaws)):
         return float(ordered[0]), float(2 * np.pi)
     between = 2 * np.pi - gaps[widest]
     step = between / (len(yaws) - 1)

@@ -12,11 +12,10 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
 from gaussian_trimmer.geometry.limits import check_size
+from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
 from gaussian_trimmer.settings import Range, check_settings
 
-_NEAR = 0.01
-"""Near plane of planned cameras in object radii, so that it works in scenes of any unit."""
 _Yaw = Annotated[float, Range(-720, 720)]
 _Lambda = Annotated[float, Range(1e-3, 1e4)]
 
@@ -65,19 +64,13 @@ def plan_cameras(
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
     check_size(bounds.radius)
     yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
-    directions = np.stack(
-        [np.cos(yaws) * np.cos(pitch), np.sin(yaws) * np.cos(pitch), np.full_like(yaws, np.sin(pitch))], -1
-    )
-    outward = directions @ axes
-    fov = np.radians(config.fov_degrees)
-    centre, distance = bounds.centre, _fitting_distance(bounds, outward, axes[2], fov, config.fill)
+    fov = float(np.radians(config.fov_degrees))
+    centre, distance = bounds.centre, framing_distance(bounds, yaws, pitch, fov, config.fill)
     if config.framing == "paper":
         centre = target.means.astype(np.float64).mean(0)
         length, width, height = 2 * bounds.half_extents
         distance = max(config.lambda_1 * max(length, width), config.lambda_2 * height)
-    K = intrinsics(fov, config.size, config.size)
-    poses = [look_at(centre + distance * direction, centre, axes[2]) for direction in outward]
-    return [Camera(pose, K, config.size, config.size, near=_NEAR * bounds.radius) for pose in poses], bounds
+    return ring(centre, axes, distance, yaws, pitch, Lens(config.size, fov, NEAR_RADII * bounds.radius)), bounds
 
 
 def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[float], size: int) -> list[Camera]:
@@ -89,16 +82,11 @@ def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[flo
         pitches_degrees: the heights, as angles above the horizon.
         size: width and height of the views in pixels.
     """
-    cameras, config = [], PlanConfig()
-    fov = np.radians(config.fov_degrees)
+    fov, fill, cameras = float(np.radians(PlanConfig.fov_degrees)), PlanConfig.fill, []
     for i, pitch in enumerate(np.radians(pitches_degrees)):
         yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
-        level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitch)
-        outward = np.column_stack([level, np.full(count, np.sin(pitch))]) @ bounds.axes
-        distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, config.fill)
-        for direction in outward:
-            pose = look_at(bounds.centre + distance * direction, bounds.centre, bounds.axes[2])
-            cameras.append(Camera(pose, intrinsics(fov, size, size), size, size, near=_NEAR * bounds.radius))
+        distance = framing_distance(bounds, yaws, pitch, fov, fill)
+        cameras += ring(bounds.centre, bounds.axes, distance, yaws, pitch, Lens(size, fov, NEAR_RADII * bounds.radius))
     return cameras
 
 
@@ -135,39 +123,3 @@ def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camer
     if span >= 2 * np.pi - 1e-6:
         return first + 2 * np.pi * np.arange(config.views) / config.views, pitch
     return first + span * (np.arange(config.views) + 0.5) / config.views, pitch
-
-
-def framing_views(
-    bounds: Bounds, yaws: Float64Array, pitches: Float64Array, size: int, fov_degrees: float
-) -> list[Camera]:
-    """Small views of an object from given angles, all at the distance at which its bounds fit into each.
-
-    Args:
-        bounds: the object's bounds, which the views frame.
-        yaws: angles about up, in radians, (V,).
-        pitches: angles above the horizon, in radians, (V,).
-        size: width and height of the views in pixels.
-        fov_degrees: field of view; the narrower it is, the farther away they are.
-    """
-    level = np.stack([np.cos(yaws), np.sin(yaws)], axis=1) * np.cos(pitches)[:, None]
-    outward = np.column_stack([level, np.sin(pitches)]) @ bounds.axes
-    fov = np.radians(fov_degrees)
-    distance = _fitting_distance(bounds, outward, bounds.axes[2], fov, PlanConfig().fill)
-    K, near = intrinsics(fov, size, size), _NEAR * bounds.radius
-    return [
-        Camera(look_at(bounds.centre + distance * away, bounds.centre, bounds.axes[2]), K, size, size, near=near)
-        for away in outward
-    ]
-
-
-def _fitting_distance(bounds: Bounds, outward: Float64Array, up: Float64Array, fov: float, fill: float) -> float:
-    """The smallest distance at which the bounds' corners lie within the middle `fill` of every view.
-
-    A corner x right or down of the axis and z behind the centre is inside at distance r where
-    x <= fill tan(fov / 2) (r + z), which is solved for r.
-    """
-    distances = []
-    for direction in outward:
-        local = (bounds.corners() - bounds.centre) @ look_at(direction, np.zeros(3), up)[:3, :3].T
-        distances.append(np.abs(local[:, :2]).max(axis=1) / (fill * np.tan(fov / 2)) - local[:, 2])
-    return float(np.max(distances))

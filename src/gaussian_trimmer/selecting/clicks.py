@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, look_at
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import (
     BoolArray,
@@ -24,6 +24,7 @@ from gaussian_trimmer.gaussians import (
     ellipsoid_points,
 )
 from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.planning.camera_rings import ring_poses
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.image_cut import cut_out_around_click, cut_out_box, lift_visible
@@ -253,13 +254,10 @@ def _views_around(camera: Camera, target: Target, up: Float64Array) -> list[Came
     """The view itself, and those from the other places of a circle around the point, about as high; small."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - target.point)
-    distance = float(np.linalg.norm(offset))
     pitch = np.clip(np.arctan2(offset[2], np.hypot(*offset[:2])), *np.radians(_PITCH_DEGREES))
-    views = [camera]
-    for yaw in np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(1, _AROUND) / _AROUND:
-        outward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes
-        pose = look_at(target.point + distance * outward, target.point, axes[2])
-        views.append(replace(camera, world_to_camera=pose))
+    yaws = np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(1, _AROUND) / _AROUND
+    poses = ring_poses(target.point, axes, float(np.linalg.norm(offset)), yaws, pitch)
+    views = [camera, *(replace(camera, world_to_camera=pose) for pose in poses)]
     return [view.resized(_VISIBILITY_SCALE) for view in views]
 
 

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.selecting.marks import Viewpoint
+from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.limits import check_size
+from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
+from gaussian_trimmer.selecting.marks import Point, Viewpoint
 from gaussian_trimmer.settings import Range, Vector
 
 _MIDDLE_SHARE = 0.25
@@ -25,12 +26,12 @@ _REACH = 3.0
 _ENDS = (0.005, 0.995)
 """Quantiles of the centres along each axis between which the whole capture lies."""
 _ROUNDS = 5
-_SIZE, _FOV_DEGREES = 640, 60.0
+_SIZE, _FOV = 640, float(np.radians(60))
+"""Width and height in pixels, and field of view."""
 _PITCH_DEGREES = 30.0
 _MIDDLE_FILL, _WHOLE_FILL = 0.6, 0.9
 _TARGET_DISTANCE = 3.0
 """Distance of the views around a given point, in radii of the part with most detail."""
-_NEAR = 0.01
 
 
 @dataclass(frozen=True)
@@ -70,17 +71,21 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig
     middle_point = _middle(gaussians.means)
     distance = np.linalg.norm(gaussians.means - middle_point, axis=1)
     middle, whole = (float(radius) for radius in np.quantile(distance, [_MIDDLE_SHARE, _WHOLE_SHARE]))
-    x, y, z = (float(value) for value in middle_point)
     if config.target is not None:
-        return _around_target(config, middle, up)
+        return _around_target(config.target, middle, up_frame(up), config)
     compact = whole < _COMPACT * middle
     framed = gaussians if compact else gaussians.select(distance <= np.float32(middle))
-    cameras = _ring(framed, up, config, _WHOLE_FILL if compact else _MIDDLE_FILL)
+    bounds = robust_bounds(framed, up_frame(up))
+    check_size(bounds.radius)
+    x, y, z = (float(value) for value in middle_point)
     reach = _REACH * (whole if compact else middle) * max(1.0, config.distance)
+    cameras = _framing_ring(bounds, config, _WHOLE_FILL if compact else _MIDDLE_FILL)
     views = [Viewpoint(camera, (x, y, z), reach) for camera in cameras]
     if compact:
         return Overview(views, range(len(views)))
-    all_of_it = [Viewpoint(camera) for camera in _ring_of_all(gaussians, up, config)]
+    all_of_it = [
+        Viewpoint(camera) for camera in _framing_ring(_bounds_of_nearly_all(gaussians, up), config, _WHOLE_FILL)
+    ]
     return Overview(views + all_of_it, range(len(views), 2 * len(views)))
 
 
@@ -92,58 +97,31 @@ def drawn_rows(means: FloatArray, view: Viewpoint) -> IntArray:
     return np.flatnonzero(distance <= np.float32(view.drawn_radius))
 
 
-def _ring(framed: Gaussians, up: Float64Array, config: OverviewConfig, fill: float) -> list[Camera]:
-    plan = PlanConfig(
-        views=config.ring, size=_SIZE, pitch_degrees=config.pitch, fill=fill, fov_degrees=_FOV_DEGREES
-    )  # fmt: skip
-    cameras, bounds = plan_cameras(framed, up, plan)
-    if config.distance == 1:
-        return cameras
+def _framing_ring(bounds: Bounds, config: OverviewConfig, fill: float) -> list[Camera]:
+    """Views whose middle `fill` holds the bounds, nearer or farther by the factor of the configuration."""
+    yaws, pitch = _angles(config)
+    distance = config.distance * framing_distance(bounds, yaws, pitch, _FOV, fill)
+    return ring(bounds.centre, bounds.axes, distance, yaws, pitch, Lens(_SIZE, _FOV, NEAR_RADII * bounds.radius))
+
+
+def _around_target(target: Point, radius: float, axes: Float64Array, config: OverviewConfig) -> Overview:
+    distance = _TARGET_DISTANCE * radius * config.distance
+    lens = Lens(_SIZE, _FOV, max(NEAR_RADII * radius, 1e-6))
+    cameras = ring(np.array(target, np.float64), axes, distance, *_angles(config), lens)
+    # What is farther from the point than the camera stands behind walls as often as not.
+    return Overview([Viewpoint(camera, target, 0.95 * distance) for camera in cameras], range(0))
+
+
+def _angles(config: OverviewConfig) -> tuple[Float64Array, float]:
+    """Yaws (V,) and the pitch, in radians."""
+    return 2 * np.pi * np.arange(config.ring) / config.ring, float(np.radians(config.pitch))
+
+
+def _bounds_of_nearly_all(gaussians: Gaussians, up: Float64Array) -> Bounds:
+    """The box that holds nearly all centres, wherever they lie dense."""
     axes = up_frame(up)
-    moved = [bounds.centre + config.distance * (camera.centre - bounds.centre) for camera in cameras]
-    return [
-        Camera(look_at(place, bounds.centre, axes[2]), camera.K, camera.width, camera.height, near=camera.near)
-        for place, camera in zip(moved, cameras, strict=True)
-    ]
-
-
-def _ring_of_all(gaussians: Gaussians, up: Float64Array, config: OverviewConfig) -> list[Camera]:
-    """Views of the box that holds nearly all centres, wherever they lie dense."""
-    axes = up_frame(up)
-    ends = np.quantile(gaussians.means.astype(np.float64) @ axes.T, _ENDS, axis=0)
-    corners = np.stack(np.meshgrid(*ends.T), -1).reshape(-1, 3) @ axes
-    centre = corners.mean(axis=0)
-    radius = float(np.linalg.norm(corners - centre, axis=1).max())
-    slope = _WHOLE_FILL * np.tan(np.radians(_FOV_DEGREES) / 2)
-    outward = _directions(config, axes)
-    distance = radius
-    for way in outward:
-        local = (corners - centre) @ look_at(way, np.zeros(3), axes[2])[:3, :3].T
-        distance = max(distance, float((np.abs(local[:, :2]).max(axis=1) / slope - local[:, 2]).max()))
-    K = intrinsics(float(np.radians(_FOV_DEGREES)), _SIZE, _SIZE)
-    poses = [look_at(centre + config.distance * distance * way, centre, axes[2]) for way in outward]
-    return [Camera(pose, K, _SIZE, _SIZE, near=_NEAR * radius) for pose in poses]
-
-
-def _directions(config: OverviewConfig, axes: Float64Array) -> list[Float64Array]:
-    """Unit vectors from what is looked at to the cameras, (3,) each."""
-    pitch = np.radians(config.pitch)
-    yaws = 2 * np.pi * np.arange(config.ring) / config.ring
-    return [np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)]) @ axes for yaw in yaws]
-
-
-def _around_target(config: OverviewConfig, radius: float, up: Float64Array) -> Overview:
-    assert config.target is not None
-    axes, centre = up_frame(up), np.array(config.target, np.float64)
-    reach = _TARGET_DISTANCE * radius * config.distance
-    K = intrinsics(float(np.radians(_FOV_DEGREES)), _SIZE, _SIZE)
-    views = []
-    for outward in _directions(config, axes):
-        pose = look_at(centre + reach * outward, centre, axes[2])
-        camera = Camera(pose, K, _SIZE, _SIZE, near=max(_NEAR * radius, 1e-6))
-        # What is farther from the point than the camera stands behind walls as often as not.
-        views.append(Viewpoint(camera, config.target, 0.95 * reach))
-    return Overview(views, range(0))
+    low, high = np.quantile(gaussians.means.astype(np.float64) @ axes.T, _ENDS, axis=0)
+    return Bounds((low + high) / 2 @ axes, axes, (high - low) / 2)
 
 
 def _middle(means: FloatArray) -> FloatArray:

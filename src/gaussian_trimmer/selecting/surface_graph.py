@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import (
     SH_C0,
     BoolArray,
@@ -28,6 +28,7 @@ from gaussian_trimmer.gaussians import (
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
+from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 
@@ -37,7 +38,7 @@ _RINGS = ((5.0, 8), (35.0, 8), (65.0, 4))
 """Pitch in degrees and number of views of each ring around the point."""
 _MAX_ANGLE = np.cos(np.radians(50))
 """Cosine of the largest angle between a view and the nearest training camera: beyond it nothing was photographed."""
-_SIZE, _FOV, _DISTANCE = 256, np.radians(60), 4.0
+_SIZE, _FOV, _DISTANCE = 256, float(np.radians(60)), 4.0
 """Size in pixels, field of view and distance in radii of these views."""
 _REFERENCE_RADIUS = 64.0
 """Radius in pixels to which the weights of the user's view are scaled, whatever its resolution."""
@@ -208,17 +209,14 @@ def _views_around(
     """Small views of a point from all around, starting at the user's yaw."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - centre)
-    directions = []
-    for pitch, number in _RINGS:
-        yaws = np.arctan2(offset[1], offset[0]) + 2 * np.pi * np.arange(number) / number
-        level, rise = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
-        directions += [np.array([np.cos(yaw) * level, np.sin(yaw) * level, rise]) @ axes for yaw in yaws]
+    steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _RINGS])
+    yaws = np.arctan2(offset[1], offset[0]) + steps
+    pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _RINGS])
     photographed = -_directions(np.array([taken.centre for taken in seen_from]).reshape(-1, 3), centre)
     if len(photographed):
-        directions = [way for way in directions if (photographed @ way).max() > _MAX_ANGLE]
-    K = intrinsics(_FOV, _SIZE, _SIZE)
-    poses = [look_at(centre + _DISTANCE * radius * way, centre, axes[2]) for way in directions]
-    return [Camera(pose, K, _SIZE, _SIZE, near=0.01 * radius) for pose in poses]
+        near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE
+        yaws, pitches = yaws[near], pitches[near]
+    return ring(centre, axes, _DISTANCE * radius, yaws, pitches, Lens(_SIZE, _FOV, NEAR_RADII * radius))
 
 
 def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
