@@ -61,8 +61,8 @@ class TrimResult:
     """The views that the trimmer looked from; none if the inputs were found wrong before."""
     floaters: int
     """Number of selected Gaussians that lie too far from the object to belong to it."""
-    refused: str
-    """Why the coarse selection was returned unchanged; empty if it was trimmed."""
+    refused: str | None
+    """Why the selection was returned unchanged; None if it was trimmed."""
     seconds: dict[str, float]
     """Time taken by each stage."""
     renderer: str
@@ -85,8 +85,8 @@ class TrimResult:
     """New Gaussians of the background, which close the hole that the object left in a surface."""
     fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
-    not_fitted: str = ""
-    """Why the outline was not fitted although it was asked for; empty if it was, or was not to be."""
+    not_fitted: str | None = None
+    """Why the outline was not fitted although it was asked for; None if it was, or was not to be."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 
@@ -208,9 +208,9 @@ class SlimResult:
         ]
 
     @property
-    def refused(self) -> str:
-        """Why the coarse selection was returned unchanged; empty if it was trimmed."""
-        return str(self.report["refused"])
+    def refused(self) -> str | None:
+        """Why the selection was returned unchanged; None if it was trimmed."""
+        return self.report["refused"] or None
 
 
 def _mask(rows: NDArray[Any], n: int) -> BoolArray:

@@ -14,6 +14,9 @@ from gaussian_trimmer.rendering import Rendering
 HALF = 0.5
 """A pixel belongs to the object where the object's alpha, or its share of the picture, is above this."""
 
+OCCLUDER_DISTANCE = 0.1
+"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+
 REFERENCE_PIXELS = 5 * 512 * 512
 """Pixels of the default views. Thresholds on summed blend weights hold for these, whatever views there are."""
 
@@ -74,8 +77,15 @@ class TrimmedView:
     view: View
     mask: BoolArray
     """The segmenter's mask, (H, W)."""
-    rejected: str
-    """Why the mask was rejected; empty if it was accepted."""
+    rejected: str | None
+    """Why the mask was rejected; None if it was accepted."""
+
+
+def without_pictures(trimmed: TrimmedView) -> TrimmedView:
+    """The camera of a view and what became of its mask, in little memory: all arrays are empty."""
+    blank, view = np.zeros((0, 0), np.float32), trimmed.view
+    picture = Rendering(np.zeros((0, 0, 3), np.float32), blank, blank)
+    return TrimmedView(View(view.camera, picture, blank, blank, blank, view.box), blank > 0, trimmed.rejected)
 
 
 def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:

@@ -15,6 +15,8 @@ import numpy as np
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.settings import Share, Weight
 
+OUTSIDE, INSIDE, HIDDEN = range(3)
+"""Columns of blend weights (N, 3): outside the masks, inside them, and outside them where something nearer hides."""
 _SEEN = 1e-3
 """Blend weight above which a Gaussian counts as seen."""
 _CLEARLY_SEEN = 1.0
@@ -94,8 +96,8 @@ def find_halo(
         free_standing: what lies above the plane that the object stands on, (N,).
         config: thresholds.
     """
-    uncovered = np.maximum(isolated[:, 0] + np.where(free_standing, 0, isolated[:, 2]) - outside, 0)
-    total = uncovered + isolated[:, 1]
+    uncovered = np.maximum(isolated[:, OUTSIDE] + np.where(free_standing, 0, isolated[:, HIDDEN]) - outside, 0)
+    total = uncovered + isolated[:, INSIDE]
     limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
     return np.asarray((total > _SEEN) & (uncovered > limit * total) & (uncovered > inside))
 
@@ -112,12 +114,12 @@ def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray
         inside: blend weight inside the masks in the views of the whole scene, (N,).
         widths: largest standard deviation of each Gaussian, in object radii, (N,).
     """
-    outside = isolated[:, 0] + isolated[:, 2]
-    mostly = (outside > _SEEN) & (outside > _MOSTLY_OUTSIDE * (outside + isolated[:, 1]))
+    outside = isolated[:, OUTSIDE] + isolated[:, HIDDEN]
+    mostly = (outside > _SEEN) & (outside > _MOSTLY_OUTSIDE * (outside + isolated[:, INSIDE]))
     return np.asarray((widths > _LARGE) & mostly & (outside > inside))
 
 
-def find_outsiders(
+def contradicted_by_views(
     isolated: FloatArray, inside: FloatArray, outside: FloatArray, probability: FloatArray, widths: FloatArray
 ) -> BoolArray:
     """Which Gaussians the scene shows so openly and so far outside the masks that no label can keep them, (N,).

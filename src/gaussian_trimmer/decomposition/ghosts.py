@@ -23,6 +23,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.views import HALF, bounding_box
 
 _ROUNDS = 3
@@ -105,30 +106,27 @@ def clean_background(
 
 
 def hidden_by_several(
-    gaussians: Gaussians, keep: BoolArray, own: BoolArray, bounds: Bounds,
-    find_plane: Callable[[FloatArray], SupportPlane | None], cameras: Sequence[Camera], renderer: Renderer,
-) -> BoolArray:  # fmt: skip
-    """Which Gaussians of the scene without several objects are only there because one of them hid them, (N,).
+    scope: Scope, members: BoolArray, find_plane: Callable[[FloatArray], SupportPlane | None], renderer: Renderer
+) -> BoolArray:
+    """Which Gaussians of the scene without several objects are only there because one of them hid them, (L,).
 
     What joins an object in `clean_background` stays where it is, so that objects do not depend on each other.
 
     Args:
-        gaussians: the object and the Gaussians around it, N of them.
-        keep: which of them are of any object, whole or in part, (N,).
-        own: which of them are of this one, (N,).
-        bounds: its bounds; their third axis is up.
-        find_plane: gives the plane that it stands on, if there is one, by the blend weight that each Gaussian has in
-            the views, (N,).
-        cameras: small views of it from all sides and heights.
+        scope: one object, which is selected, the Gaussians around it, and small views of its place.
+        members: which Gaussians are of any object, whole or in part, (L,).
+        find_plane: gives the plane that the object stands on, if there is one, by the blend weight that each Gaussian
+            has in the views, (L,).
         renderer: draws scene, background and object by themselves.
     """
-    if keep.all() or not own.any() or not cameras:
-        return np.zeros(len(keep), np.bool_)
+    gaussians, own, cameras = scope.local, scope.selected, scope.cameras
+    if members.all() or not own.any() or not cameras:
+        return np.zeros(len(members), np.bool_)
     silhouettes = _silhouettes(gaussians.select(own), cameras, renderer)
-    seen = _weights(gaussians, np.ones(len(keep), np.bool_), cameras, silhouettes, renderer)
+    seen = _weights(gaussians, np.ones(len(members), np.bool_), cameras, silhouettes, renderer)
     visible = seen.sum(axis=1)
-    where = _Place(gaussians, keep, own, visible, bounds, find_plane(visible))
-    ghosts, shown = _find_ghosts(gaussians, keep, seen, where, cameras, silhouettes, renderer)
+    where = _Place(gaussians, members, own, visible, scope.bounds, find_plane(visible))
+    ghosts, shown = _find_ghosts(gaussians, members, seen, where, cameras, silhouettes, renderer)
     return _droppable(gaussians, ghosts, visible, shown, cameras, renderer)
 
 

@@ -16,8 +16,8 @@ from typing import Annotated
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.decomposition.fit_target import coverage_target, thin_share
 from gaussian_trimmer.decomposition.fitting import Target, fit
-from gaussian_trimmer.decomposition.soft_coverage import coverage_target, thin_share
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.rendering.gradients import Drawing, draw
@@ -71,8 +71,8 @@ class Refined:
     """Which of them are parts of a Gaussian that was split, (M,)."""
     fitted: BoolArray
     """Which of them are not as they were, (M,)."""
-    left: str = ""
-    """Why nothing was fitted, if the views do not tell enough; else empty."""
+    skipped_because: str | None = None
+    """Why nothing was fitted, if the views do not tell enough."""
 
 
 def refine(
@@ -119,8 +119,8 @@ def refine(
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
 
 
-def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: RefineConfig) -> str:
-    """Why coverage that follows from labels cannot be trusted; empty if it can."""
+def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: RefineConfig) -> str | None:
+    """Why coverage that follows from labels cannot be trusted; None if it can."""
     shown, hidden, lost = 0, 0, 0
     for alone, target in zip(drawings, targets, strict=True):
         silhouette, counts = alone.image[3] > HALF, target.weight[3] > 0
@@ -131,7 +131,7 @@ def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: Refin
         return f"{100 * hidden / shown:.0f} % of the object is hidden in the fit's views"
     if lost > config.max_lost * shown:
         return f"the fit would take away {100 * lost / shown:.1f} % of the object's silhouettes"
-    return ""
+    return None
 
 
 def _unchanged(inner: Gaussians, reason: str) -> Refined:

@@ -135,7 +135,7 @@ def _run_of(
     mean = mean_scores(scored)
     return Run(
         task.scene, task.object, task.kind, variant, judge.occlusion, mean_scores(scored_before), mean,
-        mean.pop("fidelity", float("nan")), seconds, result.refused,
+        mean.pop("fidelity", float("nan")), seconds, result.refused or "",
         {label.name.lower(): result.count(label) for label in RowLabel},
         tuple(ViewScores(view.camera.name, then, now) for view, then, now in rows),
     )  # fmt: skip

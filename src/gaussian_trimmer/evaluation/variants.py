@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gaussian_trimmer.config import SplitConfig, TrimConfig, paper_config
-from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, Segmenter
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, paper_sam
@@ -51,7 +50,6 @@ def with_views(base: Variant, n: int) -> Variant:
 def variants() -> dict[str, Variant]:
     """All variants by name; `default` comes first."""
     base, paper = TrimConfig(), paper_config()
-    at_support_plane = SplitConfig(at_support_plane=SupportPlaneSplitConfig(enabled=True))
     ablated = without_planning_or_background(Variant())
     named = {
         "default": Variant(),
@@ -61,7 +59,6 @@ def variants() -> dict[str, Variant]:
         "principal-axis": Variant(replace(base, split=SplitConfig("principal_axis"))),
         "sagd-split": Variant(replace(base, split=SplitConfig("sagd"))),
         "no-split": Variant(replace(base, split=SplitConfig("none"))),
-        "support-plane-split": Variant(replace(base, split=at_support_plane)),
         "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
         "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),

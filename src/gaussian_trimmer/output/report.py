@@ -115,12 +115,12 @@ def describe(
             "axes": result.bounds.axes.tolist(),
         },
         "views": [
-            {"accepted": not view.rejected, "reason": view.rejected, **_camera_entry(view.view.camera)}
+            {"accepted": not view.rejected, "reason": view.rejected or "", **_camera_entry(view.view.camera)}
             for view in result.views
         ],
         "checked": checked_sides(result).as_json(),
-        "refused": result.refused,
-        "not_fitted": result.not_fitted,
+        "refused": result.refused or "",
+        "not_fitted": result.not_fitted or "",
         "warnings": list(result.warnings),
         "counts": count(result, selection),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
