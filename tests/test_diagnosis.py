@@ -66,6 +66,16 @@ def test_training_cameras_that_see_the_object_and_cameras_of_tests_are_taken():
         assert trim(SCENE, TRUTH, config=CONFIG, cameras=cameras).refused is None
 
 
+@pytest.mark.parametrize(
+    ("selection", "warning"),
+    [(~TRUTH, f"{100 * (~TRUTH).mean():.0f} % of the scene's Gaussians; if it is inverted"),
+     (TRUTH | ~TRUTH, "the whole scene")],
+)  # fmt: skip
+def test_a_selection_of_most_of_the_scene_is_doubted(selection, warning):
+    assert any(warning in text for text in trim(SCENE, selection, config=CONFIG).warnings)
+    assert trim(SCENE, TRUTH, config=CONFIG).warnings == ()
+
+
 @pytest.mark.parametrize("up", ["x", (0, 1, 0.5), "-z"])
 def test_an_up_vector_that_the_ground_contradicts_is_doubted(up):
     result = trim(SCENE, TRUTH, config=CONFIG, up=up)

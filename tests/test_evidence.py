@@ -9,9 +9,9 @@ from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_c
 from gaussian_trimmer.decomposition.evidence import (
     EvidenceConfig,
     classify_gaussians,
+    contradicted_by_views,
     find_halo,
     find_large_halo,
-    contradicted_by_views,
 )
 from gaussian_trimmer.trimming.trim import PlanConfig, RowLabel, SplitConfig, trim
 

@@ -1,4 +1,4 @@
-"""Boundary Gaussian Decomposition, the parts: which Gaussians are the object's, and the two sides of those that are cut."""
+"""Boundary Gaussian Decomposition, the parts: the object's Gaussians, and both sides of those that are cut."""
 
 from __future__ import annotations
 

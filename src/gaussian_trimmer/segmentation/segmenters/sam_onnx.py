@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
+from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.segmentation.segmenters.prompts import BACKGROUND, BOX_CORNERS, FOREGROUND, IMAGENET, Prompt
 
 PROVIDERS = {
@@ -292,7 +293,8 @@ def _find_files(folder: Path) -> tuple[Path, Path]:
     """Encoder and decoder in a folder, or in its folder `onnx`; their names tell which is which."""
     try:
         places = [place for place in (folder, folder / "onnx") if place.is_dir()]
-        files = [file for place in places for file in sorted(place.iterdir()) if file.suffix in _ENDINGS]
+        listed = [file for place in places for file in sorted(place.iterdir()) if file.suffix in _ENDINGS]
+        files = [file for file in listed if is_file(file)]
     except (OSError, ValueError) as error:
         raise InputError(f"The folder '{folder}' cannot be read ({_first_line(error)}).") from error
     if not places:
