@@ -102,12 +102,14 @@ def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("checked_kernels")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", ["draw_extreme_scenes", "draw_meaningless_splats"])
 def test_no_kernel_leaves_its_arrays(function, cache):
     done = in_a_checked_process(function, cache)
     assert (done.returncode, done.stdout.strip()) == (0, "done"), done.stderr
 
 
+@pytest.mark.slow
 def test_indices_are_really_checked_there(cache):
     done = in_a_checked_process("write_beside_an_array", cache)
     assert done.returncode == 1

@@ -11,7 +11,7 @@ from command_line import SMALL, run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, SplitConfig
+from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.result import RowLabel
@@ -93,11 +93,11 @@ def test_split_gaussians_have_one_owner():
 
 def test_outlines_are_fitted_once_contested_gaussians_have_an_owner():
     """What was fitted alone and then lost a part is another outline than the one that was fitted."""
-    half = ROUGH[3] & (SCENE.means[:, 0] < 0.3)
-    config = replace(CONFIG, refine="fit", background="exact")
-    contested = trim_objects(SCENE, {1: ROUGH[3], 2: half, 5: ROUGH[7]}, config=config)
+    halves = [ROUGH[3] & (SCENE.means[:, 0] * side < 0.3) for side in (1, -1)]
+    config = replace(CONFIG, refine="fit", refinement=RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1))
+    contested = trim_objects(SCENE, halves, config=config)
     loser = max(contested.objects, key=lambda part: part.given_up)
-    assert loser.given_up > 100
+    assert loser.given_up > 20
     assert len(loser.fitted)
     assert loser.report["counts"]["object"] == len(loser.gaussians)
 

@@ -17,17 +17,17 @@ from gaussian_trimmer.settings import Share, Weight
 
 OUTSIDE, INSIDE, HIDDEN = range(3)
 """Columns of blend weights (N, 3): outside the masks, inside them, and outside them where something nearer hides."""
-_SEEN = 1e-3
+_MIN_SEEN_PIXELS = 1e-3
 """Blend weight above which a Gaussian counts as seen."""
-_CLEARLY_SEEN = 1.0
+_CLEARLY_SEEN_PIXELS = 1.0
 """The same for one that the views may take from the object against its label."""
-_UNDECIDED = 0.5
+_UNDECIDED_SHARE = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
 _VISIBLE_WEIGHT = 3.0
 """Weight of the share inside the masks of a Gaussian of which the scene hides nothing, relative to its label."""
-_LARGE = 0.25
+_LARGE_WIDTH_RADII = 0.25
 """Largest standard deviation, in object radii, from which on that weight grows; at twice this it is doubled."""
-_MOSTLY_OUTSIDE = 0.6
+_LARGE_HALO_SHARE = 0.6
 """Share of its blend weight outside the masks from which on a Gaussian as large as that is none of the object."""
 
 
@@ -68,10 +68,10 @@ def classify_gaussians(
         config: thresholds.
     """
     total = inside + outside
-    share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED), where=total > 0)
-    label = np.where(coarse, probability, _UNDECIDED * probability)
-    support = share - _UNDECIDED + config.prior * (label - _UNDECIDED)
-    supported = np.where(total > _SEEN, support, label - _UNDECIDED) > 0
+    share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED_SHARE), where=total > 0)
+    label = np.where(coarse, probability, _UNDECIDED_SHARE * probability)
+    support = share - _UNDECIDED_SHARE + config.prior * (label - _UNDECIDED_SHARE)
+    supported = np.where(total > _MIN_SEEN_PIXELS, support, label - _UNDECIDED_SHARE) > 0
     return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
 
 
@@ -98,8 +98,8 @@ def find_halo(
     """
     uncovered = np.maximum(isolated[:, OUTSIDE] + np.where(free_standing, 0, isolated[:, HIDDEN]) - outside, 0)
     total = uncovered + isolated[:, INSIDE]
-    limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
-    return np.asarray((total > _SEEN) & (uncovered > limit * total) & (uncovered > inside))
+    limit = np.where(inside + outside > _MIN_SEEN_PIXELS, config.isolated_limit, config.hidden_limit)
+    return np.asarray((total > _MIN_SEEN_PIXELS) & (uncovered > limit * total) & (uncovered > inside))
 
 
 def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray) -> BoolArray:
@@ -115,14 +115,14 @@ def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray
         widths: largest standard deviation of each Gaussian, in object radii, (N,).
     """
     outside = isolated[:, OUTSIDE] + isolated[:, HIDDEN]
-    mostly = (outside > _SEEN) & (outside > _MOSTLY_OUTSIDE * (outside + isolated[:, INSIDE]))
-    return np.asarray((widths > _LARGE) & mostly & (outside > inside))
+    mostly = (outside > _MIN_SEEN_PIXELS) & (outside > _LARGE_HALO_SHARE * (outside + isolated[:, INSIDE]))
+    return np.asarray((widths > _LARGE_WIDTH_RADII) & mostly & (outside > inside))
 
 
 def contradicted_by_views(
     isolated: FloatArray, inside: FloatArray, outside: FloatArray, probability: FloatArray, widths: FloatArray
 ) -> BoolArray:
-    """Which Gaussians the scene shows so openly and so far outside the masks that no label can keep them, (N,).
+    """Which Gaussians the scene shows so clearly outside the masks that no label can keep them, (N,).
 
     A label that was corrected with certainty outweighs the masks in `classify_gaussians`, as it should where a view
     sees little of a Gaussian. One that is in full view, and the more so a large one, is what the views show.
@@ -136,6 +136,8 @@ def contradicted_by_views(
     """
     seen, whole = inside + outside, isolated.sum(axis=1)
     visible = np.minimum(1, np.divide(seen, whole, out=np.zeros_like(seen), where=whole > 0))
-    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED), where=seen > 0)
-    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE, 1, 2)
-    return np.asarray((seen > _CLEARLY_SEEN) & (weight * (_UNDECIDED - share) > probability - _UNDECIDED))
+    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED_SHARE), where=seen > 0)
+    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE_WIDTH_RADII, 1, 2)
+    return np.asarray(
+        (seen > _CLEARLY_SEEN_PIXELS) & (weight * (_UNDECIDED_SHARE - share) > probability - _UNDECIDED_SHARE)
+    )

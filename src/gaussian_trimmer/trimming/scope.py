@@ -8,8 +8,8 @@ from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 from gaussian_trimmer.geometry.bounds import Bounds, touching
-from gaussian_trimmer.planning.coverage import limit_yaw_to_observed
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.trimming.task import Task
