@@ -14,6 +14,9 @@ from gaussian_trimmer.rendering import Rendering
 HALF = 0.5
 """A pixel belongs to the object where the object's alpha, or its share of the picture, is above this."""
 
+HALF_COVERAGE = 127
+"""Coverage of a pixel from 0 to 255 above which it belongs to a mask."""
+
 OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
 
@@ -97,6 +100,11 @@ def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:
     """
     pixels = sum(camera.height * camera.width for camera in cameras)
     return np.asarray(weights * np.float32(REFERENCE_PIXELS / pixels))
+
+
+def mask_overlap(first: BoolArray, second: BoolArray) -> float:
+    """Intersection over union of two masks (H, W); 0 if both are empty."""
+    return int(np.count_nonzero(first & second)) / max(int(np.count_nonzero(first | second)), 1)
 
 
 def bounding_box(mask: BoolArray, margin: int = 0) -> Box:

@@ -18,22 +18,22 @@ from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
 
 _NEIGHBOURS = 8
-_ASKED = 500
+_SAMPLE_SIZE = 500
 """Selected Gaussians whose neighbours are looked at, spread over the selection."""
-_SCENE_SAMPLE = 20_000
+_SCENE_SAMPLE_SIZE = 20_000
 _MIN_SELECTED = 100
 """Selected Gaussians that a sample of the scene holds at the least, if there are so many."""
 _MIN_JUDGED = 20
 """Fewer selected Gaussians than this can lie anywhere."""
-_SCATTERED = 0.3
+_MIN_AGREEMENT = 0.3
 """Agreement of neighbours below which a selection is no object. Of selections of objects, thin and broken ones among
 them, the least is 0.58; rows in another order, also where both orders follow the space, reach 0.2."""
-_COARSE_STEP = 0.5
+_MAX_STEP_WIDTHS = 0.5
 """Step between single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
 _MOST_OF_SCENE = 0.5
 """Share of a scene's Gaussians from which on a selection may be the background by mistake."""
 _MAX_TILT_DEGREES = 30.0
-_MIN_GROUND = 0.2
+_MIN_GROUND_CONFIDENCE = 0.2
 """Confidence in a ground plane from which on it can disagree with an up vector."""
 
 
@@ -73,7 +73,7 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
     if up.source not in KNOWN_SOURCES:
         return None
     ground = up_from_ground_plane(scene, selection)
-    if ground is None or ground.confidence < _MIN_GROUND:
+    if ground is None or ground.confidence < _MIN_GROUND_CONFIDENCE:
         return None
     tilt = np.degrees(np.arccos(np.clip(up.direction @ ground.direction, -1, 1)))
     if tilt <= _MAX_TILT_DEGREES:
@@ -96,12 +96,12 @@ def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
         scene: N Gaussians, not all of them selected.
         selection: the coarse object, (N,).
     """
-    step = max(1, min(len(scene) // _SCENE_SAMPLE, int(selection.sum()) // _MIN_SELECTED))
+    step = max(1, min(len(scene) // _SCENE_SAMPLE_SIZE, int(selection.sum()) // _MIN_SELECTED))
     # Every n-th of either side, so that an order of rows in which every n-th is selected does no harm.
     rows = np.sort(np.concatenate([np.flatnonzero(selection)[::step], np.flatnonzero(~selection)[::step]]))
     means, chosen = scene.means[rows], selection[rows]
     asked = np.flatnonzero(chosen)
-    asked = asked[np.linspace(0, len(asked) - 1, min(_ASKED, len(asked))).astype(np.int64)]
+    asked = asked[np.linspace(0, len(asked) - 1, min(_SAMPLE_SIZE, len(asked))).astype(np.int64)]
     _, near = nearest(means, means[asked], min(_NEIGHBOURS + 1, len(means)))
     others = near != asked[:, None]
     share, chance = np.count_nonzero(chosen[near] & others) / np.count_nonzero(others), float(chosen.mean())
@@ -112,7 +112,7 @@ def _scatter(scene: Gaussians, selection: BoolArray) -> str | None:
     if selection.all() or selection.sum() < _MIN_JUDGED or len(scene) <= 2 * _NEIGHBOURS:
         return None
     agreement = neighbour_agreement(scene, selection)
-    if agreement >= _SCATTERED:
+    if agreement >= _MIN_AGREEMENT:
         return None
     return (
         f"the {selection.sum():,} selected Gaussians are scattered over the scene (neighbours agree by "
@@ -137,7 +137,7 @@ def _lost_places(scene: Gaussians, selection: BoolArray) -> str | None:
     middle = np.median(centres, axis=0)
     step = float(np.spacing(np.abs(middle).max()))
     width = float(np.exp(np.median(scene.log_scales[selection].max(axis=1))))
-    if step <= _COARSE_STEP * width:
+    if step <= _MAX_STEP_WIDTHS * width:
         return None
     place = " ".join(f"{value:.0f}" for value in middle)
     return (

@@ -10,7 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
-from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.observed_angles import FULL_CIRCLE_GAP, cameras_that_see
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 _FOV_DEGREES = 20.0
@@ -25,8 +25,6 @@ _GAP_PITCH_MARGIN = 10.0
 there."""
 _TRAINING_PITCH_MARGIN = 25.0
 """How much farther up and down than the training cameras the views may look from, in degrees."""
-_LARGEST_YAW_GAP = np.radians(100)
-"""Views without a wider gap between their yaws stand all around the object."""
 _SINGLE_VIEW_SPAN = np.radians(30)
 """Span of yaws around a single view."""
 _CLOSE_UP_MARGIN = 0.15
@@ -99,7 +97,7 @@ def observed_arc(yaws: Float64Array) -> tuple[float, float]:
     ordered = np.sort(yaws)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
     widest = int(np.argmax(gaps))
-    if gaps[widest] <= max(_LARGEST_YAW_GAP, 1.5 * 2 * np.pi / len(yaws)):
+    if gaps[widest] <= max(FULL_CIRCLE_GAP, 1.5 * 2 * np.pi / len(yaws)):
         return float(ordered[0]), float(2 * np.pi)
     between = 2 * np.pi - gaps[widest]
     step = between / (len(yaws) - 1)

@@ -111,9 +111,18 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     for tiles in projection.parts(camera, kernels.N_SUMS):
         with KERNEL_LOCK:
             pairs, busy = kernels.differentiate_tiles(
-                projection.splats, projection.colours, moves, tiles.starts, tiles.lists, tiles.spans, tiles.first,
-                camera.width, camera.height, drawing.padded, padded,
-            )  # fmt: skip
+                projection.splats,
+                projection.colours,
+                moves,
+                tiles.starts,
+                tiles.lists,
+                tiles.spans,
+                tiles.first,
+                camera.width,
+                camera.height,
+                drawing.padded,
+                padded,
+            )
             kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, busy, sums)
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
@@ -121,8 +130,15 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     lens, limits = lens_of(camera)
     with KERNEL_LOCK:
         derivatives[rows] = kernels.gather(
-            gaussians.means[rows], gaussians.log_scales[rows], gaussians.quaternions[rows],
-            gaussians.opacity_logits[rows], np.ascontiguousarray(camera.world_to_camera), lens, limits,
-            projection.splats[chosen], projection.colours[chosen], sums[chosen],
-        )  # fmt: skip
+            gaussians.means[rows],
+            gaussians.log_scales[rows],
+            gaussians.quaternions[rows],
+            gaussians.opacity_logits[rows],
+            np.ascontiguousarray(camera.world_to_camera),
+            lens,
+            limits,
+            projection.splats[chosen],
+            projection.colours[chosen],
+            sums[chosen],
+        )
     return derivatives

@@ -152,9 +152,16 @@ class NumbaRenderer:
         for tiles in projection.parts(camera):
             with KERNEL_LOCK:
                 top_of_pixels(
-                    projection.splats, tiles.starts, tiles.lists, tiles.spans, tiles.first, camera.width, pixels, ids,
+                    projection.splats,
+                    tiles.starts,
+                    tiles.lists,
+                    tiles.spans,
+                    tiles.first,
+                    camera.width,
+                    pixels,
+                    ids,
                     weights,
-                )  # fmt: skip
+                )
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
@@ -187,10 +194,17 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
     lens, limits = lens_of(camera)
     with KERNEL_LOCK:
         splats, colours, drawn = project(
-            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,
-            gaussians.sh_dc, gaussians.sh_rest, np.ascontiguousarray(camera.world_to_camera), camera.centre, lens,
+            gaussians.means,
+            gaussians.log_scales,
+            gaussians.quaternions,
+            gaussians.opacity_logits,
+            gaussians.sh_dc,
+            gaussians.sh_rest,
+            np.ascontiguousarray(camera.world_to_camera),
+            camera.centre,
+            lens,
             limits,
-        )  # fmt: skip
+        )
         # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
         candidates = np.flatnonzero(drawn)
         keys = colours[candidates, 3].view(np.uint32).astype(np.uint64) << np.uint64(32) | candidates.astype(np.uint64)
@@ -214,10 +228,14 @@ def lens_of(camera: Camera) -> tuple[Float64Array, Float64Array]:
     margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
-        limits = np.array([
-            (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
-            (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
-        ])  # fmt: skip
+        limits = np.array(
+            [
+                (-margin[0] - cx) / fx,
+                (camera.width + margin[0] - cx) / fx,
+                (-margin[1] - cy) / fy,
+                (camera.height + margin[1] - cy) / fy,
+            ]
+        )
     return np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near]), limits
 
 
@@ -240,9 +258,17 @@ def blend_view(
     for tiles in projection.parts(camera, len(labels)):
         with KERNEL_LOCK:
             pairs = blend_tiles(
-                projection.splats, values, tiles.starts, tiles.lists, tiles.spans, tiles.first, camera.width,
-                camera.height, labels, image,
-            )  # fmt: skip
+                projection.splats,
+                values,
+                tiles.starts,
+                tiles.lists,
+                tiles.spans,
+                tiles.first,
+                camera.width,
+                camera.height,
+                labels,
+                image,
+            )
             sum_pairs(pairs, tiles.lists, sums)
     return image, sums
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.settings import Range, Share
-from gaussian_trimmer.views import TrimmedView, View
+from gaussian_trimmer.views import TrimmedView, View, mask_overlap
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
     for view, mask in zip(views, masks, strict=True):
         silhouette = view.silhouette
         size = int(np.count_nonzero(silhouette))
-        overlap = int(np.count_nonzero(mask & silhouette)) / max(int(np.count_nonzero(mask | silhouette)), 1)
+        overlap = mask_overlap(mask, silhouette)
         reason = None
         if size < config.min_silhouette:
             reason = f"the object is expected in only {size} pixels"

@@ -20,10 +20,9 @@ from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 from gaussian_trimmer.segmentation.segmenters import MaskSource
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views import HALF_COVERAGE, View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-_HALF_COVERAGE = 127
 _MAX_FILE_BYTES = 1 << 28
 _MAX_PICTURE_BYTES = 1 << 28
 
@@ -77,7 +76,7 @@ def mask_of(camera: Camera, folder: Path) -> BoolArray:
     Raises:
         InputError: the folder has none, or it cannot be read or is of another size.
     """
-    return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > _HALF_COVERAGE)
+    return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > HALF_COVERAGE)
 
 
 def ids_of(camera: Camera, folder: Path) -> NDArray[Any]:
