@@ -2,7 +2,7 @@
 
     python benchmarks/app.py SCENE [--objects NAME ...] [--runs 3]
 
-SCENE is a benchmark scene (see `gaussian_trimmer.evaluation.datasets`). The app runs as it does for a browser, but
+SCENE is a benchmark scene (see benchmark_scenes.py). The app runs as it does for a browser, but
 nobody looks: times end when the new colours have been handed to the connection, the drawing in the browser is not in
 them. Marks are made in the training view whose mask of the object is largest: a click on the pixel farthest from the
 mask's edge, the mask's bounding box, a second click that takes something away, and at the clicked point a dab of the

@@ -3,7 +3,7 @@
     python benchmarks/clicks.py ROOT [--ways box click] [--marks 3] [--objects NAME ...] [--without-cameras]
         [--sam-model DIR] [--output FILE]
 
-ROOT holds benchmark scenes (see `gaussian_trimmer.evaluation.datasets`), or is one. The user is simulated: in the
+ROOT holds benchmark scenes (see benchmark_scenes.py), or is one. The user is simulated: in the
 training view whose mask of the object is largest, the box is the mask's bounds and two pixels more, within the
 picture, and the click is the pixel farthest from the mask's edge. No other ground truth reaches the program.
 
@@ -24,12 +24,13 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import tyro
+from benchmark_scenes import BenchmarkScene, open_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, only_training
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
-from gaussian_trimmer.evaluation.datasets import BenchmarkScene, TestView, open_scene
+from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.planning.up_vector import find_up
@@ -223,7 +224,9 @@ def _best_view(scene: BenchmarkScene, name: str) -> tuple[Camera, BoolArray]:
 def _iou(gaussians: Gaussians, views: Sequence[TestView]) -> float:
     """Mean foreground IoU over the views, percent, with the object rendered alone."""
     shown = [(_RENDERER.render(gaussians, view.camera).alpha, view) for view in views]
-    return 100 * float(np.mean([metrics.foreground_iou(alpha, view.coverage, view.valid) for alpha, view in shown]))
+    return 100 * float(
+        np.mean([metrics.foreground_iou(alpha, view.alone.coverage, view.alone.counted) for alpha, view in shown])
+    )
 
 
 if __name__ == "__main__":

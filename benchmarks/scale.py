@@ -1,7 +1,6 @@
-"""What do batches cost? Items a minute and memory against workers; and, by simulation, a batch of 10^6 objects.
+"""What do batches cost? Items a minute and memory against workers.
 
     python benchmarks/scale.py [--data ROOT ...] [--objects 200] [--engines local ray] [--workers 1 2] [--output DIR]
-    python benchmarks/scale.py --simulate [--machines 64 --cores 16 ...]
 
 The manifest has copies of benchmark scenes, each turned by a rotation of its own, so that no two are equal; every
 object of a scene is an item. A loop in Python over the same items, with each scene read once, is what batches are held
@@ -19,7 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,10 +26,9 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
-from simulated_batch import Plant, simulate
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.local import cores
+from gaussian_trimmer.batch.worker import cores
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, quaternions_of, rotation_matrices
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.rendering.reference import sh_basis
@@ -57,19 +55,11 @@ class Arguments:
     """Measure the loop in Python too."""
     repeat: int = 1
     """Measure everything so many times; the best counts."""
-    simulate: bool = False
-    """Simulate a large batch instead."""
-    plant: Plant = field(default_factory=Plant)
 
 
 def main(arguments: Arguments) -> None:
     console = Console()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    if arguments.simulate:
-        record: Record = {"plant": asdict(arguments.plant), **simulate(arguments.plant)}
-        (arguments.output / "simulation.json").write_text(json.dumps(record, indent=1) + "\n")
-        console.print_json(json.dumps(record))
-        return
     manifest = make_manifest(arguments.data, arguments.kind, arguments.objects, arguments.output / "scenes")
     runs: list[tuple[str, int]] = [("loop", 1)] if arguments.loop else []
     runs += [(engine, workers) for engine in arguments.engines for workers in arguments.workers]
@@ -78,7 +68,10 @@ def main(arguments: Arguments) -> None:
         tries = [measure(engine, workers, manifest, arguments) for _ in range(arguments.repeat)]
         results.append(max(tries, key=lambda record: float(record["items_per_minute"])))
         console.print(f"{engine} {workers}: {results[-1]['items_per_minute']:.1f} items a minute")
-    record = {"machine": f"{platform.processor() or platform.machine()}, {cores()} processors", "results": results}
+    record: Record = {
+        "machine": f"{platform.processor() or platform.machine()}, {cores()} processors",
+        "results": results,
+    }
     (arguments.output / "scale.json").write_text(json.dumps(record, indent=1) + "\n")
     table = Table("engine", "workers", "items", "seconds", "items a minute", "peak memory, MB")
     for r in results:

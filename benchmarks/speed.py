@@ -104,9 +104,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="speed-") as name:
         config = TrimConfig(up=arguments.up, plan=PlanConfig(size=arguments.pixels))
         base = Case(
-            arguments.scene.absolute(), arguments.selection.absolute(), config, arguments.renderer,
-            arguments.segmenter, arguments.sam2_model, arguments.runs,
-        )  # fmt: skip
+            arguments.scene.absolute(),
+            arguments.selection.absolute(),
+            config,
+            arguments.renderer,
+            arguments.segmenter,
+            arguments.sam2_model,
+            arguments.runs,
+        )
         for section in dict.fromkeys(arguments.sections):
             results[section] = SECTIONS[section](base, arguments, Path(name))
             console.print(_table(section, results[section]))
@@ -236,9 +241,12 @@ def _make(base: Case, case: Case, change: Change, n: int) -> None:
 def _machine() -> Record:
     installed = {name: _version(name) for name in ("numpy", "numba", "torch", "gsplat", "transformers")}
     return {
-        "platform": platform.platform(), "cores": os.cpu_count(), "python": platform.python_version(),
-        **installed, **in_new_process(cuda_device),
-    }  # fmt: skip
+        "platform": platform.platform(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        **installed,
+        **in_new_process(cuda_device),
+    }
 
 
 def _version(package: str) -> str:

@@ -71,10 +71,13 @@ def kernel_view() -> tuple[Gaussians, Camera, int]:
     means = np.column_stack([*(np.tan(np.radians(30)) * rng.uniform(-1, 1, (2, n)) * depth), depth])
     sizes = rng.normal(0, 0.5, (n, 3)) + np.log(depth)[:, None]
     gaussians = Gaussians(
-        means.astype(np.float32), sizes.astype(np.float32), rng.normal(size=(n, 4)).astype(np.float32),
-        rng.uniform(-3, 3, n).astype(np.float32), rng.normal(0, 1, (n, 3)).astype(np.float32),
+        means.astype(np.float32),
+        sizes.astype(np.float32),
+        rng.normal(size=(n, 4)).astype(np.float32),
+        rng.uniform(-3, 3, n).astype(np.float32),
+        rng.normal(0, 1, (n, 3)).astype(np.float32),
         np.zeros((n, 3, 0), np.float32),
-    )  # fmt: skip
+    )
     low, high = np.log(1e-4), np.log(1e-1)
     while True:
         middle = (low + high) / 2

@@ -10,11 +10,15 @@ import os
 from pathlib import Path
 
 import pytest
-
-from gaussian_trimmer.evaluation.datasets import BenchmarkScene, open_scene
+from benchmark_scenes import BenchmarkScene, find_scenes, open_scene
 
 VARIABLE = "GAUSSIAN_TRIMMER_BENCHMARKS"
 _PROJECT = Path(__file__).parents[1]
+
+OWN = _PROJECT / "benchmarks" / "data"
+"""The scenes that the project itself has."""
+
+__all__ = ["OWN", "BenchmarkScene", "benchmark_scene", "find", "find_scenes", "open_scene"]
 
 
 def find(name: str) -> Path:
@@ -23,7 +27,7 @@ def find(name: str) -> Path:
     if named and not Path(named).is_dir():
         pytest.fail(f"{VARIABLE} is '{named}', which is no folder.")
     roots = [Path(named)] if named else []
-    for root in (*roots, _PROJECT.parent / "shared" / "data", _PROJECT / "benchmarks" / "data"):
+    for root in (*roots, _PROJECT.parent / "shared" / "data", OWN):
         if (root / name).exists():
             return root / name
     pytest.skip(f"no {name} among the benchmark data; {VARIABLE} can name a folder that has it")

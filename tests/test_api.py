@@ -82,7 +82,8 @@ def test_all_names_exist_and_are_listed():
     assert set(gt.__all__) <= set(dir(gt))
     for name in gt.__all__:
         assert getattr(gt, name) is not None
-    assert {"read", "write", "read_selection", "read_cameras", "trim", "TrimConfig", "TrimResult"} <= set(gt.__all__)
+    assert {"read", "read_cameras", "trim", "trim_objects", "save", "describe", "export_viewer"} <= set(gt.__all__)
+    assert not {"Any", "TYPE_CHECKING", "import_module"} & set(dir(gt))
 
 
 def test_unknown_names_are_refused_as_by_any_module():
@@ -365,7 +366,15 @@ def test_saving_writes_what_the_command_writes(result, tmp_path):
     assert one.keys() == other.keys()
     for key in one.keys() - {"inputs", "seconds"}:
         assert one[key] == other[key], key
-    assert one == json.loads(json.dumps(trimmed.report))
+    assert one == json.loads(json.dumps(trimmed.report)) == json.loads(json.dumps(gt.describe(trimmed)))
+
+
+def test_results_are_written_by_functions_and_by_methods(result, tmp_path):
+    gt.save(result, tmp_path / "a", html=True)
+    assert "default-src 'none'" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")[:1000]
+    gt.export_viewer(result, tmp_path / "a.html", "both")
+    result.export_viewer(tmp_path / "b.html")
+    assert (tmp_path / "a.html").stat().st_size > (tmp_path / "b.html").stat().st_size > 10_000
 
 
 def test_saving_replaces_only_what_it_may(result, tmp_path):

@@ -1,236 +1,204 @@
-"""Batches without faults: the same bytes from every engine, what is done again, memory, summaries and progress."""
+"""Batches in one process: what is made, made again, told and recorded, and whom a failure costs."""
 
 import csv
 import io
 import os
-import subprocess
-import sys
+import shutil
+from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 import toy
-from batch_runs import contents, fresh_of, identities, run, save_scenes, write_manifest
+from batch_runs import QUICK, InlineWorkers, contents, save_scenes, write_manifest
 
 import gaussian_trimmer as gt
-from gaussian_trimmer.batch.driver import Status, by_scene
-from gaussian_trimmer.batch.memory import PROCESS_BYTES, free_bytes, scene_need
-from gaussian_trimmer.batch.storage import AddressStore
+from gaussian_trimmer.batch import execution, local
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.scene_trimmer import trim_item
+from gaussian_trimmer.batch.scenes import PROCESS_BYTES, SceneItems, scene_need, shard_of
+from gaussian_trimmer.batch.storage import AddressStore, OutputError, Store
 from gaussian_trimmer.batch.summary import as_html, doubt
+from gaussian_trimmer.batch.worker import WorkerSettings
+from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands import batch as command
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.config import PlanConfig
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, MaskFilesSegmenter
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh"
+
+@pytest.fixture(autouse=True)
+def inline(monkeypatch):
+    monkeypatch.setattr(execution, "LocalWorkers", InlineWorkers)
+    with toy.one_thread():
+        yield
 
 
 @pytest.fixture(scope="module")
-def batch(tmp_path_factory):
-    """A manifest, the names of its items, and the files that a run with one worker leaves."""
+def folder(tmp_path_factory):
+    """Two scenes with two selections each, `manifest.csv`, and in `out` what a batch makes of it."""
     folder = tmp_path_factory.mktemp("batch")
-    names = save_scenes(folder, 3, 2)
-    manifest = write_manifest(folder, names)
-    code, out, err = run(manifest, folder / "out", "--workers", 1)
-    assert (code, err) == (0, "")
-    assert fresh_of(out) == len(names)
-    return manifest, names, contents(folder / "out")
+    manifest = write_manifest(folder, save_scenes(folder))
+    with pytest.MonkeyPatch.context() as patch, toy.one_thread():
+        patch.setattr(execution, "LocalWorkers", InlineWorkers)
+        gt.batch.run(gt.batch.read_manifest(manifest), folder / "out")
+    return folder
 
 
-def test_an_item_is_what_a_trim_in_python_is(batch, tmp_path):
-    manifest, names, expected = batch
-    folder = manifest.parent
-    assert {path.split("/")[0] for path in expected} == set(names)
+@pytest.fixture
+def copy(folder, tmp_path):
+    """Everything of `folder` in a folder that a test may change."""
+    return shutil.copytree(folder, tmp_path / "copy")
+
+
+def batch(folder, *rows, output="out", **options):
+    """Outcomes by name, of the manifest or of other rows."""
+    if rows:
+        (folder / "rows.csv").write_text("\n".join(["scene,selection,name,up,options", *rows]) + "\n")
+    items = gt.batch.read_manifest(folder / ("rows.csv" if rows else "manifest.csv"))
+    return {outcome.item.name: outcome for outcome in gt.batch.run(items, folder / output, **options)}
+
+
+def fresh(outcomes):
+    return [name for name, outcome in outcomes.items() if outcome.fresh]
+
+
+def test_an_item_is_what_a_trim_in_python_is(folder, tmp_path):
     scene = gt.read(folder / "s1.ply")
-    config = gt.TrimConfig(up=(0.0, 0.0, 1.0), plan=PlanConfig(size=96, views=2))
-    with toy.one_thread():
-        gt.trim(scene, gt.read_selection(folder / "s1-1.npy", scene), config=config).save(tmp_path / "one")
+    config = gt.TrimConfig(up=(0.0, 0.0, 1.0), plan=PlanConfig(size=96, views=2), refine="off")
+    gt.trim(scene, gt.read_selection(folder / "s1-1.npy", scene), config=config).save(tmp_path / "one")
+    expected = contents(folder / "out")
     for path in (tmp_path / "one").rglob("*"):
         if path.is_file() and path.name not in ("report.json", "manifest.json"):
             assert expected[f"s1-1/{path.relative_to(tmp_path / 'one').as_posix()}"] == path.read_bytes()
 
 
-def test_python_tells_results_as_they_come(batch, tmp_path):
-    manifest, names, expected = batch
+def test_only_what_has_changed_is_made_again(copy):
     told, statuses = [], []
-    items = gt.batch.read_manifest(manifest)
-    outcomes = gt.batch.run(items, tmp_path, workers=2, on_result=told.append, on_status=statuses.append)
-    assert [outcome.item.name for outcome in outcomes] == names
-    assert sorted(outcome.item.name for outcome in told) == names
-    assert {outcome.state for outcome in told} == {"done"}
-    assert all(outcome.fresh and outcome.views == (2, 2) and outcome.counts["object"] > 600 for outcome in told)
-    assert contents(tmp_path) == expected
-    assert statuses[-1].done == statuses[-1].total == len(names)
-    again = gt.batch.run(items, tmp_path, workers=2)
-    assert [(o.item.name, o.counts, o.fingerprint) for o in again] == [
-        (o.item.name, o.counts, o.fingerprint) for o in outcomes
-    ]
-    assert not any(outcome.fresh for outcome in again)
+    again = batch(copy, on_result=told.append, on_status=statuses.append)
+    assert (fresh(again), [outcome.item.name for outcome in told]) == ([], ["s0-0", "s0-1", "s1-0", "s1-1"])
+    assert (statuses[-1].done, statuses[-1].found, statuses[-1].total) == (4, 4, 4)
+    os.utime(copy / "s1.ply")
+    selection = np.load(copy / "s0-1.npy")
+    np.save(copy / "s0-1.npy", selection & (np.arange(len(selection)) % 50 > 0))
+    (copy / "out" / "items" / "s1-0" / "object.ply").unlink()
+    assert fresh(batch(copy)) == ["s0-1", "s1-0"]
+    assert batch(copy)["s1-1"].counts == again["s1-1"].counts
 
 
-def test_an_error_of_the_caller_ends_the_workers(batch, tmp_path):
-    def refuse(outcome):
-        raise RuntimeError("enough")
-
-    with pytest.raises(RuntimeError, match="enough"):
-        gt.batch.run(gt.batch.read_manifest(batch[0]), tmp_path, workers=1, on_result=refuse)
-    assert not list(tmp_path.rglob("*.part"))
-
-
-def test_shards_make_the_whole(batch, tmp_path):
-    """The example for Slurm, run as a plain shell with the variables that Slurm sets."""
-    manifest, names, expected = batch
-    environment = {
-        **os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(Path(gt.__file__).parents[1]), "SLURM_ARRAY_TASK_COUNT": "2", "SLURM_CPUS_PER_TASK": "1",
-    }  # fmt: skip
-    fresh = 0
-    for task in ("1", "2"):
-        done = subprocess.run(
-            ["bash", str(EXAMPLE), str(manifest), str(tmp_path)], env={**environment, "SLURM_ARRAY_TASK_ID": task},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert (done.returncode, done.stderr) == (0, "")
-        assert 0 < fresh_of(done.stdout) < len(names)
-        fresh += fresh_of(done.stdout)
-    assert fresh == len(names)
-    assert contents(tmp_path) == expected
-    rows = list(csv.DictReader((tmp_path / "summary.csv").open()))
-    assert sorted((row["name"], row["state"]) for row in rows) == [(name, "done") for name in names]
+def test_failures_cost_their_items_alone_and_are_tried_again_when_mended(copy):
+    data = (copy / "s1.ply").read_bytes()
+    (copy / "s1.ply").write_bytes(data[:-40])
+    os.mkfifo(copy / "pipe.npy")
+    rows = ["gone.ply,s0-0.npy,scene,z,", "s0.ply,gone.npy,gone,z,", "s0.ply,/dev/zero,device,z,"]
+    rows += ["s0.ply,pipe.npy,pipe,z,", "s0.ply,s0.ply,whole,z,", "s1.ply,s1-0.npy,cut,z,"]
+    rows += [f"s0.ply,s0-0.npy,good,z,{QUICK}"]
+    found = batch(copy, *rows, output="new")
+    assert [name for name, outcome in found.items() if outcome.state == "done"] == ["good"]
+    assert "There is no file" in found["gone"].message
+    assert "not a file" in found["device"].message
+    assert "not a file" in found["pipe"].message
+    assert "no part of the scene" in found["whole"].message
+    again = batch(copy, *rows, output="new")
+    assert not again["cut"].fresh
+    assert batch(copy, *rows, output="new", retry_failed=True)["cut"].fresh
+    (copy / "s1.ply").write_bytes(data)
+    found = batch(copy, *rows, output="new")
+    assert (found["cut"].state, found["good"].fresh) == ("done", False)
+    assert not (copy / "new" / "records" / "cut.json").exists()
 
 
-def test_more_shards_than_scenes(batch, tmp_path):
-    code, out, err = run(batch[0], tmp_path, "--shard", "4/4", "--workers", 1)
-    assert (code, err) == (0, "")
-    assert "0 of 0 items are finished" in out
+def test_a_batch_stops_when_nothing_can_be_written(copy, monkeypatch):
+    def refuse(store, name, suffix, inputs):
+        raise OutputError("Cannot write: No space left on device.")
+
+    told = []
+    monkeypatch.setattr(Store, "result_folder", refuse)
+    with pytest.raises(InputError, match=r"3 items in a row could not be written.*No space left"):
+        batch(copy, output="new", on_result=told.append)
+    assert [outcome.state for outcome in told] == ["failed"] * 3 + ["left"]
+    monkeypatch.undo()
+    monkeypatch.setattr(execution, "LocalWorkers", InlineWorkers)
+    assert len(fresh(batch(copy, output="new"))) == 4
 
 
-def test_a_store_holds_the_same_bytes(batch, tmp_path):
+def test_what_another_run_is_writing_is_tried_again(copy, monkeypatch):
+    plain, asked = Store.result_folder, []
+
+    def busy_once(store, name, suffix, inputs):
+        asked.append(name)
+        if asked.count("s0-1") == 1 and name == "s0-1":
+            raise OutputError("Another run is writing to it.")
+        return plain(store, name, suffix, inputs)
+
+    monkeypatch.setattr(Store, "result_folder", busy_once)
+    assert {outcome.state for outcome in batch(copy, output="new").values()} == {"done"}
+    assert asked == ["s0-0", "s0-1", "s1-0", "s1-1", "s0-1"]
+
+
+def test_a_scene_may_be_the_folder_of_a_training(copy):
+    place = copy / "model" / "point_cloud" / "iteration_7"
+    place.mkdir(parents=True)
+    shutil.copy(copy / "s0.ply", place / "point_cloud.ply")
+    found = batch(copy, f"model,s0-0.npy,,z,{QUICK}", output="new")
+    assert list(found) == ["model/s0-0"]
+    ours, expected = contents(copy / "new"), contents(copy / "out")
+    assert ours["model/s0-0/object.ply"] == expected["s0-0/object.ply"]
+
+
+def test_views_that_cannot_be_had_are_refused(tmp_path, monkeypatch):
+    scene, truth = toy.ball_on_floor()
+    monkeypatch.setattr(MaskFilesSegmenter, "own_cameras", lambda segmenter, cameras: [])
+    config, options = gt.TrimConfig(plan=PlanConfig(views=7)), MaskFilesConfig(tmp_path)
+    item = Item("a.ply", segmenter="mask-files", segmenter_options=options, config=config)
+    with pytest.raises(InputError, match="7 virtual views cannot be had"):
+        trim_item(scene, truth, item, None)
+
+
+def test_a_store_holds_the_same_bytes(copy):
     """The code for buckets, on files."""
     pytest.importorskip("fsspec")
-    manifest, names, expected = batch
-    rows = ["scene,selection,name,up,options"]
-    place = manifest.parent.as_uri()
-    rows += [f"{place}/{n.split('-')[0]}.ply,{place}/{n}.npy,{n},z,--plan.size 96 --views 2" for n in names[:2]]
-    (tmp_path / "m.csv").write_text("\n".join(rows))
-    output = tmp_path / "out"
-    code, out, err = run(tmp_path / "m.csv", output.as_uri(), "--workers", 1)
-    assert (code, err) == (0, "")
-    ours = {path: data for path, data in contents(output).items() if not path.endswith("item.json")}
-    theirs = {path: data for path, data in expected.items() if path.split("/")[0] in names[:2]}
-    assert ours == {p: d for p, d in theirs.items() if not p.endswith(("item.json", "manifest.json"))}
-    before = identities(output)
-    code, out, err = run(tmp_path / "m.csv", output.as_uri(), "--workers", 1)
-    assert (code, fresh_of(out)) == (0, 0)
-    assert identities(output) == before
-    assert AddressStore(output.as_uri()).finished(names[0])
-    (output / "items" / names[0] / "labels.npz").write_bytes(b"cut short")
-    assert AddressStore(output.as_uri()).finished(names[0]) is None
+    place, output = copy.as_uri(), (copy / "new").as_uri()
+    items = [gt.batch.Item(f"{place}/s0.ply", f"{place}/s0-0.npy", "s0-0")]
+    items = [gt.batch.Item(**{**vars(items[0]), "config": gt.batch.read_manifest(copy / "manifest.csv")[0].config})]
+    assert gt.batch.run(items, output)[0].fresh
+    assert not gt.batch.run(items, output)[0].fresh
+    ours, expected = contents(copy / "new"), contents(copy / "out")
+    del ours["s0-0/item.json"]
+    assert ours == {path: expected[path] for path in ours}
+    assert "s0-0/background.ply" in ours
+    (copy / "new" / "items" / "s0-0" / "labels.npz").write_bytes(b"cut short")
+    assert AddressStore(output).finished("s0-0") is None
+    with pytest.raises(InputError, match=r"nosuch://"):
+        gt.batch.run(items, "nosuch://bucket/out")
 
 
-def test_what_fsspec_does_not_know(tmp_path):
-    with pytest.raises(InputError, match=r"nosuch://|fsspec"):
-        gt.batch.run([gt.batch.Item("a.ply")], "nosuch://bucket/out")
-
-
-def test_backgrounds_can_be_left_out(batch, tmp_path):
-    manifest, _, expected = batch
-    assert run(manifest, tmp_path, "--no-background", "--workers", 2)[0] == 0
-    without = {
-        path: data for path, data in contents(tmp_path).items() if not path.endswith(("item.json", "manifest.json"))
-    }
-    assert without == {
-        path: data
-        for path, data in expected.items()
-        if not path.endswith(("item.json", "manifest.json", "background.ply"))
-    }
-
-
-# Memory
-
-
-def test_a_scene_that_does_not_fit_is_refused_before_anything_is_done(batch, tmp_path):
-    code, _, err = run(batch[0], tmp_path / "out", "--memory", PROCESS_BYTES / 1e9)
-    assert code == 2
-    assert "may take 0.4 GB of memory, and the batch may take 0.4 GB" in err
-    assert not (tmp_path / "out").exists()
-
-
-def test_workers_are_as_many_as_fit(batch, tmp_path, monkeypatch):
-    seen = []
-    items = gt.batch.read_manifest(batch[0])
-    largest = max(entry.need for entry in by_scene(items))
-    gt.batch.run(items, tmp_path, workers=3, memory=1.5 * PROCESS_BYTES + largest,
-                 on_status=lambda status: seen.append(len(status.running)))  # fmt: skip
-    assert max(seen) == 1
-
-
-def test_need_grows_with_what_a_file_unpacks_to():
-    assert scene_need("a.spz", 1000) > scene_need("a.splat", 1000) > scene_need("a.ply", 1000) > 1000
-    assert free_bytes() > 0
-
-
-# Arguments
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"engine": "slurm"}, "Unknown engine 'slurm'; available: local, ray."),
-        ({"workers": 0}, "number of workers is 0"),
-        ({"shard": (0, 3)}, "shard is 0/3"),
-        ({"shard": (4, 3)}, "shard is 4/3"),
-        ({"time_limit": 0.0}, "time limit is 0.0"),
-        ({"time_limit": float("nan")}, "time limit is nan"),
-        ({"retries": -1}, "retries is -1"),
-        ({"memory": 0.0}, "memory is 0.0"),
-        ({"gpus": 1.0}, "share its GPUs"),
-    ],
-)
-def test_arguments_that_are_not_possible(tmp_path, options, said):
-    with pytest.raises(InputError, match=said):
-        gt.batch.run([gt.batch.Item("a.ply")], tmp_path, **options)
-
-
-@pytest.mark.parametrize("shard", ["1", "1/2/3", "a/b", "-1/2", "1/9999999"])
-def test_shards_that_are_not_possible(batch, tmp_path, shard):
-    code, _, err = run(batch[0], tmp_path, f"--shard={shard}")
-    assert code == 2
-    assert "give i/n" in err
-
-
-def test_missing_files_cost_their_items_alone(batch, tmp_path):
-    manifest, _, expected = batch
-    rows = manifest.read_text() + "gone.ply,s0-0.npy,gone,z,\ns0.ply,gone.npy,gone2,z,\ns0.ply,s0.ply,whole,z,\n"
-    (manifest.parent / "gone.csv").write_text(rows)
-    code, out, err = run(manifest.parent / "gone.csv", tmp_path, "--workers", 2)
-    assert code == 2
-    assert "3 of 9 items failed" in err
-    assert "failed: gone: There is no file" in out
-    assert "failed: gone2: Cannot read" in out
-    assert "failed: whole: " in out
-    assert contents(tmp_path) == expected
-
-
-# What is told
-
-
-def outcome(name, **changes):
-    made = gt.batch.Outcome(gt.batch.Item("a.ply", name=name), "done", counts={"selected": 100}, views=(5, 5))
-    return gt.batch.Outcome(**{**vars(made), **changes})
-
-
-def test_the_worst_come_first():
-    ordered = [
-        outcome("a", state="failed", message="<broken>"), outcome("b", refused="too little"),
-        outcome("c", views=(2, 5)), outcome("d", counts={"selected": 100, "pruned": 30}), outcome("e"),
-    ]  # fmt: skip
-    doubts = [doubt(entry) for entry in ordered]
-    assert doubts == sorted(doubts, reverse=True)
-    assert len(set(doubts)) == 5
-    page = as_html(ordered)
-    assert "5 items: 4 done, 1 failed" in page
-    assert "&lt;broken&gt;" in page
-    assert page.count("<img") == 4
+def test_the_command(copy, capsys):
+    """Its exit codes, its summaries, and the records of items that are no longer in the manifest."""
+    manifest, arguments = copy / "manifest.csv", ["--output", str(copy / "new"), "--no-background"]
+    rows = manifest.read_text()
+    manifest.write_text(rows + "gone.ply,s0-0.npy,gone,z,\n")
+    assert main(["batch", str(manifest), *arguments]) == 2
+    told = capsys.readouterr()
+    assert "failed: gone: There is no file" in told.out
+    assert "1 of 5 items failed; the first: gone" in told.err
+    with (copy / "new" / "summary.csv").open() as file:
+        table = [(row["name"], row["state"]) for row in csv.DictReader(file)]
+    assert table[0] == ("gone", "failed")
+    assert sorted(table[1:]) == [(f"s{s}-{k}", "done") for s in (0, 1) for k in (0, 1)]
+    assert (copy / "new" / "records" / "gone.json").exists()
+    manifest.write_text(rows)
+    assert main(["batch", str(manifest), *arguments]) == 0
+    assert "4 of 4 items are finished, 4 of them by an earlier run" in capsys.readouterr().out
+    assert list((copy / "new" / "records").rglob("*.json")) == []
+    left_out = ("item.json", "manifest.json", "background.ply")
+    ours, expected = (
+        {path: data for path, data in contents(copy / name).items() if not path.endswith(left_out)}
+        for name in ("new", "out")
+    )
+    assert ours == expected
+    assert not list((copy / "new").rglob("background.ply"))
 
 
 def test_progress_on_a_terminal(monkeypatch):
@@ -238,8 +206,8 @@ def test_progress_on_a_terminal(monkeypatch):
     console = open_console(quiet=False)
     console.file, console._force_terminal, console.is_interactive = io.StringIO(), True, True
     with command._progress(console) as shown:
-        shown.tell_outcome(outcome("x", state="failed", message="it is\x1b[31m broken"))
-        shown.tell_status(Status(10, 4, 1, 1, {0: ("a/b", 3.0)}, 2))
+        shown.show_outcome(outcome("x", state="failed", message="it is\x1b[31m broken"))
+        shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1, running={0: ("a/b", 3.0)}))
         shown.live.refresh()
     text = console.file.getvalue()
     assert "failed: x: it is\\x1b[31m broken" in text
@@ -247,14 +215,91 @@ def test_progress_on_a_terminal(monkeypatch):
     assert "worker 0: a/b, 3 s" in text
 
 
-def test_nothing_is_told_quietly(batch, tmp_path):
-    assert run(batch[0], tmp_path, "--quiet", "--workers", 2)[1] == ""
+def outcome(name, **changes):
+    made = gt.batch.Outcome(Item("a.ply", name=name), "done", counts={"selected": 100}, views=(5, 5))
+    return gt.batch.Outcome(**{**vars(made), **changes})
 
 
-def test_the_package_is_loaded_when_it_is_used():
-    code = (
-        "import sys, gaussian_trimmer as gt; m = sys.modules; print('numba' in m, gt.batch.Item.__name__, 'ray' in m)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
-                          env={**os.environ, "PYTHONPATH": str(Path(gt.__file__).parents[1])})  # fmt: skip
-    assert done.stdout.split() == ["False", "Item", "False"]
+def test_the_worst_come_first():
+    ordered = [
+        outcome("a", state="failed", message="<broken>"),
+        outcome("b", refused="too little"),
+        outcome("c", views=(2, 5)),
+        outcome("d", counts={"selected": 100, "removed": 30}),
+        outcome("e"),
+    ]
+    doubts = [doubt(entry) for entry in ordered]
+    assert doubts == sorted(set(doubts), reverse=True)
+    page = as_html(ordered)
+    assert "5 items: 4 done, 1 failed" in page
+    assert "&lt;broken&gt;" in page
+    assert page.count("<img") == 4
+
+
+# Who does what
+
+
+def scenes_of(*counts, need=1.0):
+    return [
+        SceneItems(f"s{i}.ply", tuple(Item(f"s{i}.ply", name=f"{i}/{k}") for k in range(count)), need)
+        for i, count in enumerate(counts)
+    ]
+
+
+def test_shards_are_all_scenes_once_and_about_equal():
+    scenes = scenes_of(*(1 + i * 7 % 13 for i in range(50)))
+    shards = [shard_of(scenes, number, 4) for number in (1, 2, 3, 4)]
+    assert sorted(entry.scene for shard in shards for entry in shard) == sorted(entry.scene for entry in scenes)
+    loads = [sum(len(entry.items) for entry in shard) for shard in shards]
+    assert max(loads) - min(loads) <= 2
+    assert shard_of(scenes_of(1), 2, 2) == []
+
+
+def test_workers_keep_their_scenes_help_others_and_keep_to_the_memory():
+    scenes = [*scenes_of(4, 1), SceneItems("big.ply", scenes_of(1)[0].items, 9.0)]
+    workers = local.LocalWorkers(scenes, WorkerSettings("out"), 3, memory=3.0)
+    assert [workers._take(i).name for i in (0, 1, 0)] == ["0/0", "1/0", "0/1"]
+    assert [workers._take(i).name for i in (1, 0)] == ["0/2", "0/3"]
+    assert [workers._take(i) for i in (1, 0)] == [None, None]
+    assert workers._held == {}
+
+
+def test_a_scene_that_does_not_fit_is_refused_before_anything_is_done(folder, tmp_path):
+    items = gt.batch.read_manifest(folder / "manifest.csv")
+    with pytest.raises(InputError, match=r"may take 0\.4 GB of memory, and the batch may take 0\.4 GB"):
+        gt.batch.run(items, tmp_path / "out", memory=PROCESS_BYTES)
+    assert not (tmp_path / "out").exists()
+    assert scene_need(str(folder / "s0.ply")) > (folder / "s0.ply").stat().st_size
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"engine": "slurm"}, "engine is 'slurm'; available: local, ray."),
+        ({"workers": 0}, "workers is 0; it must be"),
+        ({"shard": (0, 3)}, "shard is 0; it must be"),
+        ({"shard": (4, 3)}, "shard is 4/3"),
+        ({"time_limit": float("nan")}, "time-limit is nan"),
+        ({"retries": -1}, "retries is -1"),
+        ({"memory": 0.0}, "memory is 0.0"),
+        ({"gpus": 1.0}, "those of a cluster"),
+        ({"address": "auto"}, "those of a cluster"),
+        ({"engine": "ray", "memory": 1e9}, "leave the memory out"),
+    ],
+)
+def test_options_that_are_not_possible(tmp_path, options, said):
+    with pytest.raises(InputError, match=said):
+        gt.batch.run([Item("a.ply")], tmp_path, **options)
+
+
+@pytest.mark.parametrize("shard", ["1", "a/b", "-1/2", "1/9999999"])
+def test_shards_that_are_not_possible(shard):
+    with pytest.raises(InputError, match="give i/n"):
+        command._shard(shard)
+
+
+def test_the_example_for_slurm_names_options_that_exist():
+    text = (Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh").read_text()
+    command_line = text[text.index("python -m") :]
+    options = {word[2:].replace("-", "_") for word in command_line.split() if word.startswith("--")}
+    assert {"shard", "workers", "memory", "time_limit"} <= options <= {field.name for field in fields(command.Batch)}

@@ -1,6 +1,7 @@
 """Items of a batch and the manifests they come from: what they may say, and what is said where they may not."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import pytest
 
 from gaussian_trimmer.batch import Item, read_manifest
 from gaussian_trimmer.batch.fingerprints import fingerprint
-from gaussian_trimmer.batch.items import check_items, item_as_json, item_of_json
+from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.options import parse_options
-from gaussian_trimmer.config import TrimConfig, paper_config
+from gaussian_trimmer.cli import main
+from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
@@ -22,20 +25,6 @@ def manifest(folder, text, ending=".csv"):
     path = folder / f"manifest{ending}"
     path.write_text(text)
     return path
-
-
-@pytest.mark.parametrize(
-    "item",
-    [
-        Item("a.ply"),
-        Item("a.ply", "b.npy", "x/y", "sparse/0", True, "spz", False, paper_config(), "grabcut", GrabCutConfig()),
-        Item("a.ply", selection_options=SelectionOptions(object_id=(3, 4), classifier=Path("c.pth"), threshold=0.25)),
-        Item("a.ply", segmenter="mask-files", segmenter_options=MaskFilesConfig(Path("masks"))),
-        Item("a.ply", config=TrimConfig(up=(0.0, -1.0, 0.5))),
-    ],
-)
-def test_items_come_back_from_json(item):
-    assert item_of_json(json.loads(json.dumps(item_as_json(item)))) == item
 
 
 def test_paths_may_be_paths():
@@ -112,16 +101,21 @@ def test_objects_of_labels_are_items(tmp_path):
         ("scene,labels\na.ply,b.npy\n", ".csv", "line 2: It has labels, but no objects"),
         ("scene,labels,objects\na.ply,b.npy,x y\n", ".csv", "give ids"),
         ("scene,labels,objects\na.ply,b.npy,3 3\n", ".csv", "name an id twice"),
+        (
+            "scene,labels,objects,options\na.ply,b.npy,3,--selection.object-id 5\n",
+            ".csv",
+            "leave --selection.object-id",
+        ),
         ("scene,labels,objects\na.ply,b.npy,all\n", ".csv", "There is no file"),
         ("scene,up\na.ply,w\n", ".csv", "The up vector is 'w'"),
         ("scene,options\na.ply,--plan.sise 3\n", ".csv", "line 2: The options '--plan.sise 3' are not understood"),
         ("scene,options\na.ply,--plan.views x\n", ".csv", "not understood"),
         ("scene,options\na.ply,'\n", ".csv", "cannot be taken apart"),
-        ("[1]\n", ".jsonl", "line 1: it is no JSON object"),
-        ("{\n", ".jsonl", "line 1: it is no JSON object"),
-        ("[" * 100000, ".jsonl", "line 1: it is no JSON object"),
+        ("[1]\n", ".jsonl", "line 1: it is not a JSON object"),
+        ("{\n", ".jsonl", "line 1: it is not a JSON object"),
+        ("[" * 100000, ".jsonl", "line 1: it is not a JSON object"),
         ('{"scene": 3}', ".jsonl", "Its scene is a int"),
-        ('{"scene": "a.ply", "options": 3}', ".jsonl", "Its options are no text"),
+        ('{"scene": "a.ply", "options": 3}', ".jsonl", "Its options are not text"),
         ("", ".txt", "known endings"),
     ],
 )
@@ -132,17 +126,72 @@ def test_manifests_that_are_not_possible(tmp_path, text, ending, said):
 
 def test_a_manifest_that_is_no_text(tmp_path):
     (tmp_path / "m.csv").write_bytes(b"scene\n\xff\xfe\n")
-    with pytest.raises(InputError, match="no text in UTF-8"):
+    with pytest.raises(InputError, match="not text in UTF-8"):
         read_manifest(tmp_path / "m.csv")
     with pytest.raises(InputError, match="There is no manifest"):
         read_manifest(tmp_path / "n.csv")
 
 
-def test_what_is_set_beside_the_paper_preset_counts():
-    options = parse_options(("--preset", "paper", "--plan.size", "300"))
-    assert options.segmenter == "grabcut"
-    expected = paper_config()
-    assert options.trim_config() == replace(expected, plan=replace(expected.plan, size=300))
+def test_ids_are_those_that_the_file_has_now(tmp_path):
+    path = manifest(tmp_path, "scene,labels,objects\na.ply,ids.npy,all\n")
+    for ids in ([1, 2], [7, 9]):
+        np.save(tmp_path / "ids.npy", np.array([0, *ids]))
+        assert [item.name for item in read_manifest(path)] == [f"a/ids-{i}" for i in ids]
+
+
+@pytest.mark.parametrize("segmenter", [(), ("--segmenter", "sam")])
+def test_the_paper_preset_is_that_of_trim(segmenter, monkeypatch):
+    words = ("--preset", "paper", "--plan.size", "300", *segmenter, "--sam.points", "2")
+    seen = []
+    monkeypatch.setattr(Trim, "run", lambda command: seen.append(command))
+    main(["trim", "a.ply", *words])
+    (trim,), options = seen, parse_options(words)
+    assert options.trim_config() == trim.settings()
+    assert (options.segmenter, options.used_options()) == (trim.segmenter, trim._used_options())
+    assert options.trim_config().plan.size == 300
+
+
+@pytest.mark.parametrize(
+    ("words", "settings"),
+    [
+        ("--views 3 --fill", {"plan": {"views": 3}, "fill": True}),
+        ("--label-crf.no-enabled", {"label_crf": {"enabled": False}}),
+        ("--up 0 0 -1 --plan.fill=0.5", {"up": (0.0, 0.0, -1.0), "plan": {"fill": 0.5}}),
+        ("--label_crf.support_plane.no-enabled", {"label_crf": {"support_plane": {"enabled": False}}}),
+    ],
+)
+def test_options_are_those_of_trim(words, settings):
+    expected = TrimConfig()
+    for name, value in settings.items():
+        expected = changed(expected, name, value)
+    assert parse_options(tuple(words.split())).trim_config() == expected
+
+
+def changed(settings, name, value):
+    if isinstance(value, dict):
+        ((inner, setting),) = value.items()
+        value = changed(getattr(settings, name), inner, setting)
+    return replace(settings, **{name: value})
+
+
+def test_rows_with_options_of_their_own_take_little_work(tmp_path):
+    """Counted in calls of functions; a parser for all options of `trim` takes some hundred thousand."""
+    rows = [f"s.ply,s.npy,i{i},--plan.fill 0.{500 + i}" for i in range(21)]
+    first = manifest(tmp_path, "\n".join(["scene,selection,name,options", rows[0]]))
+    read_manifest(first)
+    calls = 0
+
+    def count(frame, event, argument):
+        nonlocal calls
+        calls += event == "call"
+
+    sys.setprofile(count)
+    try:
+        items = read_manifest(manifest(tmp_path, "\n".join(["scene,selection,name,options", *rows[1:]])))
+    finally:
+        sys.setprofile(None)
+    assert [item.config.plan.fill for item in items] == [0.501 + i / 1000 for i in range(20)]
+    assert calls / len(items) < 5000, calls / len(items)
 
 
 def test_fingerprints_tell_contents_and_settings_and_not_names(tmp_path):

@@ -34,10 +34,10 @@ def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch,
         assert f"trimmed/demo/{name}" in printed.replace("\\", "/")
         assert (folder / name).exists()
     report = json.loads((folder / "report.json").read_text())
-    assert report["refused"] == ""
+    assert report["refused"] is None
     assert all(view["accepted"] for view in report["views"])
     # The table around the foot goes, and not much else.
-    assert 50 < report["counts"]["pruned"] < 250
+    assert 50 < report["counts"]["removed"] < 250
     assert 2100 < report["counts"]["object"] == len(formats.read(folder / "object.ply")) < 2413
 
 

@@ -34,7 +34,7 @@ def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
     printed = capsys.readouterr().out
     assert "| mean" in printed and " -> " in printed and "alpha > 0.5" in printed and "renderer: numba" in printed
     names = {path.name for path in (folder / "out").iterdir()}
-    assert names == {"scores.md", "scores.csv", "scores.json", "scores.tex", "sheet.png", "manifest.json"}
+    assert names == {"scores.md", "scores.csv", "scores.json", "scores.tex", "manifest.json"}
     rows = rows_of(folder / "out" / "scores.csv")
     assert list(rows) == ["0.png", "1.png", "2.png", "3.png", "mean"]
     mean = rows["mean"]
@@ -42,6 +42,7 @@ def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
     assert float(mean["IoU (%) after"]) == pytest.approx(
         np.mean([float(rows[f"{i}.png"]["IoU (%) after"]) for i in range(4)]), abs=1e-3
     )
+    assert float(mean["IoU in scene (%) after"]) > float(mean["IoU in scene (%) before"]) + 1
     assert float(mean["fidelity (dB)"]) == 100
 
 
@@ -55,15 +56,19 @@ def test_any_object_is_measured(folder, capsys):
     assert "IoU (%),accuracy (%)" in capsys.readouterr().out  # nothing before
 
 
-def test_rules_change_the_figures_and_are_named(folder, capsys):
-    assert evaluate("object.ply", "--threshold", 0.9, "--occlusion", "in-scene", "--format", "latex") == 0
+def test_rules_are_named_and_photographs_bring_the_extraction_psnr(folder, capsys):
+    assert evaluate("object.ply", "--threshold", 0.9, "--images", "masks", "--format", "latex") == 0
     printed = capsys.readouterr().out
-    assert r"alpha > 0.9" in printed and "occlusion counts" in printed and r"\begin{tabular}" in printed
+    assert r"alpha > 0.9" in printed and "occlusion counts" in printed and "extraction PSNR (dB)" in printed
 
 
-def test_photographs_bring_the_extraction_psnr(folder, capsys):
-    assert evaluate("object.ply", "--images", "masks", "--format", "csv") == 0
-    assert "extraction PSNR (dB)" in capsys.readouterr().out
+def test_an_object_of_no_known_rows_is_measured_alone(folder, capsys):
+    scene = formats.read("object.ply")
+    formats.write(scene.replace(means=scene.means[::-1] * 3, sh_dc=scene.sh_dc + 5), folder / "strange.ply")
+    assert evaluate("strange.ply", "--format", "json") == 0
+    table = json.loads(capsys.readouterr().out)
+    assert "IoU (%)" in table["rows"][-1] and "IoU in scene (%)" not in table["rows"][-1]
+    assert any("match no row" in note for note in table["notes"])
 
 
 @pytest.mark.parametrize(
@@ -71,7 +76,7 @@ def test_photographs_bring_the_extraction_psnr(folder, capsys):
     [
         (["object.ply", "--threshold", 2], "threshold"),
         (["nowhere.ply"], "nowhere.ply"),
-        (["masks"], "no folder that"),
+        (["masks"], "did not write the folder"),
         (["object.ply", "--images", "nowhere"], "nowhere"),
         (["object.ply", "--output", "masks"], "not empty"),
         (["object.ply", "--renderer", "gspalt"], "gspalt"),

@@ -87,8 +87,10 @@ def test_a_plys_kind_is_told_by_its_header(tmp_path: Path) -> None:
 
 
 def test_names(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'scene.obj' is no known splat format; known endings: .ply"):
+    with pytest.raises(InputError, match=r"'scene.obj' is of no known splat format; known endings: .ply"):
         formats.read(tmp_path / "scene.obj")
+    with pytest.raises(InputError, match=r"\.ckpt\. A selection is given after its scene\.$"):
+        formats.read(tmp_path / "rough.npy")
     with pytest.raises(InputError, match="There is no file"):
         formats.read(tmp_path / "scene.spz")
     with pytest.raises(InputError, match="holds no splat file"):
@@ -103,7 +105,7 @@ def test_convert(tmp_path: Path) -> None:
     read = formats.convert(tmp_path / "a.ply", tmp_path / "a.spz")
     np.testing.assert_array_equal(read.means, gaussians.means)
     assert error(formats.read(tmp_path / "a.spz"), gaussians, "means") < 1e-5
-    with pytest.raises(InputError, match="no known splat format"):
+    with pytest.raises(InputError, match=r"'a\.obj' cannot be written: .* \.ksplat, \.glb\.$"):
         formats.convert(tmp_path / "missing.ply", tmp_path / "a.obj")
 
 

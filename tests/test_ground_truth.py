@@ -1,5 +1,7 @@
 """Masks and photographs of held-out views, as people have them."""
 
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -29,9 +31,10 @@ def square(width=WIDTH, height=HEIGHT, value=255):
     return mask
 
 
-def test_grey_values_are_coverage(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), square(value=51))
-    assert read_mask(tmp_path / "a.png").max() == pytest.approx(0.2)
+@pytest.mark.parametrize(("grey", "coverage"), [(51, 0.2), (255, 1), (1, 1)])
+def test_grey_values_are_coverage_and_zeros_and_ones_labels(tmp_path, grey, coverage):
+    cv2.imwrite(str(tmp_path / "a.png"), square(value=grey))
+    np.testing.assert_allclose(read_mask(tmp_path / "a.png"), coverage * (square() > 0), rtol=1e-6)
 
 
 def test_a_jpeg_is_cut_at_one_half(tmp_path):
@@ -43,11 +46,6 @@ def test_a_jpeg_is_cut_at_one_half(tmp_path):
     np.testing.assert_array_equal(mask, square() / 255)
 
 
-def test_zeros_and_ones_are_labels(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), square(value=1))
-    np.testing.assert_array_equal(read_mask(tmp_path / "a.png"), square(value=1))
-
-
 def test_what_is_no_picture_is_refused(tmp_path):
     (tmp_path / "a.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"a\.png"):
@@ -57,6 +55,7 @@ def test_what_is_no_picture_is_refused(tmp_path):
 def test_a_picture_that_claims_to_be_huge_is_refused_before_it_is_decoded(tmp_path):
     _, data = cv2.imencode(".png", np.zeros((8, 8), np.uint8))
     data[16:24] = np.array([60000, 60000], ">u4").view(np.uint8)
+    data[29:33] = np.array([zlib.crc32(data[12:29])], ">u4").view(np.uint8)
     (tmp_path / "a.png").write_bytes(data.tobytes())
     with pytest.raises(InputError, match="60000 x 60000"):
         read_mask(tmp_path / "a.png")
@@ -67,7 +66,7 @@ def test_a_mask_of_another_size_brings_the_camera_to_it(tmp_path):
     view = view_of(camera(), tmp_path / "m.png")
     assert (view.camera.width, view.camera.height) == (48, 32)
     np.testing.assert_allclose(view.camera.K, [[40, 0, 24], [0, 40, 16], [0, 0, 1]])
-    assert view.coverage.shape == (32, 48) and view.valid.all()
+    assert view.alone.coverage.shape == (32, 48) and view.alone.counted.all()
 
 
 def test_a_mask_of_another_shape_is_refused(tmp_path):
@@ -87,23 +86,17 @@ def test_photographs_are_brought_to_the_size_of_the_mask(tmp_path):
         read_photograph(tmp_path / "p.png", 24, 24)
 
 
-def test_masks_bind_to_cameras_by_name(tmp_path):
-    cameras = [camera("IMG_1.JPG"), camera("IMG_7.JPG"), camera("IMG_9.JPG")]
-    cv2.imwrite(str(tmp_path / "IMG_7.png"), square())
-    found, views = views_in(cameras, tmp_path)
-    assert [c.name for c in found] == ["IMG_7.JPG"]
-    assert [view.camera.name for view in views] == ["IMG_7.JPG"]
-
-
-def test_ignored_pixels_do_not_count(tmp_path):
+def test_masks_bind_to_cameras_by_name_and_ignored_pixels_do_not_count(tmp_path):
     for folder in ("masks", "others"):
         (tmp_path / folder).mkdir()
     cv2.imwrite(str(tmp_path / "masks" / "IMG_7.png"), square())
     other = np.zeros((HEIGHT, WIDTH), np.uint8)
     other[:, :5] = 255
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other)
-    _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")
-    np.testing.assert_array_equal(next(views).valid, other == 0)
+    cameras = [camera("IMG_1.JPG"), camera(), camera("IMG_9.JPG")]
+    found, views = views_in(cameras, tmp_path / "masks", ignored=tmp_path / "others")
+    assert [c.name for c in found] == ["IMG_7.JPG"]
+    np.testing.assert_array_equal(next(views).in_scene.counted, other == 0)
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other[:-1])
     _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")
     with pytest.raises(InputError, match="different sizes"):

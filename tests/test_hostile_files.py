@@ -25,15 +25,12 @@ from selection_builders import make_scene, rows_mask, save_ply
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import json_files, read_camera_set
-from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, printable, shown
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.io.archives import member_bytes, open_archive
-from gaussian_trimmer.io.reading import file_bytes, reading
-from gaussian_trimmer.segmentation.segmenters import mask_files
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask, ids_of, mask_of
-from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection, number_lists, selection_file
 from gaussian_trimmer.selection_files.selection_file import open_selection
 
 N = 12
@@ -135,16 +132,6 @@ class TestMessages:
         assert printed.count("\\x1b") >= 3
         assert "\x1b" not in printed
 
-    def test_names_of_files_do_not_either(self, tmp_path, capsys):
-        scene, target = tmp_path / f"{ESCAPES}.ply", tmp_path / f"{ESCAPES}.splat"
-        formats.write(sample(5, 0), scene)
-        assert run("convert", scene, target) == 0
-        assert run("info", scene) == 0
-        assert run("convert", scene, target) == 2
-        printed = "".join(capsys.readouterr())
-        assert printed.count("\\x1b[31mred") == 3
-        assert "\x1b" not in printed
-
     def test_a_thousand_columns_are_not_listed(self, tmp_path, capsys):
         names = [f"column_{chr(97 + i % 26)}{chr(97 + i // 26)}" for i in range(400)]
         scene = SCENE.replace(extras={name: np.zeros(N, np.float32) for name in names})
@@ -168,32 +155,6 @@ class TestMessages:
 
 
 class TestFilesThatChange:
-    def test_size_and_time_are_compared(self, tmp_path):
-        path = save(tmp_path / "a", b"12345678")
-        with pytest.raises(InputError, match="changed while it was read"), reading(path):
-            save(path, b"1234567")
-        with pytest.raises(InputError, match="changed while it was read"), reading(path):
-            os.utime(path, (1, 1))
-        with pytest.raises(InputError, match="changed while it was read"), reading(path):
-            save(tmp_path / "b", b"7654321").replace(path)
-        with pytest.raises(InputError, match="Cannot read"), reading(path):
-            path.unlink()
-
-    @pytest.mark.parametrize("ending", ENDINGS)
-    def test_scenes(self, ending, tmp_path, monkeypatch):
-        path = tmp_path / f"a{ending}"
-        formats.write(sample(40, 0), path)
-        find_module = formats._module
-
-        def found(suffix: str) -> Any:
-            path.touch()
-            os.utime(path, (7, 7))
-            return find_module(suffix)
-
-        monkeypatch.setattr(formats, "_module", found)
-        with pytest.raises(InputError, match="changed while it was read"):
-            formats.read(path)
-
     def test_selections(self, tmp_path, monkeypatch):
         np.save(tmp_path / "a.npy", rows_mask(N, 2))
         read = selection_file.read_npy
@@ -215,21 +176,12 @@ class TestFilesThatChange:
         with pytest.raises(InputError, match=f"{changed}' changed while it was read"):
             read_camera_set(tmp_path)
 
-    def test_masks(self, tmp_path, monkeypatch):
-        path = save(tmp_path / "a.png", png(24, 16, rows=16))
-        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.png")
-        assert mask_of(camera, tmp_path).shape == (16, 24)
-        read = file_bytes
-        monkeypatch.setattr(mask_files, "file_bytes", lambda *args: (read(*args), os.utime(path, (7, 7)))[0])
-        with pytest.raises(InputError, match="changed while it was read"):
-            mask_of(camera, tmp_path)
-
 
 class TestMemory:
     def test_arrays_of_an_archive_have_one_limit(self, tmp_path):
         array = npy(shape("(30000000,)"), bytes(30_000_000))
         path = save(tmp_path / "a.npz", zipped({f"{i}.npy": array for i in range(4)}, zipfile.ZIP_DEFLATED))
-        with memory_below(100e6), pytest.raises(InputError, match="too many to be true"):
+        with memory_below(100e6), pytest.raises(InputError, match="too many for a selection"):
             load_selection(path, SCENE)
         assert "30000000" in describe_file(path)  # without a scene the limit is another
 
@@ -240,17 +192,10 @@ class TestMemory:
                 load_selection(save(tmp_path / name, data), SCENE)
 
     def test_text_is_read_in_pieces(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(selection_file, "_TEXT_BYTES_AT_ONCE", 1 << 14)
+        monkeypatch.setattr(number_lists, "_TEXT_BYTES_AT_ONCE", 1 << 14)
         path = save(tmp_path / "a.txt", b"11 " * 100_000)
         with memory_below(5e6), pytest.raises(InputError, match="some of them equal"):
             load_selection(path, SCENE)  # twenty times its size, if it were split at once
-
-    @pytest.mark.parametrize("gap", [b" ", b"\n", b",", b", \r\n"])
-    def test_pieces_of_a_text_meet_between_numbers(self, gap, tmp_path, monkeypatch):
-        monkeypatch.setattr(selection_file, "_TEXT_BYTES_AT_ONCE", 7)
-        rows = [100_000 + i for i in range(50)]
-        path = save(tmp_path / "a.txt", gap.join(str(row).encode() for row in rows) + b" # 5 6\n" + gap)
-        assert open_selection(path).arrays[""].tolist() == rows
 
     def test_json_of_millions_of_values_is_not_parsed(self, tmp_path):
         path = save(tmp_path / "a.json", b'{"frames":[' + b"{}," * 4_200_000 + b"{}]}")
@@ -274,63 +219,6 @@ class TestMemory:
         with memory_below(40e6), pytest.raises(InputError, match=r"claims 3000 x 3000 pixels"):
             formats.read(save(tmp_path / "a.sog", data))
 
-    @pytest.mark.parametrize("picture", [png(30_000, 30_000, 1), png(60_000, 60_000), png(24, 17, rows=17)])
-    def test_masks_are_measured_before_they_are_decoded(self, picture, tmp_path, monkeypatch):
-        save(tmp_path / "a.png", picture)
-        monkeypatch.setattr(cv2, "imdecode", None)
-        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.png")
-        for read in (mask_of, ids_of):
-            with pytest.raises(InputError, match="pixels, but its camera has 24 x 16"):
-                read(camera, tmp_path)
-
-    def test_masks_of_the_right_size_but_of_many_bits(self, tmp_path, monkeypatch):
-        save(tmp_path / "a.png", png(8000, 8000, 16, 6))
-        monkeypatch.setattr(cv2, "imdecode", None)
-        with pytest.raises(InputError, match="64 bits in each of 8000 x 8000"):
-            mask_of(Camera(np.eye(4), intrinsics(1.0, 8000, 8000), 8000, 8000, "a.png"), tmp_path)
-
-    def test_a_jpeg_of_thousands_of_passes(self, tmp_path):
-        data = cv2.imencode(".jpg", np.zeros((16, 24), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
-        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.png")
-        save(tmp_path / "a.jpg", data)
-        assert not mask_of(camera, tmp_path).any()
-        scan = data[data.rindex(b"\xff\xda") : -2]
-        save(tmp_path / "a.jpg", data[:-2] + 2000 * scan + data[-2:])
-        with pytest.raises(InputError, match="no picture that can be read"):
-            mask_of(camera, tmp_path)
-
-    def test_frames_share_what_they_have_in_common(self, tmp_path, monkeypatch):
-        """Nothing that a frame takes grows with what stands beside the frames."""
-
-        class Watched(list):  # type: ignore[type-arg]
-            looks = 0
-
-            def __contains__(self, name: object) -> bool:
-                Watched.looks += 1
-                return super().__contains__(name)
-
-        frames = [{"file_path": f"{i}.png", "transform_matrix": np.eye(4).tolist()} for i in range(50)]
-        document = {"w": 24, "h": 16, "fl_x": 30.0, "frames": frames, "train_filenames": Watched(["7.png", ["x"], 3])}
-        document |= {f"key {i}": 0 for i in range(1000)}
-        path = save(tmp_path / "transforms.json", b"{}")
-        monkeypatch.setattr(json_files.json, "loads", lambda data: document)
-        lenses: list[Any] = []
-        make_lens = json_files.make_lens
-        monkeypatch.setattr(json_files, "make_lens", lambda *args: lenses.append(args) or make_lens(*args))
-        assert sum(read_camera_set(path).train) == 1
-        assert Watched.looks == 0
-        assert len(lenses) == 1
-        assert len(json_files._Reader(document, path, False)._shared) == 3
-
-    def test_masks_of_many_cameras_are_looked_up_in_one_list(self, tmp_path, monkeypatch):
-        save(tmp_path / "7.png", png(24, 16, rows=16))
-        cameras = [Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, f"{i}.JPG") for i in range(100)]
-        looked: list[Path] = []
-        is_file = mask_files.is_file
-        monkeypatch.setattr(mask_files, "is_file", lambda path: looked.append(path) or is_file(path))
-        assert [camera.name for camera in cameras_with_masks(cameras, tmp_path)] == ["7.JPG"]
-        assert len(looked) == 14
-
 
 class TestSmallFilesThatBrokeReaders:
     @pytest.mark.parametrize("packed", [False, True])
@@ -339,7 +227,7 @@ class TestSmallFilesThatBrokeReaders:
         [
             shape("(40"), shape("(" + "-" * 3000 + "1,)"), shape("(99999999999999999999,)"), shape("(40, -1)"),
             shape("(True,)"), shape("(" + "[" * 900 + "]" * 900 + ")"), shape("(0, 999999999999999, 999999999999999)"),
-            shape("(1" + ", 1" * 40 + ")"), shape("(²,)"), shape("(1,,2)"), shape("40"), shape("(40,)", "|b8"),
+            shape("(²,)"), shape("(1,,2)"), shape("40"), shape("(40,)", "|b8"),
             shape("(40,)", "<i3"), shape("(40,)", "x"), shape("(40,)") * 2, "", "{", "{'descr': '|b1'}", "[" * 5000,
         ],
     )  # fmt: skip
@@ -350,21 +238,11 @@ class TestSmallFilesThatBrokeReaders:
             load_selection(path, SCENE)
 
     @pytest.mark.parametrize("version", [1, 2, 3])
-    @pytest.mark.parametrize("text", ["(12,)", "(12)", "( 12 , )", "(12L,)", "(12, 1)"])
+    @pytest.mark.parametrize("text", ["(12,)", "( 12 , )", "(12, 1)"])
     def test_headers_that_others_write(self, version, text, tmp_path):
         header = shape(text).replace("'", '"') if version == 2 else shape(text)
         path = save(tmp_path / "a.npy", npy(header, rows_mask(N, 3).tobytes(), version))
-        if text == "(12)":  # a number in brackets, no tuple; NumPy refuses it too
-            assert open_selection(path).arrays[""].shape == (12,)
-        else:
-            assert np.flatnonzero(load_selection(path, SCENE)).tolist() == [3]
-
-    def test_orders_and_types_of_arrays(self, tmp_path):
-        for values in (np.arange(24).reshape(4, 6).T, np.arange(6, dtype=">u2"), np.float16([1, 2]), np.zeros((0, 3))):
-            np.save(tmp_path / "a.npy", values)
-            found = open_selection(tmp_path / "a.npy").arrays[""]
-            assert found.dtype == values.dtype
-            np.testing.assert_array_equal(found, values)
+        assert np.flatnonzero(load_selection(path, SCENE)).tolist() == [3]
 
     def test_booleans_that_are_neither_true_nor_false(self, tmp_path):
         path = save(tmp_path / "a.npy", npy(shape("(12,)"), bytes([0, 2, 255, 1] + [0] * 8)))
@@ -382,38 +260,13 @@ class TestSmallFilesThatBrokeReaders:
         with pytest.raises(InputError, match="no NumPy array"):
             load_selection((tmp_path / "a.npz").rename(tmp_path / "a.npy"), SCENE)
 
-    @pytest.mark.parametrize("files", [[["quats.webp"]], [{"a": 1}], [None], {"quats.webp": 1}, 7])
-    def test_names_of_textures_that_are_no_text(self, files, tmp_path):
-        formats.write(sample(40, 0), tmp_path / "a.sog")
-        with zipfile.ZipFile(tmp_path / "a.sog") as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        meta = json.loads(members["meta.json"])
-        meta["quats"]["files"] = files
-        save(tmp_path / "a.sog", zipped({**members, "meta.json": json.dumps(meta).encode()}))
-        if isinstance(files, dict):
-            assert len(formats.read(tmp_path / "a.sog")) == 40
-        else:
-            with pytest.raises(InputError, match="not that of a SOG"):
-                formats.read(tmp_path / "a.sog")
-
-    def test_sections_of_a_ksplat_that_are_empty(self, tmp_path):
-        """Viewers reserve sections that they do not fill."""
-        formats.write(sample(3, 1), tmp_path / "a.ksplat")
-        data = bytearray((tmp_path / "a.ksplat").read_bytes())
-        struct.pack_into("<II", data, 4, 3, 3)
-        empty = struct.pack("<IIIIfHxxIIIIH", 0, 0, 256, 0, 5.0, 12, 1, 0, 0, 0, 1).ljust(1024, b"\0")
-        full = bytes(data[4096:5120])
-        for sections in (full + empty + empty, empty + full + empty):
-            path = save(tmp_path / "b.ksplat", bytes(data[:4096]) + sections + bytes(data[5120:]))
-            assert len(formats.read(path)) == 3
-
     @pytest.mark.parametrize("least", [np.inf, np.nan, -3e38])
     def test_ranges_of_a_ksplat_that_are_not_finite(self, least, tmp_path):
         row = struct.pack("<3H7e4B9B", 0, 0, 0, *[1.0] * 7, *[9] * 13)
         header = struct.pack("<BBxxIIIIHxx3f2f", 0, 1, 1, 1, 1, 1, 2, 0, 0, 0, least, 3e38).ljust(4096, b"\0")
         section = struct.pack("<IIIIfHxxIIIIH", 1, 1, 4, 1, 5.0, 12, 32767, 0, 0, 1, 1).ljust(1024, b"\0")
         path = save(tmp_path / "a.ksplat", header + section + struct.pack("<I3f", 1, 0, 0, 0) + row)
-        with pytest.raises(InputError, match=r"infinite sh_rest|sh_rest of"):
+        with pytest.raises(InputError, match="sh_rest that cannot be used"):
             formats.read(path)
 
     def test_a_picture_that_claims_more_than_can_be(self, tmp_path):
@@ -448,13 +301,13 @@ class TestExtremeValues:
     @pytest.mark.parametrize(
         ("name", "value", "message"),
         [
-            ("means", 1e19, r"means of 1e\+19, first in row 7"),
-            ("means", -1e30, r"means of -1e\+30, first in row 7"),
-            ("log_scales", 81.0, "log_scales of 81, first in row 7"),
-            ("quaternions", 1e-30, "quaternion of length 2e-30 in row 7"),
-            ("quaternions", 1e20, r"quaternion of length 2e\+20 in row 7"),
-            ("sh_dc", 1e30, r"sh_dc of 1e\+30, first in row 7"),
-            ("sh_rest", -1e30, r"sh_rest of -1e\+30, first in row 7"),
+            ("means", 1e19, r"means .* row 7 \(1e\+19, "),
+            ("means", -1e30, r"means .* row 7 \(-1e\+30, "),
+            ("log_scales", 81.0, r"log_scales .* row 7 \(81, "),
+            ("quaternions", 1e-30, r"quaternions .* row 7 \(1e-30, "),
+            ("quaternions", 1e20, r"quaternions .* row 7 \(1e\+20, "),
+            ("sh_dc", 1e30, r"sh_dc .* row 7 \(1e\+30, "),
+            ("sh_rest", -1e30, r"sh_rest .* row 7 \(-1e\+30, "),
         ],
     )
     @pytest.mark.parametrize("kind", ["float", "double", "ascii"])
@@ -490,7 +343,7 @@ class TestExtremeValues:
             if name == "opacity_logits" and bits in (0xFFF0000000000000, 0x7FEFFFFFFFFFFFFF):
                 assert abs(formats.read(path).opacities[7] - (bits == 0x7FEFFFFFFFFFFFFF)) < 1e-6
             else:
-                with pytest.raises(InputError, match=f"infinite {name}, first in row 7"):
+                with pytest.raises(InputError, match=f"have {name} that cannot be used, the first in row 7"):
                     formats.read(path)
 
     def test_scales_of_zero_and_opacities_of_any_size_are_right(self, tmp_path):
@@ -503,19 +356,11 @@ class TestExtremeValues:
         assert found.opacities[3:5].tolist() == [1, 0]
         np.testing.assert_array_equal(found.log_scales[5:], gaussians.log_scales[5:])
 
-    @pytest.mark.parametrize("length", [1e-11, 1e11])
-    def test_lengths_of_quaternions_that_can_be_used_are(self, length, tmp_path):
-        gaussians = sample(40, 0)
-        long = gaussians.replace(quaternions=gaussians.quaternions * np.float32(length))
-        ply.write(long, tmp_path / "a.ply")
-        found = formats.read(tmp_path / "a.ply")
-        np.testing.assert_allclose(found.covariances(), gaussians.covariances(), rtol=1e-4, atol=1e-9)
-
     @pytest.mark.parametrize("ending", [".splat", ".ksplat", ".sog", ".compressed.ply"])
     def test_centres_in_other_formats(self, ending, tmp_path):
         gaussians = sample(40, 0)
         formats.write(gaussians.replace(means=gaussians.means * np.float32(1e30)), tmp_path / f"a{ending}")
-        with pytest.raises(InputError, match=r"means of .*e\+3\d, first in row"):
+        with pytest.raises(InputError, match=r"means that cannot be used, the first in row 0 \(.*e\+[23]\d, "):
             formats.read(tmp_path / f"a{ending}")
 
     @pytest.mark.parametrize(
@@ -532,12 +377,6 @@ class TestExtremeValues:
     def test_cameras(self, change, message, tmp_path):
         with pytest.raises(InputError, match=message):
             cameras_of(tmp_path / "c.json", frame(), frame(**change))
-
-    def test_fields_of_view_that_are_no_angle(self, tmp_path):
-        pose = {"transform_matrix": np.eye(4).tolist()}
-        for angle in (1e-300, np.pi - 1e-15):
-            with pytest.raises(InputError, match="not possible"):
-                cameras_of(tmp_path / "c.json", pose, camera_angle_x=angle, w=24, h=16)
 
     @pytest.mark.parametrize("length", [1e-5, 1e300])
     def test_up_vectors_of_any_length(self, length, tmp_path):
@@ -622,38 +461,6 @@ class TestPaths:
         assert (camera.width, camera.height) == (12_000, 12_000)
 
 
-class TestPictureHeaders:
-    @pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tiff", ".webp"])
-    @pytest.mark.parametrize("channels", [1, 3, 4])
-    def test_sizes_are_those_of_the_decoder(self, ending, channels, tmp_path):
-        picture = np.random.default_rng(0).integers(0, 255, (16, 24, channels), np.uint8)
-        if ending == ".webp" and channels == 1:
-            pytest.skip("WebP has no grey pictures")
-        save(tmp_path / "a.bin", cv2.imencode(ending, picture)[1].tobytes())
-        (tmp_path / "a.bin").rename(tmp_path / f"a{ending}")
-        assert mask_of(Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.jpeg"), tmp_path).shape == (16, 24)
-
-    def test_a_picture_turned_on_its_side(self, tmp_path):
-        """Cameras save how they were held; OpenCV turns such pictures upright."""
-        data = cv2.imencode(".jpg", np.zeros((16, 24), np.uint8))[1].tobytes()
-        exif = b"Exif\0\0MM\0*\0\0\0\x08\0\1\x01\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"
-        save(tmp_path / "a.jpg", data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
-        assert mask_of(Camera(np.eye(4), intrinsics(1.0, 16, 24), 16, 24, "a.png"), tmp_path).shape == (24, 16)
-
-    def test_formats_that_cannot_be_measured_are_not_decoded(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(cv2, "imdecode", None)
-        camera = Camera(np.eye(4), intrinsics(1.0, 24, 16), 24, 16, "a.jpg")
-        for data in (
-            b"P5 24 16 255\n" + bytes(384),
-            b"GIF89a" + bytes(99),
-            b"#?RADIANCE\n",
-            b"\x76\x2f\x31\x01" + bytes(99),
-        ):
-            save(tmp_path / "a.png", data)
-            with pytest.raises(InputError, match="no picture that can be read"):
-                mask_of(camera, tmp_path)
-
-
 class TestArchives:
     @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
     def test_compression_that_takes_as_much_memory_as_it_likes(self, compression, tmp_path):
@@ -663,7 +470,7 @@ class TestArchives:
 
     def test_damage_shows_in_the_checksum(self, tmp_path):
         data = bytearray(zipped({"mask.npy": npy(shape("(12,)"), bytes(12))}))
-        data[data.index(b"\n") + 3] ^= 1
+        data[data.index(b"\n", data.index(b"NUMPY")) + 3] ^= 1
         with pytest.raises(InputError, match="CRC"):
             load_selection(save(tmp_path / "a.npz", bytes(data)), SCENE)
         payload = struct.pack("<4sIIBBBB", b"NGSP", 2, 1, 0, 12, 0, 0) + bytes(19)
@@ -671,24 +478,6 @@ class TestArchives:
         assert len(formats.read(save(tmp_path / "a.spz", whole))) == 1
         with pytest.raises(InputError, match="damaged"):
             formats.read(save(tmp_path / "a.spz", whole[:-8] + b"1234" + whole[-4:]))
-
-    def test_a_list_of_members_beyond_all_need(self, tmp_path):
-        data = bytearray(zipped({"a": b""}))
-        struct.pack_into("<I", data, len(data) - 10, 1 << 25)
-        with (
-            pytest.raises(InputError, match=r"list of members of 33554432 bytes"),
-            open_archive(save(tmp_path / "a", bytes(data)), "x"),
-        ):
-            pass
-
-    def test_members_are_asked_for_by_name_and_size(self, tmp_path):
-        path = save(tmp_path / "a", zipped({"a": bytes(100)}, zipfile.ZIP_DEFLATED))
-        with open_archive(path, "x") as archive:
-            assert member_bytes(archive, "a", 100, path) == bytes(100)
-            with pytest.raises(InputError, match="claims 100 bytes"):
-                member_bytes(archive, "a", 99, path)
-            with pytest.raises(InputError, match="no member 'b'"):
-                member_bytes(archive, "b", 99, path)
 
     def test_thousands_of_arrays(self, tmp_path):
         path = save(tmp_path / "a.npz", zipped({f"{i}.npy": b"" for i in range(5000)}))
@@ -699,10 +488,3 @@ class TestArchives:
         data = gzip.compress(b"") * 1000
         with pytest.raises(InputError, match=r"no \.spz file"):
             formats.read(save(tmp_path / "a.spz", data))
-
-
-def test_files_larger_than_any_of_their_kind(tmp_path):
-    path = save(tmp_path / "a", bytes(11))
-    assert file_bytes(path, 11) == bytes(11)
-    with pytest.raises(InputError, match="11 bytes; at most 10"):
-        file_bytes(path, 10)

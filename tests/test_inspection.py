@@ -86,5 +86,5 @@ def test_unknown_files(tmp_path):
     with pytest.raises(InputError, match="There is no file or folder"):
         describe_file(tmp_path / "absent.ply")
     (tmp_path / "picture.png").write_bytes(b"")
-    with pytest.raises(InputError, match="no known file"):
+    with pytest.raises(InputError, match="of an unknown kind"):
         describe_file(tmp_path / "picture.png")

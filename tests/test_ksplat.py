@@ -138,7 +138,7 @@ def test_rows_reserved_but_not_filled_are_passed_over(tmp_path: Path) -> None:
         (file_header(2, 0, 1) + section_header(1, 0, 0, []) + bytes(44), "announces 2 Gaussians and has 1"),
         (file_header(2, 1, 1) + section_header(2, 1, 0, []) + bytes(48), "buckets of a section"),
         (file_header(2, 1, 1) + section_header(2, 1, 0, [1]) + struct.pack("<I3f", 1, 0, 0, 0) + bytes(48), "buckets"),
-        (file_header(1, 0, 1) + section_header(1, 0, 0, []) + bytes(44), "length zero"),
+        (file_header(1, 0, 1) + section_header(1, 0, 0, []) + bytes(44), "quaternions that cannot be used"),
     ],
 )
 def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:

@@ -12,7 +12,6 @@ import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.datasets import BenchmarkScene
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import lifting
@@ -202,7 +201,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum() / (a | b).sum())
 
 
-def masks_of(bench: BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
+def masks_of(bench: benchmark_data.BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
     return [(255 * bench.coverage(name, view.name)).round().astype(np.uint8) for view in views]
 
 

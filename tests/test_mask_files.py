@@ -1,13 +1,16 @@
 """Masks of the user's own, found by the names of the pictures."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.reading import file_bytes, is_file
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.segmentation.segmenters import get_segmenter
+from gaussian_trimmer.segmentation.segmenters import get_segmenter, mask_files
 from gaussian_trimmer.segmentation.segmenters.mask_files import (
     MaskFilesConfig,
     cameras_with_masks,
@@ -72,13 +75,6 @@ def test_object_numbers_are_read_as_they_are(tmp_path):
         ids_of(camera("both.png"), tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n"])
-def test_what_is_no_picture_is_refused(tmp_path, content):
-    (tmp_path / "a.png").write_bytes(content)
-    with pytest.raises(InputError, match=r"no picture"):
-        mask_of(camera("a.png"), tmp_path)
-
-
 def test_mask_of_another_size_is_refused(tmp_path):
     save(tmp_path / "a.png")
     with pytest.raises(InputError, match=r"12 x 8 pixels.*20 x 8"):
@@ -103,3 +99,19 @@ def test_two_masks_for_one_picture_are_refused(tmp_path):
     save(tmp_path / "a.jpg")
     with pytest.raises(InputError, match=r"several masks \(a.jpg, a.png\)"):
         find_mask(tmp_path, camera("a.jpg"))
+
+
+def test_masks_of_many_cameras_are_looked_up_in_one_list(tmp_path, monkeypatch):
+    save(tmp_path / "7.png")
+    looked = []
+    monkeypatch.setattr(mask_files, "is_file", lambda path: looked.append(path) or is_file(path))
+    found = cameras_with_masks([camera(f"{i}.JPG") for i in range(100)], tmp_path)
+    assert [camera.name for camera in found] == ["7.JPG"]
+    assert len(looked) == 14
+
+
+def test_a_mask_that_changes_while_it_is_read(tmp_path, monkeypatch):
+    save(tmp_path / "a.png")
+    monkeypatch.setattr(mask_files, "file_bytes", lambda *args: (file_bytes(*args), os.utime(args[0], (7, 7)))[0])
+    with pytest.raises(InputError, match="changed while it was read"):
+        mask_of(camera("a.png"), tmp_path)

@@ -1,10 +1,12 @@
 """Photographs shown to a segmenter: the right pixels of the right picture, and what cannot be used."""
 
+import tracemalloc
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
@@ -44,14 +46,27 @@ def test_the_whole_photograph_is_what_its_camera_sees(folder):
     np.testing.assert_allclose(photo_of(CAMERA, CAMERA, folder), gradient(), atol=0.003)
 
 
-@pytest.mark.parametrize("side", [16, 32, 60])
-@pytest.mark.parametrize("factor", [1, 2])
+@pytest.mark.parametrize(("side", "factor"), [(16, 1), (60, 1), (16, 2), (32, 2), (60, 24)])
 def test_crops_are_in_place_also_in_photographs_of_other_sizes(folder, side, factor):
     write(folder / "a" / "IMG_1.png", gradient(factor * WIDTH, factor * HEIGHT))
     shown = photo_of(crop(20, 10, side), CAMERA, folder)
     centres = (np.arange(64) + 0.5) / 64 * side
     np.testing.assert_allclose(shown[32, :, 0], (20 + centres) / WIDTH, atol=0.006)
     np.testing.assert_allclose(shown[:, 32, 1], (10 + centres) / HEIGHT, atol=0.006)
+
+
+def test_memory_follows_from_the_pixels_and_not_from_copies_of_them(tmp_path):
+    """A scan of one bit a pixel: a kilobyte of file, and 36 MB of colours of 8 bits."""
+    width, height = 4000, 3000
+    Image.new("1", (width, height)).save(tmp_path / "a.tif", compression="group4")
+    small, large = (Camera(np.eye(4), intrinsics(1.0, w, h), w, h, "a") for w, h in ((80, 60), (width, height)))
+    tracemalloc.start()
+    try:
+        assert photo_of(small, small, tmp_path).shape == (60, 80, 3)
+        assert photo_of(replace(small, K=large.K), large, tmp_path).shape == (60, 80, 3)
+        assert tracemalloc.get_traced_memory()[1] < 8 * width * height
+    finally:
+        tracemalloc.stop()
 
 
 def test_beyond_the_edge_it_is_black(folder):
@@ -72,7 +87,8 @@ def test_segmenters_see_the_photograph_and_all_else_is_left_as_it_was(folder):
 
     blank = np.zeros((64, 64), np.float32)
     prior = np.random.default_rng(0).random((64, 64)).astype(np.float32)
-    view = View(crop(20, 10, 32), Rendering(np.zeros((64, 64, 3), np.float32), blank + 1, blank + 3), blank, blank, prior, (0, 0, 64, 64))  # fmt: skip  # noqa: E501
+    picture = Rendering(np.zeros((64, 64, 3), np.float32), blank + 1, blank + 3)
+    view = View(crop(20, 10, 32), picture, blank, blank, prior, (0, 0, 64, 64))
     segmenter = PhotoSegmenter(Watching(), folder, [CAMERA])
     segmenter.segment([view])
     np.testing.assert_array_equal(seen[0].rgb, photo_of(view.camera, CAMERA, folder))
@@ -81,7 +97,7 @@ def test_segmenters_see_the_photograph_and_all_else_is_left_as_it_was(folder):
     assert "photographs" in segmenter.describe()
     assert segmenter.mask_source == "photographs"
     assert PhotoSegmenter(SilhouetteSegmenter(), folder, [CAMERA]).mask_source == "labels"
-    with pytest.raises(InputError, match="of no training camera"):
+    with pytest.raises(InputError, match="not a training camera"):
         segmenter.segment([replace(view, camera=replace(view.camera, name=""))])
 
 
@@ -99,10 +115,6 @@ def test_photographs_that_cannot_be_used_are_named(folder):
     write(path, gradient(WIDTH, WIDTH))
     with pytest.raises(InputError, match="other proportions"):
         photo_of(CAMERA, CAMERA, folder)
-    for content in (b"", b"no picture", path.read_bytes()[:60]):
-        path.write_bytes(content)
-        with pytest.raises(InputError, match=r"IMG_1\.png"):
-            photo_of(CAMERA, CAMERA, folder)
     path.unlink()
     with pytest.raises(InputError, match="no photograph of the camera"):
         photo_of(CAMERA, CAMERA, folder)

@@ -7,9 +7,11 @@ import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.pictures import cameras_around, draw_before_after, draw_view, write_picture
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
-from gaussian_trimmer.rendering import Rendering, get_renderer
+from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.trimming.trim import TrimmedView, trim
 from gaussian_trimmer.views import View
 
@@ -66,8 +68,7 @@ def frames(picture):
 
 def test_before_after_shows_the_object_from_all_around():
     scene, truth = toy.ball_on_floor()
-    selection, renderer = toy.dilated(scene, truth), get_renderer("numba")
-    picture = draw_before_after(trim(scene, selection, config=toy.small_config()), selection, renderer)
+    picture = draw_before_after(trim(scene, toy.dilated(scene, truth), config=toy.small_config()))
     assert picture.shape[1] == 6 * CELL + 5 * 4
     red = (picture[..., 2].astype(int) - picture[..., 0]) > 60
     for i in range(6):
@@ -76,18 +77,30 @@ def test_before_after_shows_the_object_from_all_around():
     assert frames(picture) == [False] * 6
 
 
+def test_thin_ends_of_the_object_are_within_the_picture():
+    scene, truth = toy.ball_on_floor()
+    heights = np.linspace(1, 3, 12)[:, None]
+    mast = toy.gaussians(toy.CENTRE + heights * toy.UP, (0.03, 0.03, 0.09), (0.8, 0.1, 0.1), 0.95)
+    result = trim(concatenate([scene, mast]), np.append(truth, np.ones(12, np.bool_)), config=toy.small_config())
+    assert result.object.means[:, 2].max() > result.bounds.centre[2] + 1.5 * result.bounds.half_extents[2]
+    _, cameras = cameras_around(result, checked_sides(result), 6, 100)
+    for camera in cameras:
+        pixels, _ = camera.project(result.object.means.astype(np.float64))
+        assert pixels.min() > 0 and pixels.max() < 100
+
+
 def test_before_after_frames_the_directions_that_were_not_judged():
     scene, truth = toy.ball_on_floor()
     config = toy.small_config(plan=PlanConfig(size=160, yaw_range_degrees=(20, 100)))
     result = trim(scene, truth, config=config)
-    assert frames(draw_before_after(result, truth, get_renderer("numba"))) == [False] + [True] * 5
+    assert frames(draw_before_after(result)) == [False] + [True] * 5
 
 
 def test_before_after_of_inputs_that_were_found_wrong_marks_every_side():
     scene, truth = toy.ball_on_floor()
     scattered = np.random.default_rng(0).permutation(truth)
     result = trim(scene, scattered, config=toy.small_config())
-    assert frames(draw_before_after(result, scattered, get_renderer("numba"))) == [True] * 6
+    assert frames(draw_before_after(result)) == [True] * 6
 
 
 def test_written_picture_is_read_back_and_failure_is_one_sentence(tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from format_samples import ATTRIBUTES, sample
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import ply
 from gaussian_trimmer.gaussians import Gaussians, concatenate
@@ -194,8 +195,8 @@ def test_values_that_are_not_finite_are_refused(tmp_path: Path, name: str, value
     array = getattr(gaussians, name).copy()
     array[8000] = value
     ply.write(gaussians.replace(**{name: array}), tmp_path / "a.ply")
-    with pytest.raises(InputError, match=f"NaN or infinite {name}, first in row 8000"):
-        ply.read(tmp_path / "a.ply")
+    with pytest.raises(InputError, match=f"have {name} that cannot be used, the first in row 8000"):
+        formats.read(tmp_path / "a.ply")
 
 
 def test_normals_and_extras_may_be_anything(tmp_path: Path) -> None:
@@ -209,8 +210,8 @@ def test_quaternion_of_length_zero_is_refused(tmp_path: Path) -> None:
     quaternions = gaussians.quaternions.copy()
     quaternions[4500] = 0
     ply.write(gaussians.replace(quaternions=quaternions), tmp_path / "a.ply")
-    with pytest.raises(InputError, match="length zero in row 4500"):
-        ply.read(tmp_path / "a.ply")
+    with pytest.raises(InputError, match=r"row 4500 \(0, 0, 0, 0\)"):
+        formats.read(tmp_path / "a.ply")
 
 
 HEADER = "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
@@ -244,14 +245,14 @@ PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
         (ASCII.format(count=1, properties=PROPERTIES).encode(), "0 rows"),
         (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1 2 3" * 9, "damaged"),
         (ASCII.format(count=1, properties=PROPERTIES).encode() + b"x " * 14, "damaged"),
-        (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1e99 " * 14, "infinite means"),
+        (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1e99 " * 14, "means that cannot be used"),
     ],
 )  # fmt: skip
 def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.ply"
     path.write_bytes(content)
     with pytest.raises(InputError, match=message):
-        ply.read(path)
+        formats.read(path)
 
 
 def test_missing_file_and_missing_folder(tmp_path: Path) -> None:

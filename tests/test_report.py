@@ -9,33 +9,28 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.trimming.trim import AcceptanceConfig, trim
+from gaussian_trimmer.trimming.trim import AcceptanceConfig, RowLabel, trim
 
-RENDERER = get_renderer("numba")
 CONFIG = toy.small_config()
 
 
 @pytest.fixture(scope="module")
 def trimmed():
     scene, truth = toy.ball_on_floor()
-    selection = toy.dilated(scene, truth)
-    return trim(scene, selection, config=CONFIG, renderer=RENDERER), selection
+    return trim(scene, toy.dilated(scene, truth), config=CONFIG)
 
 
 @pytest.fixture(scope="module")
 def written(trimmed, tmp_path_factory):
-    result, selection = trimmed
     folder = tmp_path_factory.mktemp("results")
-    report = describe(result, selection, CONFIG, {"scene": "ball.ply"}, seconds={"read": 0.25})
-    write_results(result, selection, report, folder, RENDERER)
+    write_results(trimmed, describe(trimmed, {"scene": "ball.ply"}, {"read": 0.25}), folder)
     return folder
 
 
 def test_splat_files_hold_the_object_and_the_background(trimmed, written):
-    result, _ = trimmed
-    for name, part in (("object", result.object), ("background", result.background)):
+    for name, part in (("object", trimmed.object), ("background", trimmed.background)):
         found = formats.read(written / f"{name}.ply")
         np.testing.assert_array_equal(found.means, part.means)
         np.testing.assert_array_equal(found.opacity_logits, part.opacity_logits)
@@ -43,42 +38,53 @@ def test_splat_files_hold_the_object_and_the_background(trimmed, written):
 
 
 def test_labels_tell_where_every_row_of_both_files_comes_from(trimmed, written):
-    result, selection = trimmed
     labels = np.load(written / "labels.npz", allow_pickle=False)
     n_object = int(labels["n_object"])
     assert list(labels["label_names"]) == list(LABEL_NAMES)
     assert n_object == len(formats.read(written / "object.ply"))
     rows = np.concatenate([formats.read(written / f"{name}.ply").sh_dc for name in ("object", "background")])
-    np.testing.assert_array_equal(rows, result.scene.sh_dc[labels["source_index"]])
+    np.testing.assert_array_equal(rows, trimmed.scene.sh_dc[labels["source_index"]])
     pruned = labels["source_index"][labels["label"] == LABEL_NAMES.index("pruned")]
     assert len(pruned)
-    assert selection[pruned].all()
+    assert trimmed.selection[pruned].all()
 
 
 def test_report_says_how_it_came_about(trimmed, written):
-    result, _ = trimmed
     report = json.loads((written / "report.json").read_text())
     assert report["version"] == __version__
     assert report["inputs"] == {"scene": "ball.ply"}
     assert report["configuration"]["plan"]["size"] == 160
     assert report["up"] == {"direction": [0.0, 0.0, 1.0], "source": "given", "confidence": 1.0}
-    assert (report["renderer"], report["segmenter"], report["refused"]) == ("numba", "silhouette", "")
+    assert (report["renderer"], report["segmenter"], report["refused"]) == ("numba", "silhouette", None)
     assert report["seconds"]["read"] == 0.25
     assert set(report["seconds"]) > {"plan", "render", "segment", "weigh", "split"}
     assert len(report["views"]) == 5
-    for entry, view in zip(report["views"], result.views, strict=True):
+    for entry, view in zip(report["views"], trimmed.views, strict=True):
         assert entry["accepted"] == (not view.rejected)
         np.testing.assert_allclose(entry["world_to_camera"], view.view.camera.world_to_camera)
 
 
-def test_counts_add_up(trimmed):
-    result, selection = trimmed
-    counts = count(result, selection)
-    assert counts["selected"] == np.count_nonzero(selection)
-    assert counts["object"] == counts["kept"] + counts["recovered"] + counts["split"] == len(result.object)
-    assert counts["background"] == len(result.background)
-    assert counts["object"] + counts["background"] == counts["scene"] + len(result.outside_parts)
-    assert counts["pruned"] > 0
+@pytest.mark.parametrize(
+    "stages",
+    [
+        {},
+        {"refine": "fit"},
+        {"split": SplitConfig("plane"), "boundary": BoundaryConfig(min_share=0.1, min_area=1e-5)},
+        {"acceptance": AcceptanceConfig(min_silhouette=10**6)},
+    ],
+)
+def test_every_selected_gaussian_is_counted_once(stages):
+    scene, truth = toy.ball_on_floor()
+    result = trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=toy.TightMasks())
+    counts = count(result)
+    assert counts["selected"] == np.count_nonzero(result.selection)
+    assert counts["selected"] == counts["kept"] + counts["cut"] + counts["removed"] + counts["left_out"]
+    assert counts["kept"] + counts["cut"] + counts["recovered"] == np.count_nonzero(result.object_mask)
+    assert (counts["object"], counts["background"]) == (len(result.object), len(result.background))
+    parts = result.source_index[: len(result.object)][result.label[: len(result.object)] == RowLabel.SPLIT_INSIDE]
+    assert counts["cut"] == np.count_nonzero(result.selection[np.unique(parts)])
+    assert (counts["split"] > 0) == (len(result.outside_parts) > 0) == ("split" in stages)
+    assert (counts["removed"] > 0) == (result.refused is None or not result.refused)
 
 
 def test_there_is_a_picture_of_every_view_and_one_of_before_and_after(written):
@@ -87,17 +93,15 @@ def test_there_is_a_picture_of_every_view_and_one_of_before_and_after(written):
     assert cv2.imread(str(written / "before_after.png")).shape[2] == 3
 
 
-def test_settings_and_reasons_of_a_refused_trim_are_reported(tmp_path):
+def test_reasons_of_a_refused_trim_are_reported():
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
     config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
-    result = trim(scene, selection, config=config, renderer=RENDERER)
-    report = describe(result, selection, config, {}, segmenter="a better name")
-    write_results(result, selection, report, tmp_path, RENDERER)
+    result = trim(scene, selection, config=config)
+    report = describe(result)
     assert "0 of 5 views" in report["refused"]
     assert all("pixels" in view["reason"] and not view["accepted"] for view in report["views"])
-    assert report["segmenter"] == "a better name"
-    assert (report["counts"]["pruned"], report["counts"]["object"]) == (0, np.count_nonzero(selection))
+    assert (report["counts"]["removed"], report["counts"]["object"]) == (0, np.count_nonzero(selection))
 
 
 def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
@@ -105,8 +109,8 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     ball = scene.select(truth)
     config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
     everything = np.ones(len(ball), np.bool_)
-    result = trim(ball, everything, config=config, renderer=RENDERER)
-    write_results(result, everything, {}, tmp_path, RENDERER, ".splat")
+    result = trim(ball, everything, config=config)
+    write_results(result, {}, tmp_path, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
 
 

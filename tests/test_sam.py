@@ -301,7 +301,7 @@ def test_masks_of_something_else_are_told_in_the_report(tmp_path):
 
 def test_the_papers_preset_takes_the_papers_prompt(tmp_path):
     command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--segmenter", "sam", "--sam.model", "m"])
-    assert command._used_options() == SamConfig("m", prompt="box", choice="score", fusion=False)
+    assert command.used_options() == SamConfig("m", prompt="box", choice="score", fusion=False)
     command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--sam.prompt", "expected"])
     assert command.segmenter == "grabcut"
     assert command.segmenter_options.sam.prompt == "expected"

@@ -62,6 +62,13 @@ def scaled(factor):
         ("quaternions", [1e-30, 0, 0, 0], "quaternions"),
         ("quaternions", [0, 1e20, 0, 0], "quaternions"),
         ("quaternions", np.nan, "quaternions"),
+        (
+            "sh_dc",
+            np.nan,
+            r"1 of 812 Gaussians have sh_dc .* row 5 \(nan, nan, nan\): colours up to 1e15 can be used; rem",
+        ),
+        ("sh_dc", [0, np.inf, 0], r"sh_dc .* row 5 \(0, inf, 0\)"),
+        ("sh_dc", -1e16, r"sh_dc .* row 5 \(-1e\+16, "),
     ],
 )
 def test_impossible_numbers_are_refused_before_any_work(name, value, said):

@@ -1,12 +1,12 @@
 """The rules of a comparison: threshold, occlusion, fidelity."""
 
+from dataclasses import replace
+
 import numpy as np
-import pytest
 from scenes import gaussian
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.ground_truth import TestView
+from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR, Cut, Judge, mean_scores
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
@@ -21,22 +21,20 @@ def judge(**rules):
 
 
 def view(coverage, image=None):
-    everywhere = np.ones(coverage.shape, np.bool_)
-    return TestView(CAMERA, image, coverage, everywhere, everywhere)
+    truth = Truth(coverage, np.ones(coverage.shape, np.bool_))
+    return TestView(CAMERA, image, truth, truth)
 
 
-def test_an_occluded_object_is_hidden_in_the_scene_alone():
-    cut = Cut(FAR, NEAR)
-    alone, hidden = judge().show(cut, CAMERA), judge(occlusion="in-scene").show(cut, CAMERA)
-    assert alone.alpha[20, 20] > 0.7 and hidden.alpha[20, 20] < 0.1
-    np.testing.assert_array_equal(alone.rgb, hidden.rgb)  # pictures are of the object alone under both rules
-    scores = judge(occlusion="in-scene").score(hidden, view((alone.alpha > 0.5).astype(np.float32)))
-    assert scores["iou"] < 90
-
-
-def test_occlusion_needs_the_rest_of_the_scene():
-    with pytest.raises(InputError, match="not known"):
-        judge(occlusion="in-scene").show(Cut(FAR, None), CAMERA)
+def test_what_stands_before_an_object_hides_it_in_its_scene_only():
+    shown = judge().show(Cut(FAR, NEAR), CAMERA)
+    assert shown.alpha[20, 20] > 0.7 and shown.share[20, 20] < 0.1
+    whole = view((shown.alpha > 0.5).astype(np.float32))
+    scores = judge().score(shown, whole)
+    assert scores["iou"] == 100 and scores["iou_in_scene"] < 90 and scores["accuracy_in_scene"] < 100
+    visible = Truth((shown.share > 0.5).astype(np.float32), whole.alone.counted)
+    assert judge().score(shown, replace(whole, in_scene=visible))["iou_in_scene"] == 100
+    unknown = judge().score(judge().show(Cut(FAR, None), CAMERA), whole)
+    assert unknown == {name: score for name, score in scores.items() if not name.endswith("in_scene")}
 
 
 def test_the_threshold_is_that_of_the_rendering_only():
@@ -69,9 +67,8 @@ def test_an_empty_object_shows_nothing():
 
 
 def test_rules_are_named():
-    text = judge(threshold=0.1, occlusion="in-scene").describe()
+    text = judge(threshold=0.1).describe()
     assert "alpha > 0.1" in text and "occlusion counts" in text and "renderer: reference" in text
-    assert "no occlusion" in judge().describe()
 
 
 def test_means_leave_out_what_a_view_lacks():

@@ -4,7 +4,6 @@ import io
 import re
 import zipfile
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 
 import benchmark_data
@@ -191,7 +190,7 @@ def test_unknown_names(tmp_path):
 class TestHostileFiles:
     def test_pickled_objects(self, tmp_path):
         np.save(tmp_path / "m.npy", np.array([{"a": 1}] * N), allow_pickle=True)
-        with pytest.raises(InputError, match="without pickled objects"):
+        with pytest.raises(InputError, match=r"type \|O; booleans or numbers are needed"):
             select(tmp_path / "m.npy")
         np.savez(tmp_path / "m.npz", mask=np.array([{"a": 1}] * N))
         with pytest.raises(InputError, match="no array of numbers"):
@@ -248,7 +247,7 @@ def test_documented_commands_are_understood():
     for command in commands:
         parsed = tyro.cli(Command, args=command.split())
         given, kind = parsed.selection.given(), parsed.selection.kind
-        assert kind == "auto" or given <= import_module(KINDS[kind]).OPTIONS, command
+        assert kind == "auto" or given <= set(KINDS[kind].options), command
 
 
 def test_benchmark_selection():

@@ -174,30 +174,6 @@ def test_folders_differ_by_id(files, tmp_path, monkeypatch):
     assert sorted(path.name for path in (tmp_path / "trimmed").iterdir()) == ["scene-labels-3", "scene-labels-7"]
 
 
-def test_what_remains_keeps_the_rows_of_the_original(files, tmp_path, capsys):
-    scene = files / "scene.ply"
-    command = ["trim", scene, files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--quiet"]
-    assert run(*command, "--selection.object-id", 3, "--output", tmp_path / "a") == 0
-    more = ["--selection.object-id", 7, "--remaining", tmp_path / "a", "--output", tmp_path / "b"]
-    assert run(*command, *more) == 0
-    first, second = (gt.read_selection(tmp_path / name / "labels.npz", SCENE) for name in "ab")
-    assert not (first & second).any()
-    assert toy.jaccard(second, SECOND) > 0.95
-    left = formats.read(tmp_path / "b" / "background.ply")
-    gone = np.concatenate([np.load(tmp_path / name / "labels.npz")["dropped"] for name in "ab"])
-    rows = np.setdiff1d(np.flatnonzero(~first & ~second), gone)
-    assert np.array_equal(np.sort(left.means, axis=0), np.sort(SCENE.means[rows], axis=0))
-    labels = ["--labels", files / "labels.npy", "--objects", 7, "--remaining", tmp_path / "a", "--up", 0, 0, 1]
-    assert run("trim", scene, *labels, *SMALL, "--output", tmp_path / "c", "--quiet") == 0
-    assert np.array_equal(gt.read_selection(tmp_path / "c" / "labels.npz", SCENE), second)
-    assert run(*command, "--selection.object-id", 3, "--remaining", tmp_path / "a", "--output", tmp_path / "d") in (
-        0,
-        2,
-    )
-    assert run(*command, "--selection.object-id", 3, "--remaining", tmp_path, "--output", tmp_path / "e") == 2
-    assert "holds no results of a trim" in capsys.readouterr().err
-
-
 def test_folders_of_trainings(files, tmp_path, capsys):
     for iteration in (7000, 30000):
         place = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
@@ -235,30 +211,3 @@ def test_what_the_objects_hid_leaves_the_common_background():
     assert dark[clean.dropped].sum() > 40 and dark[clean.dropped].mean() > 0.9
     for one, other in zip(clean.objects, exact.objects, strict=True):
         assert np.array_equal(one.source_index, other.source_index)
-
-
-def test_filled_and_dropped_results_can_be_gone_on_from(files, tmp_path):
-    command = ["trim", files / "scene.ply", files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--quiet"]
-    assert run(*command, "--selection.object-id", 3, "--output", tmp_path / "a") == 0
-    # As if a hole had been filled and something dropped: a Gaussian more without a row, and one less.
-    arrays = dict(np.load(tmp_path / "a" / "labels.npz"))
-    background = formats.read(tmp_path / "a" / "background.ply")
-    near = int(np.argmin(np.linalg.norm(background.means - (-2.5, 2.5, 0), axis=1)))  # on the floor, in full view
-    made = np.append(np.delete(np.arange(len(background)), 0), near)
-    formats.write(background.select(made), tmp_path / "a" / "background.ply")
-    n_object = int(arrays["n_object"])
-    arrays["dropped"] = np.append(arrays["dropped"], arrays["source_index"][n_object])
-    arrays["source_index"] = np.append(np.delete(arrays["source_index"], n_object), -1)
-    arrays["label"] = np.append(np.delete(arrays["label"], n_object), RowLabel.FILLED)
-    np.savez(tmp_path / "a" / "labels.npz", **arrays)
-    for more in (["--selection.object-id", 7], None):
-        folder = tmp_path / ("b" if more else "c")
-        given = [*command, *more] if more else [
-            "trim", files / "scene.ply", "--labels", files / "labels.npy", "--objects", 7, "--up", 0, 0, 1, *SMALL,
-            "--quiet",
-        ]  # fmt: skip
-        assert run(*given, "--remaining", tmp_path / "a", "--output", folder) == 0
-        found = np.load(folder / "labels.npz")
-        (place,) = np.flatnonzero(found["source_index"] == -1)
-        assert place >= int(found["n_object"]) and found["label"][place] == RowLabel.FILLED
-        assert toy.jaccard(gt.read_selection(folder / "labels.npz", SCENE), SECOND) > 0.9

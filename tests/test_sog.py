@@ -133,12 +133,15 @@ def test_null_at_the_head_of_a_codebook_is_mended(tmp_path: Path) -> None:
         ({"count": "many"}, "not that of a SOG"),
         ({"means": 7}, "not that of a SOG"),
         ({"means__mins": [1, 2]}, "not that of a SOG"),
-        ({"means__mins": [float("nan")] * 3}, "infinite means"),
-        ({"means__maxs": [1e300] * 3}, "infinite means"),
-        ({"means__files": ["means_l.webp"]}, "too few textures"),
+        ({"means__mins": [float("nan")] * 3}, "means that cannot be used"),
+        ({"means__maxs": [1e300] * 3}, "means that cannot be used"),
+        ({"means__files": ["means_l.webp"]}, "means has not the names of 2 files"),
+        ({"means__files": ["means_l.webp"] * 3}, "means has not the names of 2 files"),
+        ({"quats__files": [{"a": 1}]}, "quats has not the names of 1 files"),
+        ({"quats__files": 7}, "not that of a SOG"),
         ({"quats__files": ["../../secret"]}, "no member '../../secret'"),
         ({"quats__files": ["means_l.webp"]}, None),
-        ({"scales__codebook": [0.0] * 3}, "infinite log_scales"),
+        ({"scales__codebook": [0.0] * 3}, "log_scales that cannot be used"),
         ({"shN__files": ["sh0.webp", "shN_labels.webp"]}, "palette of coefficients"),
         ({"shN__files": ["shN_centroids.webp", "means_u.webp"]}, "in a palette"),
         ({"sh0": None}, "not that of a SOG"),
@@ -255,7 +258,7 @@ class TestUnbundled:
             for name in ATTRIBUTES:
                 np.testing.assert_array_equal(getattr(found, name), getattr(bundled, name))
         assert formats.written_suffix(folder / "meta.json") == ".sog"
-        with pytest.raises(InputError, match="only read"):
+        with pytest.raises(InputError, match=r"cannot be written: give it one of the endings \.ply"):
             formats.write(bundled, folder / "meta.json")
 
     def test_missing_and_foreign_textures_are_refused(self, tmp_path: Path) -> None:
@@ -270,6 +273,23 @@ class TestUnbundled:
         (folder / "meta.json").write_text(text.replace("quats.webp", "../quats.webp"))
         with pytest.raises(InputError, match="no texture"):
             formats.read(folder)
+
+    def test_each_file_counts_once(self, tmp_path: Path) -> None:
+        """Textures of one colour are small whatever their size: the count is held against the bytes of the files."""
+        pixels = np.full((1000, 1000, 4), (5, 5, 5, 252), np.uint8)
+        for name in ("small", "large"):
+            (tmp_path / name).write_bytes(encode_webp(pixels) + bytes(150_000 * (name == "large")))
+        meta = {
+            "version": 2, "count": 10**6,
+            "means": {"mins": [0] * 3, "maxs": [1] * 3, "files": ["large"] * 2},
+            "scales": {"codebook": [-3.0] * 256, "files": ["large"]}, "quats": {"files": ["large"]},
+            "sh0": {"codebook": [0.1] * 256, "files": ["small"]},
+        }  # fmt: skip
+        for repeated in (["large"] * 2, ["large"] * 20_000):
+            meta["means"]["files"] = repeated  # type: ignore[index]
+            (tmp_path / "meta.json").write_text(json.dumps(meta))
+            with pytest.raises(InputError, match=r"announces 1000000 Gaussians|names of 2 files"):
+                formats.read(tmp_path / "meta.json")
 
     def test_lies_about_the_count_are_found(self, tmp_path: Path) -> None:
         folder = self.unpacked(tmp_path)

@@ -15,7 +15,7 @@ TABLE = ScoreTable(
 
 
 def test_text_is_a_markdown_table_with_title_and_notes():
-    lines = TABLE.as_text().splitlines()
+    lines = TABLE.as_markdown().splitlines()
     rows = [line for line in lines if line.startswith("|")]
     assert lines[0] == "A 50 % test_title" and lines[-2:] == ["renderer: numba", "mask: alpha > 0.5"]
     assert "90.00 -> 95.12" in rows[2] and "- -> 95.00" in rows[3]
@@ -60,4 +60,3 @@ def test_cells_follow_the_metrics_that_there_are():
     assert score_cells(metrics, before, after) == [Change(90.0, 95.0), Change(80.0, 85.0), 50.0]
     assert score_cells(metrics, None, after) == [95.0, 85.0, 50.0]
     assert heading("iou") == "IoU (%)"
-    assert Change(90.0, 95.0).gain == 5.0 and Change(None, 95.0).gain is None

@@ -19,10 +19,17 @@ from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition.fit_target import coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
-from gaussian_trimmer.evaluation.sheets import row_of_pictures
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, logit
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.output.pictures import BACKDROP, Picture, close_up, draw_view, write_picture
+from gaussian_trimmer.output.pictures import (
+    BACKDROP,
+    Picture,
+    as_picture,
+    captioned,
+    close_up,
+    draw_view,
+    write_picture,
+)
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.gradients import draw
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -50,10 +57,15 @@ def figures(size: int = 512) -> dict[str, Picture]:
     }
 
 
+def row_of_pictures(cells: list[tuple[str, FloatArray]]) -> Picture:
+    """Pictures (H, W, 3) in [0, 1] of one height side by side, with their names above."""
+    return np.hstack([captioned(name, as_picture(rgb)) for name, rgb in cells])
+
+
 def _planning(result: TrimResult) -> Picture:
     """A map of the cameras, and what three of them see."""
     views = [(f"view {i}", _small(result.views[i].view.rgb)) for i in (0, 1, 2)]
-    return row_of_pictures([("from above", _map(result)), *views], captions=True)
+    return row_of_pictures([("from above", _map(result)), *views])
 
 
 def _map(result: TrimResult) -> FloatArray:
@@ -85,14 +97,14 @@ def _augmentation(result: TrimResult) -> Picture:
     alone = result.used_renderer.render(result.scene.select(result.selection), view.camera, BACKDROP).rgb
     around = view.rgb + (1 - view.alpha)[..., None] * BACKDROP
     cells = [("the selection alone", _small(alone)), ("with the Gaussians around it (BA)", _small(around))]
-    return row_of_pictures(cells, captions=True)
+    return row_of_pictures(cells)
 
 
 def _labels(result: TrimResult) -> Picture:
     """How much of the picture the object contributes, by the rough labels and by the corrected ones."""
     view = result.views[0].view
     cells = [("picture", _small(view.rgb)), ("rough labels", _small(_grey(view.object_visible)))]
-    return row_of_pictures([*cells, ("corrected labels", _small(_grey(view.object_prior)))], captions=True)
+    return row_of_pictures([*cells, ("corrected labels", _small(_grey(view.object_prior)))])
 
 
 def _segmentation(result: TrimResult) -> Picture:
@@ -116,7 +128,7 @@ def _evidence(result: TrimResult) -> Picture:
         shown = result.used_renderer.blend_values(result.scene.select(rows), camera, colours[rows])
         alpha = result.used_renderer.render(result.scene.select(rows), camera).alpha
         cells.append((f"view {i}: kept, pruned, recovered", shown + (1 - alpha)[..., None]))
-    return row_of_pictures(cells, captions=True)
+    return row_of_pictures(cells)
 
 
 def _splitting() -> Picture:
@@ -135,7 +147,7 @@ def _splitting() -> Picture:
         "means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")))  # fmt: skip
     named = [("parent", parent), ("inside child", inside), ("outside child", outside), ("both children", both)]
     cells = [(name, get_renderer("reference").render(g, camera, BACKDROP).rgb) for name, g in named]
-    return row_of_pictures(cells, captions=True)
+    return row_of_pictures(cells)
 
 
 def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Picture:
@@ -148,9 +160,7 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     alone = draw(before.object, camera)
     aim = coverage_target(alone, together, before.bounds.radius)
     shown = [alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
-    return row_of_pictures(
-        [(name, _grey(alpha)) for name, alpha in zip(("before", "aim", "after"), shown, strict=True)], captions=True
-    )
+    return row_of_pictures([(name, _grey(a)) for name, a in zip(("before", "aim", "after"), shown, strict=True)])
 
 
 def _grey(values: FloatArray) -> FloatArray:

@@ -24,17 +24,37 @@ if TYPE_CHECKING:
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
+    from gaussian_trimmer.output.html.viewer import export_viewer
+    from gaussian_trimmer.output.report import describe
+    from gaussian_trimmer.output.saving import save
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks_file import read_marks
     from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selection_files import load_selection as read_selection
+    from gaussian_trimmer.trimming.several_objects import trim_objects
     from gaussian_trimmer.trimming.trim import TrimConfig, TrimResult, trim
 
 
 __all__ = [
-    "Gaussians", "InputError", "TrimConfig", "TrimResult", "__version__", "batch", "marks", "read", "read_cameras",
-    "read_marks", "read_selection", "select", "trim", "write",
-]  # fmt: skip
+    "Gaussians",
+    "InputError",
+    "TrimConfig",
+    "TrimResult",
+    "__version__",
+    "batch",
+    "describe",
+    "export_viewer",
+    "marks",
+    "read",
+    "read_cameras",
+    "read_marks",
+    "read_selection",
+    "save",
+    "select",
+    "trim",
+    "trim_objects",
+    "write",
+]
 
 # Name -> module and the name there; without one the module itself.
 _LATE = {
@@ -43,13 +63,17 @@ _LATE = {
     "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
     "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
     "batch": ("gaussian_trimmer.batch", ""),
+    "describe": ("gaussian_trimmer.output.report", "describe"),
+    "export_viewer": ("gaussian_trimmer.output.html.viewer", "export_viewer"),
     "marks": ("gaussian_trimmer.selecting.marks", ""),
     "read": ("gaussian_trimmer.formats", "read"),
     "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),
     "read_marks": ("gaussian_trimmer.selecting.marks_file", "read_marks"),
     "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
+    "save": ("gaussian_trimmer.output.saving", "save"),
     "select": ("gaussian_trimmer.selecting.select", "select"),
     "trim": ("gaussian_trimmer.trimming.trim", "trim"),
+    "trim_objects": ("gaussian_trimmer.trimming.several_objects", "trim_objects"),
     "write": ("gaussian_trimmer.formats", "write"),
 }
 
@@ -64,4 +88,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LATE})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

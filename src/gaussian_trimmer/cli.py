@@ -13,7 +13,7 @@ from gaussian_trimmer.errors import InputError, printable
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Protocol
+    from typing import Any, Protocol
 
     class Command(Protocol):
         """What the dataclass of a command has beside its options."""
@@ -35,15 +35,11 @@ COMMANDS = {
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
     "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
-    "evaluate benchmark": (
-        "gaussian_trimmer.commands.evaluate_benchmark", "Benchmark", "trim and measure scenes with ground truth",
+    "evaluate nvos": (
+        "gaussian_trimmer.commands.evaluate_dataset", "Nvos", "score a method on NVOS, before and after trimming",
     ),
-    "evaluate nvos": ("gaussian_trimmer.commands.evaluate_dataset", "Nvos", "measure a method on NVOS, and trimmed"),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
-    "evaluate ablation": ("gaussian_trimmer.commands.evaluate_studies", "Ablation", "measure what stages bring"),
-    "evaluate view-counts": ("gaussian_trimmer.commands.evaluate_studies", "ViewCounts", "gain and time by views"),
-    "evaluate sheets": ("gaussian_trimmer.commands.evaluate_studies", "Sheets", "draw trims of captures"),
 }  # fmt: skip
 """A command of two words goes before the command of its first word."""
 
@@ -117,26 +113,27 @@ def _dispatch(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _parse(name: str, arguments: Sequence[str]) -> Command:
-    from dataclasses import replace
+def _kind_of(name: str) -> type[Any]:
+    """The dataclass of a command."""
     from importlib import import_module
-    from typing import cast
-
-    import tyro
 
     module, attribute, _ = COMMANDS[name]
-    kind = getattr(import_module(module), attribute)
-    command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments)
+    kind: type[Any] = getattr(import_module(module), attribute)
+    return kind
+
+
+def _parse(name: str, arguments: Sequence[str]) -> Command:
+    from typing import cast
+
+    from gaussian_trimmer.commands.parsing import parse
+
+    kind, prog = _kind_of(name), f"{PROGRAM} {name}"
+    command = parse(kind, prog, arguments)
     if getattr(command, "preset", "") == "paper":
-        from gaussian_trimmer.config import paper_config
-        from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
+        from gaussian_trimmer.config import with_paper_preset
 
         # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        default = replace(
-            command, config=paper_config(), segmenter=PAPER_SEGMENTER,
-            segmenter_options=paper_options(command.segmenter_options),
-        )  # fmt: skip
-        command = tyro.cli(kind, prog=f"{PROGRAM} {name}", args=arguments, default=default)
+        command = parse(kind, prog, arguments, with_paper_preset(command))
     if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
         command = command.in_order_of(arguments)
     return cast("Command", command)
@@ -147,7 +144,7 @@ def _overview() -> str:
     lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     return "\n".join([
         f"usage: {PROGRAM} COMMAND ...", "", "Sharp object boundaries for 3D Gaussian Splatting segmentations.", "",
-        *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version names the version.",
+        *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version prints the version.",
     ])  # fmt: skip
 
 

@@ -24,8 +24,8 @@ SH_C0 = 0.28209479177387814
 class Gaussians:
     """N anisotropic Gaussians with the attributes of 3D Gaussian Splatting, in stored (unactivated) form.
 
-    The arrays may be views onto a memory-mapped file; nothing in this package writes to them in place. Numbers of other
-    types, such as float64, are converted to float32 here, once.
+    The arrays may be views of a larger table; nothing in this package writes to them in place. Numbers of other types,
+    such as float64, are converted to float32 here, once.
     """
 
     means: FloatArray
@@ -59,7 +59,7 @@ class Gaussians:
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}; {shape} is needed for {n} Gaussians.")
-        if self.sh_rest.shape[:2] != (n, 3) or self.sh_rest.shape[2] not in (0, 3, 8, 15):
+        if self.sh_rest.shape[:2] != (n, 3) or self.sh_rest.shape[2:] not in ((0,), (3,), (8,), (15,)):
             raise ValueError(f"sh_rest has shape {self.sh_rest.shape}; ({n}, 3, K) with K = 0, 3, 8 or 15 is needed.")
 
     @classmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ class RowLabel(IntEnum):
     """It is new, and continues the surface that the object stood on; its scene row is -1."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TrimResult:
     """The object, the scene without it, and how they were obtained."""
 
@@ -56,12 +57,12 @@ class TrimResult:
     """What happened to each of these rows, a `RowLabel`."""
     up: UpVector
     bounds: Bounds
-    """Bounds of the coarse object, which the views frame."""
+    """Bounds of the roughly selected object, which the views frame."""
     views: tuple[TrimmedView, ...]
     """The views that the trimmer looked from; none if the inputs were found wrong before."""
     floaters: int
     """Number of selected Gaussians that lie too far from the object to belong to it."""
-    refused: str | None
+    refused: str | None = None
     """Why the selection was returned unchanged; None if it was trimmed."""
     seconds: dict[str, float]
     """Time taken by each stage."""
@@ -116,48 +117,17 @@ class TrimResult:
 
     @property
     def report(self) -> dict[str, Any]:
-        """Settings, cameras, up vector, views accepted or rejected and why, counts and times, as JSON holds them."""
-        from gaussian_trimmer.output.report import describe
+        """What `report.json` holds: settings, cameras, up vector, views accepted or rejected and why, counts, times."""
+        report: dict[str, Any] = _output("report").describe(self)
+        return report
 
-        return describe(self, self.selection, self.config, {}, self.segmenter_description)
-
-    def save(
-        self, folder: str | Path, *, overwrite: bool = False, format: str | None = None, html: bool = False
-    ) -> Path:
-        """Write what the command line writes, and return the folder, which appears whole or not at all.
-
-        That is object and background as splat files, `labels.npz`, `report.json`, `before_after.png` and `views/`; the
-        background is not written if it is empty.
-
-        Args:
-            folder: new or empty; missing parents are made.
-            overwrite: replace earlier results in the folder.
-            format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or ksplat.
-            html: write `report.html` too: the trim as one page for a browser, without anything outside it.
-
-        Raises:
-            InputError: the folder holds something and `overwrite` is not set, it cannot be written to, no format has
-                that name, or the format cannot hold the Gaussians.
-        """
-        from gaussian_trimmer.output.saving import save
-
-        return save(self, folder, overwrite=overwrite, format=format, html=html)
+    def save(self, folder: str | Path, **options: Any) -> Path:
+        """Write what the command line writes, and return the folder; see `gaussian_trimmer.save` for the options."""
+        return Path(_output("saving").save(self, folder, **options))
 
     def export_viewer(self, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
-        """Write a page that draws the object in any browser, without a server and without the network.
-
-        Args:
-            path: name of the page, which ends with .html.
-            part: `object`, `background`, or `both`, of which the page can hide one.
-            overwrite: replace the file if it exists.
-
-        Raises:
-            InputError: there are more than a million Gaussians, or none; the file exists and `overwrite` is not set;
-                or it cannot be written.
-        """
-        from gaussian_trimmer.output.html.viewer import export_trim
-
-        export_trim(self, path, part, overwrite=overwrite)
+        """Write a page that draws the object in any browser; see `gaussian_trimmer.export_viewer`."""
+        _output("html.viewer").export_viewer(self, path, part, overwrite=overwrite)
 
     def slim(self) -> SlimResult:
         """What was decided, without the scene, the object's Gaussians and the renderings."""
@@ -217,3 +187,8 @@ def _mask(rows: NDArray[Any], n: int) -> BoolArray:
     mask = np.zeros(n, np.bool_)
     mask[rows] = True
     return mask
+
+
+def _output(module: str) -> Any:
+    """A module of `output`, which writes results: loaded when it is needed, since it works on what stands here."""
+    return import_module(f"gaussian_trimmer.output.{module}")

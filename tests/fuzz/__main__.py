@@ -3,50 +3,105 @@
 from __future__ import annotations
 
 import argparse
+import random
+import resource
+import signal
 import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
-from .harness import OUTCOMES, make_case, run_cases
-from .samples import readers
+sys.path.insert(0, str(Path(__file__).parents[1]))  # builders that the tests of the readers have
+
+from fuzz.mutations import mutate
+from fuzz.samples import Files, Reader, check_message, readers
+from gaussian_trimmer.errors import InputError
+
+MEMORY = 2 << 30
+"""Address space beyond what the process has when it begins."""
+SECONDS = 5.0
+"""Processor time of a case."""
+
+
+def make_case(reader: Reader, name: str, seed: int, case: int) -> Files:
+    """The files of a case, of which the first is to be read; the first cases are the samples as they are."""
+    if case < len(reader.samples):
+        return reader.samples[case]
+    rng = random.Random(f"{seed}/{name}/{case}")
+    files = dict(rng.choice(reader.samples))
+    target = rng.choice(list(files))
+    files[target] = mutate(rng, files[target])
+    return files
+
+
+def defects(reader: Reader, name: str, seed: int, cases: range) -> Iterator[tuple[int, str]]:
+    """Numbers of the cases that neither succeed nor are refused with a sentence, and what was raised instead.
+
+    The samples themselves, which come first, must be read.
+    """
+    for case in cases:
+        print(f"\r{name} {case}", end="", file=sys.stderr, flush=True)
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                signal.setitimer(signal.ITIMER_PROF, SECONDS)
+                _read(
+                    reader, make_case(reader, name, seed, case), Path(folder), must_succeed=case < len(reader.samples)
+                )
+        except Exception:
+            yield case, traceback.format_exc()[-1500:]
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+
+
+def _read(reader: Reader, files: Files, folder: Path, *, must_succeed: bool) -> None:
+    for file, data in files.items():
+        (folder / file).write_bytes(data)
+    try:
+        reader.read(folder / next(iter(files)))
+    except InputError as error:
+        check_message(error)
+        assert not must_succeed, error
+
+
+def limit_this_process() -> None:
+    """Limits on memory and on the time of a case, and warnings as errors."""
+    in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    signal.signal(signal.SIGPROF, _stop)
+    warnings.simplefilter("ignore")
+    warnings.simplefilter("error", RuntimeWarning)
+
+
+def _stop(*_: object) -> None:
+    raise TimeoutError(f"more than {SECONDS} s")
 
 
 def main() -> int:
-    """Run the cases, print a table, and list the defects."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description="Every reader against hostile files.")
+    """Run the cases and list the defects."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description="Every reader against damaged files.")
     parser.add_argument("--cases", type=int, default=100_000, help="of all readers together")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--reader", action="append", choices=list(readers()), help="may be repeated; default: all")
-    parser.add_argument("--case", type=int, help="run this case alone, in this process, and show what happens")
+    parser.add_argument("--case", type=int, help="run this case alone")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="save the files of each defect")
     options = parser.parse_args()
     chosen = {name: reader for name, reader in readers().items() if name in (options.reader or readers())}
-    if options.case is not None:
-        return _run_one(chosen, options.seed, options.case, options.keep or Path("out/fuzz"))
-    share = -(-options.cases // len(chosen))
-    print(f"{'reader':<16}" + "".join(f"{name:>10}" for name in ("cases", *OUTCOMES)) + "   slowest case", flush=True)
-    defects = []
+    cases = range(-(-options.cases // len(chosen))) if options.case is None else [options.case]
+    limit_this_process()
+    found = 0
     for name, reader in chosen.items():
-        tally = run_cases(reader, name, options.seed, range(share), options.keep)
-        counts = [share, *(tally.outcomes[outcome] for outcome in OUTCOMES)]
-        slowest = f"{tally.slowest[0]:>7} ms ({tally.slowest[1]})"
-        print(f"{name:<16}" + "".join(f"{count:>10}" for count in counts) + slowest, flush=True)
-        defects += [(name, *defect) for defect in tally.defects]
-    for name, case, outcome, said in defects[:100]:
-        print(f"\n--seed {options.seed} --reader '{name}' --case {case}: {outcome}\n{said.strip()[-1500:]}")
-    print(f"\n{len(defects)} defects")
-    return 1 if defects else 0
-
-
-def _run_one(chosen: dict, seed: int, case: int, keep: Path) -> int:
-    """Write the files of a case and read them, without limits."""
-    for name, reader in chosen.items():
-        files, first = make_case(reader, name, seed, case)
-        folder = keep / f"{name.replace(' ', '-')}-{seed}-{case}"
-        folder.mkdir(parents=True, exist_ok=True)
-        for file, data in files.items():
-            (folder / file).write_bytes(data)
-        print(f"{folder / first}: {reader.read(folder / first)}")
-    return 0
+        for case, said in defects(reader, name, options.seed, cases):
+            found += 1
+            print(f"\n--seed {options.seed} --reader '{name}' --case {case}\n{said}")
+            if options.keep is not None:
+                folder = options.keep / f"{name.replace(' ', '-')}-{options.seed}-{case}"
+                folder.mkdir(parents=True, exist_ok=True)
+                for file, data in make_case(reader, name, options.seed, case).items():
+                    (folder / file).write_bytes(data)
+    print(f"\n{len(cases) * len(chosen)} cases, {found} defects")
+    return 1 if found else 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What tells whether an item must be trimmed again: a digest of the contents of its inputs and of its settings.
+"""Whether an item must be trimmed again: a digest of the contents of its inputs and of its settings.
 
 Names and times of files do not count, so that a copy elsewhere is the same; the version of the program does.
 """
@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.batch.items import Item, item_as_json, options_kind
+from gaussian_trimmer.batch.items import Item, options_kind
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 
-_BYTES_AT_ONCE = 1 << 20
-_MOST_FILES = 100_000
+_MAX_BYTES, _MAX_FILES = 1 << 36, 100_000
 
 
 def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | None) -> str:
@@ -28,12 +27,11 @@ def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | No
 
     Args:
         item: the item, whose other inputs (a classifier, masks, a model's folder) are read.
-        scene, selection, cameras: digests of these, None for what there is not.
+        scene, selection, cameras: digests of these; None where there is none.
 
     Raises:
         InputError: another input cannot be read.
     """
-    data = item_as_json(item)
     options = item.segmenter_options
     kind = options_kind(item.segmenter)
     if options is None and kind is not None:
@@ -45,7 +43,7 @@ def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | No
         "cameras": cameras,
         "format": item.suffix,
         "background": item.background,
-        "config": data["config"],
+        "config": asdict(item.config),
         "renderer": item.renderer,
         "segmenter": item.segmenter,
         "segmenter_options": _with_contents(asdict(options)) if options is not None else None,
@@ -59,9 +57,13 @@ def digest_of_file(path: Path) -> str:
     """The SHA-256 of a file's contents.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: it is not a file of at most 64 GiB, or cannot be read.
     """
     try:
+        if not path.is_file():  # A device or a pipe may never end.
+            raise InputError(f"There is no file '{path}'." if not path.exists() else f"'{path}' is not a file.")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"'{path}' has {path.stat().st_size} bytes; an input may have {_MAX_BYTES}.")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
@@ -95,8 +97,8 @@ def _contents(place: Path | str) -> str:
         return digest_of_file(place)
     total = hashlib.sha256()
     paths = sorted(path for path in place.rglob("*") if path.is_file())
-    if len(paths) > _MOST_FILES:
-        raise InputError(f"The folder '{place}' holds {len(paths)} files; at most {_MOST_FILES} can be an input.")
+    if len(paths) > _MAX_FILES:
+        raise InputError(f"The folder '{place}' holds {len(paths)} files; at most {_MAX_FILES} can be an input.")
     for path in paths:
         total.update(f"{path.relative_to(place).as_posix()!r} {digest_of_file(path)}".encode())
     return total.hexdigest()

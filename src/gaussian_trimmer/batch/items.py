@@ -1,13 +1,12 @@
-"""What a batch is made of: items, each one object of one scene with all settings of its trim."""
+"""Items of a batch: one object of one scene each, with all settings of its trim."""
 
 from __future__ import annotations
 
-import types
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.config import TrimConfig, check_config
@@ -16,11 +15,10 @@ from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.selection_files import SelectionOptions
-from gaussian_trimmer.settings import check_settings, hints_of
+from gaussian_trimmer.settings import check_settings
 
-_SAFE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-+")
+_SAFE_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-+")
 _LONGEST_PART = 150
-Json = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -31,17 +29,17 @@ class Item:
     """
 
     scene: str
-    """Splat file of the scene, or of the object alone."""
+    """Splat file of the scene, or of the object alone; or the folder of a training."""
     selection: str | None = None
-    """Which Gaussians roughly are the object; none: the file holds the object alone."""
+    """Which Gaussians roughly are the object; None: the file holds the object alone."""
     name: str = ""
-    """Where the results go below the output folder, with slashes; made from the names of the files if not given."""
+    """Folder of the results below `items` in the output; made from the names of the files if empty."""
     cameras: str | None = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     format: str | None = None
-    """File format of object and background; that of the scene if not given."""
+    """File format of object and background; that of the scene if None."""
     background: bool = True
     """Write the scene without the object too. It is nearly as large as the scene, for every object; labels.npz says
     which of the scene's Gaussians are in it."""
@@ -62,86 +60,27 @@ class Item:
         """The ending of the splat files that are written.
 
         Raises:
-            InputError: no format has that name.
+            InputError: no format has that name, or the scene's folder holds no splat file.
         """
-        return formats.written_suffix(self.scene) if self.format is None else suffix_of(self.format)
+        return formats.written_suffix(scene_file(self.scene)) if self.format is None else suffix_of(self.format)
 
 
-def check_items(items: Iterable[Item]) -> list[Item]:
-    """The items with names, after a look at everything that can be checked without opening a file.
+def scene_file(scene: str) -> str:
+    """The splat file that a scene means: itself, or in the folder of a training that of the latest iteration.
 
     Raises:
-        InputError: there is no item, a setting is not possible, or two items have the same name, or one's folder would
-            lie in another's.
+        InputError: the folder holds no splat file, or several that could be meant.
     """
-    given, known = list(items), set[int]()
-    checked = [_check_item(item, number, known) for number, item in enumerate(given, 1)]
-    if not checked:
-        raise InputError("The batch has no items.")
-    numbers: dict[str, int] = {}
-    for number, item in enumerate(checked, 1):
-        folded = item.name.casefold()  # for file systems that do not tell cases apart
-        if folded in numbers:
-            raise InputError(
-                f"Items {numbers[folded]} and {number} are both named '{shown(item.name)}'; give each a name of its "
-                "own."
-            )
-        numbers[folded] = number
-    for folded, number in numbers.items():
-        for parent in PurePosixPath(folded).parents:
-            if str(parent) in numbers:
-                raise InputError(
-                    f"The folder of item {number}, '{shown(folded)}', would lie in that of item "
-                    f"{numbers[str(parent)]}; give it another name."
-                )
-    return checked
+    return scene if is_address(scene) else str(formats.find_scene(Path(scene)))
 
 
-def default_name(item: Item) -> str:
-    """A name made from the scene's path and, of the selection's, what differs from it, and the ids of the object.
+def is_address(path: str) -> bool:
+    """Whether a path is for fsspec to open.
 
-    >>> default_name(Item("rooms/a/scene.ply", "rooms/a/coarse/mug.npy"))
-    'rooms/a/scene/coarse-mug'
-    >>> default_name(Item("s3://b/a.ply", "s3://b/ids.npy", selection_options=SelectionOptions("labels", (7,))))
-    'b/a/ids-7'
+    >>> is_address("s3://bucket/scene.ply"), is_address("scenes/a.ply")
+    (True, False)
     """
-    scene = _parts(item.scene)
-    own = _parts(item.selection) if item.selection else ["object"]
-    common = 0
-    while common < min(len(scene), len(own) - 1) and scene[common] == own[common]:
-        common += 1
-    ids = [str(i) for i in item.selection_options.object_id]
-    return "/".join([*scene, "-".join([*own[common:], *ids])])
-
-
-def item_as_json(item: Item, known: dict[int, tuple[Any, Any]] | None = None) -> Json:
-    """An item as JSON holds it.
-
-    Args:
-        known: what settings became earlier, by their identity: items by the thousand have the same ones.
-    """
-    known = {} if known is None else known
-    data: Json = {}
-    for entry in fields(item):
-        value = getattr(item, entry.name)
-        if not is_dataclass(value):
-            data[entry.name] = value
-            continue
-        if id(value) not in known:
-            known[id(value)] = value, _plain(asdict(value))  # type: ignore[arg-type]
-        data[entry.name] = known[id(value)][1]
-    return data
-
-
-def item_of_json(data: Json) -> Item:
-    """The item that `item_as_json` was given."""
-    options, kind = data["segmenter_options"], options_kind(data["segmenter"])
-    made = {
-        name: _typed(value, hint)
-        for (name, hint), value in ((pair, data[pair[0]]) for pair in hints_of(Item).items())
-        if name != "segmenter_options"
-    }
-    return Item(**made, segmenter_options=_typed(options, kind) if options is not None and kind else None)
+    return "://" in path
 
 
 def options_kind(segmenter: str) -> type[Any] | None:
@@ -150,18 +89,62 @@ def options_kind(segmenter: str) -> type[Any] | None:
     return getattr(import_module(module), kind) if kind else None
 
 
-def _check_item(item: Any, number: int, known: set[int]) -> Item:
+def check_items(items: Iterable[Item]) -> list[Item]:
+    """The items with their names, after all checks that need no file to be opened.
+
+    Raises:
+        InputError: there is no item, a setting is not possible, two items have the same name, or the folder of one
+            would lie in that of another.
+    """
+    checked_settings, names = set[int](), dict[str, int]()
+    checked = [_check_item(item, number, checked_settings) for number, item in enumerate(items, 1)]
+    if not checked:
+        raise InputError("The batch has no items.")
+    for number, item in enumerate(checked, 1):
+        first = names.setdefault(item.name.casefold(), number)  # for file systems that do not tell cases apart
+        if first != number:
+            raise InputError(
+                f"Items {first} and {number} are both named '{shown(item.name)}'; give each a name of its own."
+            )
+    for name, number in names.items():
+        for parent in PurePosixPath(name).parents:
+            if str(parent) in names:
+                raise InputError(
+                    f"The folder of item {number}, '{shown(name)}', would lie in that of item {names[str(parent)]}; "
+                    "give it another name."
+                )
+    return checked
+
+
+def default_name(item: Item) -> str:
+    """A name made from the scene's path, the parts of the selection's that differ from it, and the object's ids.
+
+    >>> default_name(Item("rooms/a/scene.ply", "rooms/a/coarse/mug.npy"))
+    'rooms/a/scene/coarse-mug'
+    >>> default_name(Item("s3://b/a.ply", "s3://b/ids.npy", selection_options=SelectionOptions("labels", (7,))))
+    'b/a/ids-7'
+    """
+    scene = _safe_parts(item.scene)
+    own = _safe_parts(item.selection) if item.selection else ["object"]
+    common = 0
+    while common < min(len(scene), len(own) - 1) and scene[common] == own[common]:
+        common += 1
+    ids = [str(i) for i in item.selection_options.object_id]
+    return "/".join([*scene, "-".join([*own[common:], *ids])])
+
+
+def _check_item(item: Any, number: int, checked: set[int]) -> Item:
+    """An item with its name; `checked` are the ids of settings that were found to be possible."""
     if not isinstance(item, Item):
         raise InputError(f"Item {number} is a {type(item).__name__}; give batch.Item.")
     try:
-        _check_settings(item, known)
+        _check_settings(item, checked)
         return replace(item, name=_checked_name(item.name) if item.name else default_name(item))
     except InputError as error:
         raise InputError(f"Item {number}: {error}") from error
 
 
-def _check_settings(item: Item, known: set[int]) -> None:
-    """Check what an item says; `known` are the identities of settings that were found to be possible."""
+def _check_settings(item: Item, checked: set[int]) -> None:
     if item.segmenter not in SEGMENTERS:
         raise InputError(f"Unknown segmenter '{item.segmenter}'; available: {', '.join(SEGMENTERS)}.")
     if item.renderer not in RENDERER_CHOICES:
@@ -174,61 +157,32 @@ def _check_settings(item: Item, known: set[int]) -> None:
                 + (f"a {kind.__name__}." if kind else "none.")
             )
         check_settings(item.segmenter_options, item.segmenter)
-    if id(item.selection_options) not in known:
+    if id(item.selection_options) not in checked:
         check_settings(item.selection_options, "selection")
-    if id(item.config) not in known:
+    if id(item.config) not in checked:
         check_config(item.config)
-    known |= {id(item.selection_options), id(item.config)}
+    checked |= {id(item.selection_options), id(item.config)}
     assert item.suffix
 
 
 def _checked_name(name: str) -> str:
-    parts = name.split("/")
-    if all(_is_safe(part) for part in parts):
+    if all(_is_safe(part) for part in name.split("/")):
         return name
     raise InputError(
-        f"The name '{shown(name)}' cannot be that of a folder everywhere; letters, digits and . _ - + can be used, "
-        "and slashes between folders."
+        f"The name '{shown(name)}' cannot be that of a folder everywhere; use letters, digits and . _ - +, and slashes "
+        "between folders."
     )
 
 
 def _is_safe(part: str) -> bool:
-    return 0 < len(part) <= _LONGEST_PART and set(part) <= _SAFE and part[0] not in ".-" and part[-1] != "."
+    safe = 0 < len(part) <= _LONGEST_PART and set(part) <= _SAFE_CHARACTERS
+    return safe and part[0] not in ".-" and part[-1] != "."
 
 
-def _parts(path: str) -> list[str]:
-    """The safe parts of a path, without its root, its scheme and its ending."""
+def _safe_parts(path: str) -> list[str]:
+    """The parts of a path as names of folders, without its root, its scheme and its ending."""
     parts = [part for part in path.split("://")[-1].replace("\\", "/").split("/") if part not in ("", ".", "..")]
     if parts:
         parts[-1] = parts[-1].split(".")[0] or parts[-1]
-    cleaned = ("".join(c if c in _SAFE else "_" for c in part).lstrip(".-").rstrip(".") for part in parts)
+    cleaned = ("".join(c if c in _SAFE_CHARACTERS else "_" for c in part).lstrip(".-").rstrip(".") for part in parts)
     return [part[:_LONGEST_PART] or "_" for part in cleaned] or ["_"]
-
-
-def _plain(value: Any) -> Any:
-    """A value of settings as JSON holds it."""
-    if isinstance(value, dict):
-        return {name: _plain(entry) for name, entry in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(entry) for entry in value]
-    return str(value) if isinstance(value, Path) else value
-
-
-def _typed(value: Any, kind: Any) -> Any:
-    """A value of the kind that a field of settings has, from what JSON holds."""
-    origin, arguments = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        return _typed(value, arguments[0])
-    if origin in (Union, types.UnionType):
-        meant = [argument for argument in arguments if argument is not type(None)]
-        return None if value is None else _typed(value, meant[0])
-    if value is None or origin is Literal:
-        return value
-    if is_dataclass(kind):
-        hints = hints_of(kind)  # type: ignore[arg-type]
-        return kind(**{f.name: _typed(value[f.name], hints[f.name]) for f in fields(kind) if f.name in value})  # type: ignore[operator]
-    if origin is tuple:
-        return tuple(_typed(entry, arguments[0]) for entry in value)
-    if kind is float:
-        return float(value)
-    return Path(value) if kind is Path else value

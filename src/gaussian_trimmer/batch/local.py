@@ -1,160 +1,110 @@
-"""Workers on this machine: processes that are started anew, one JSON message a line each way.
-
-A worker that loses its driver stops at once and removes what it was writing; one that is killed leaves a part that the
-next run removes. Both the driver and Python are strangers to whatever `__main__` started the batch.
-"""
+"""A batch on the processors of this machine: a thread for each worker, which hands it one item after another."""
 
 from __future__ import annotations
 
-import json
-import os
 import queue
-import signal
-import subprocess
-import sys
-import tempfile
 import threading
-from collections.abc import Sequence
-from contextlib import suppress
-from pathlib import Path
-from typing import IO, Any
+import time
+from collections import deque
+from collections.abc import Generator, Sequence
 
-from gaussian_trimmer.errors import printable
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.outcomes import Outcome
+from gaussian_trimmer.batch.scenes import SceneItems
+from gaussian_trimmer.batch.worker import Worker, WorkerSettings
 
-Json = dict[str, Any]
+POLL_SECONDS = 0.5
 _SECONDS_TO_END = 5.0
-_LONGEST_WORDS = 300
 
 
-class LocalEngine:
-    """Workers as processes of this machine; the threads that kernels use are shared out among them."""
+class LocalWorkers:
+    """Workers on this machine, which share the items out among themselves.
 
-    def __init__(self, output: str) -> None:
-        self._output, self._threads = output, 1
-        self._processes: dict[int, subprocess.Popen[bytes]] = {}
-        self._errors: dict[int, IO[bytes]] = {}
-        self._replies: queue.SimpleQueue[tuple[int, int, Json | None]] = queue.SimpleQueue()
+    A worker does the items of one scene, then takes a scene that no other has, and when there is none, helps with the
+    scene of which most items wait. Scenes are in memory at the same time only while they fit.
 
-    def room(self, need: float) -> int:
-        """One worker for each processor."""
-        return cores()
+    Args:
+        memory: bytes that the scenes of all workers may take together.
+    """
 
-    def prepare(self, workers: int, need: float) -> None:
-        """Say how many workers there will be."""
-        self._threads = max(1, cores() // max(workers, 1))
+    def __init__(self, scenes: Sequence[SceneItems], settings: WorkerSettings, workers: int, memory: float) -> None:
+        self._waiting = {entry.scene: deque(entry.items) for entry in scenes}
+        self._needs = {entry.scene: entry.need for entry in scenes}
+        self._memory, self._stopped = memory, False
+        self._held: dict[int, str] = {}
+        """The scene that each worker has in memory."""
+        self._lock = threading.Lock()
+        self._events: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
+        self._workers = [Worker(settings) for _ in range(workers)]
+        self.running: dict[int, tuple[str, float]] = {}
+        """What each worker is at, and since when."""
 
-    def start(self, worker: int) -> None:
-        """Start a worker."""
-        errors = tempfile.TemporaryFile()  # noqa: SIM115
-        process = subprocess.Popen(
-            [sys.executable, "-m", "gaussian_trimmer.batch.worker_process", self._output],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, env=_environment(self._threads),
-            start_new_session=True,  # Ctrl-C is the driver's business.
-        )  # fmt: skip
-        self._processes[worker], self._errors[worker] = process, errors
-        threading.Thread(target=self._listen, args=(worker, process), daemon=True).start()
-
-    def send(self, worker: int, request: Json) -> None:
-        """Send a request; that the worker has died is told by `wait`."""
-        stream = self._processes[worker].stdin
-        assert stream is not None
-        with suppress(OSError):
-            stream.write(json.dumps(request).encode() + b"\n")
-            stream.flush()
-
-    def wait(self, seconds: float) -> list[tuple[int, Json]]:
-        """Replies that have come, waiting for the first no longer than this; {"death": words} where a worker died."""
-        found: list[tuple[int, Json]] = []
-        while True:
-            try:
-                worker, process, reply = (
-                    self._replies.get(timeout=max(seconds, 0.0)) if not found else (self._replies.get_nowait())
-                )
-            except queue.Empty:
-                return found
-            current = self._processes.get(worker)
-            if current is None or current.pid != process:
-                continue  # the last words of one that was killed
-            if reply is None:
-                found.append((worker, {"death": self._bury(worker)}))
-            else:
-                found.append((worker, reply))
-
-    def without_room(self) -> set[int]:
-        """None: processes begin at once."""
-        return set()
-
-    def kill(self, worker: int) -> None:
-        """End a worker, whatever it is doing."""
-        process = self._processes.get(worker)
-        if process is not None:
-            process.kill()
-            self._bury(worker)
-
-    def close(self) -> None:
-        """End all workers; what they were writing is removed."""
-        for process in self._processes.values():
-            process.terminate()
-        for worker, process in list(self._processes.items()):
-            try:
-                process.wait(_SECONDS_TO_END)
-            except subprocess.TimeoutExpired:
-                process.kill()
-            self._bury(worker)
-
-    def _listen(self, worker: int, process: subprocess.Popen[bytes]) -> None:
-        assert process.stdout is not None
-        for line in process.stdout:
-            try:
-                reply = json.loads(line)
-            except ValueError:
-                break
-            self._replies.put((worker, process.pid, reply))
-        self._replies.put((worker, process.pid, None))
-
-    def _bury(self, worker: int) -> str:
-        """Let a worker that has ended go; returns how it ended."""
-        process, errors = self._processes.pop(worker), self._errors.pop(worker)
-        assert process.stdin is not None
-        with suppress(OSError):
-            process.stdin.close()
+    def outcomes(self) -> Generator[Outcome | None, None, None]:
+        """Trim everything, and give outcomes as they come; None about twice a second where none comes."""
+        threads = [threading.Thread(target=self._serve, args=(i,), daemon=True) for i in range(len(self._workers))]
+        for thread in threads:
+            thread.start()
         try:
-            code = process.wait(_SECONDS_TO_END)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            code = process.wait()
-        with errors:
-            size = errors.seek(0, os.SEEK_END)
-            errors.seek(max(0, size - 4096))
-            words = errors.read().decode("utf-8", "replace").strip().rpartition("\n")[2]
-        how = f"was killed by {_signal_name(-code)}" if code < 0 else f"ended with code {code}"
-        return how + (f" ({printable(words, _LONGEST_WORDS)})" if words else "")
+            serving = len(threads)
+            while serving:
+                try:
+                    event = self._events.get(timeout=POLL_SECONDS)
+                except queue.Empty:
+                    yield None
+                    continue
+                if isinstance(event, BaseException):
+                    raise event
+                if event is None:
+                    serving -= 1
+                else:
+                    yield event
+        finally:
+            self._end(threads)
 
+    def _end(self, threads: Sequence[threading.Thread]) -> None:
+        self._stopped = True
+        for worker in self._workers:
+            worker.stop()
+        end = time.monotonic() + _SECONDS_TO_END
+        for thread, worker in zip(threads, self._workers, strict=True):
+            thread.join(max(0.0, end - time.monotonic()))
+            if thread.is_alive():
+                worker.kill()
+                thread.join(_SECONDS_TO_END)
 
-def cores() -> int:
-    """Number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    def _serve(self, number: int) -> None:
+        """Have one worker do items until there are no more."""
+        try:
+            with self._workers[number] as worker:
+                while any(self._waiting.values()) and not self._stopped:
+                    item = self._take(number)
+                    if item is None:  # What waits does not fit into memory beside what others have.
+                        worker.close()
+                        time.sleep(POLL_SECONDS)
+                        continue
+                    self.running[number] = item.name, time.monotonic()
+                    self._events.put(worker.trim(item))
+                    del self.running[number]
+        except BaseException as error:
+            self._events.put(error)
+        finally:
+            self._held.pop(number, None)
+            self._events.put(None)
 
+    def _take(self, number: int) -> Item | None:
+        """The next item of a worker, or None if it must wait until others have less in memory."""
+        with self._lock:
+            held = self._held.pop(number, None)
+            if held is None or not self._waiting[held]:
+                held = self._choose_scene()
+            if held is None:
+                return None
+            self._held[number] = held
+            return self._waiting[held].popleft()
 
-def thread_variables(threads: int) -> dict[str, str]:
-    """Environment variables that keep a worker to so many threads."""
-    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    return {**dict.fromkeys(names, str(threads)), "OMP_WAIT_POLICY": "passive"}
-
-
-def _environment(threads: int) -> dict[str, str]:
-    import gaussian_trimmer
-
-    here = str(Path(gaussian_trimmer.__file__).parents[1])  # The same package, from wherever it was imported.
-    paths: Sequence[str] = (here, os.environ.get("PYTHONPATH", ""))
-    return {**os.environ, **thread_variables(threads), "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
-
-
-def _signal_name(number: int) -> str:
-    try:
-        name = signal.Signals(number).name
-    except ValueError:
-        name = f"signal {number}"
-    return f"{name} (perhaps for want of memory)" if name == "SIGKILL" else name
+    def _choose_scene(self) -> str | None:
+        others = list(self._held.values())
+        free = self._memory - sum(self._needs[scene] for scene in others)
+        fitting = [scene for scene, items in self._waiting.items() if items and self._needs[scene] <= free]
+        unread = (scene for scene in fitting if scene not in others)
+        return next(unread, max(fitting, key=lambda scene: len(self._waiting[scene]), default=None))

@@ -2,7 +2,7 @@
 
 | column | |
 |---|---|
-| `scene` | splat file |
+| `scene` | splat file, or folder of a training |
 | `selection` | file with one object; or `labels` |
 | `labels` | file with an id for every Gaussian, and |
 | `objects` | the ids to trim, each an item: "3 5 7", or "all" for every id above zero |
@@ -21,13 +21,13 @@ import io
 import json
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.batch.options import parse_options
+from gaussian_trimmer.batch.storage import local_copy
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.io.reading import file_bytes, is_file
 from gaussian_trimmer.selection_files import SelectionOptions
@@ -55,16 +55,16 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
         raise InputError(f"There is no manifest '{path}'.")
     ending = path.suffix.lower()
     if ending not in (".csv", ".jsonl"):
-        raise InputError(f"'{path}' is no manifest; known endings: .csv, .jsonl.")
+        raise InputError(f"'{path}' is not a manifest; known endings: .csv, .jsonl.")
     try:
         text = file_bytes(path, _MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"'{path}' is no text in UTF-8 (byte {error.start}); save it as such.") from error
-    first = _words(options)
+        raise InputError(f"'{path}' is not text in UTF-8 (byte {error.start}); save it as such.") from error
+    rows = _Rows(path.parent, _words(options))
     items: list[Item] = []
     for line, row in _table(text, path) if ending == ".csv" else _json_lines(text, path):
         try:
-            items += _items_of(row, path.parent, first)
+            items += rows.items_of(row)
         except InputError as error:
             raise InputError(f"'{path}', line {line}: {error}") from error
     if not items:
@@ -92,9 +92,9 @@ def _json_lines(text: str, path: Path) -> Iterator[tuple[int, Row]]:
         try:
             row = json.loads(line)
         except (ValueError, RecursionError) as error:
-            raise InputError(f"'{path}', line {number}: it is no JSON object ({error}).") from error
+            raise InputError(f"'{path}', line {number}: it is not a JSON object ({error}).") from error
         if not isinstance(row, dict):
-            raise InputError(f"'{path}', line {number}: it is no JSON object.")
+            raise InputError(f"'{path}', line {number}: it is not a JSON object.")
         _check_columns(row, f"'{path}', line {number}:")
         yield number, row
 
@@ -106,57 +106,71 @@ def _check_columns(names: Any, place: str) -> None:
         raise InputError(f"{place} has no column 'scene'; known: {', '.join(COLUMNS)}.")
 
 
-def _items_of(row: Row, folder: Path, options: tuple[str, ...]) -> list[Item]:
-    """The items of one row: one, or one for every id."""
-    scene, selection, labels = (_path(row, name, folder) for name in ("scene", "selection", "labels"))
-    if scene is None:
-        raise InputError("No scene is named.")
-    if selection is not None and labels is not None:
-        raise InputError("It has both a selection and labels; leave one out.")
-    chosen = parse_options((*options, *_words(row.get("options") or "")))
-    up = _up(row.get("up"))
-    item = Item(
-        scene,
-        selection or labels,
-        _text(row, "name"),
-        cameras=_path(row, "cameras", folder),
-        trust_paths=chosen.trust_paths,
-        format=chosen.format,
-        config=chosen.trim_config(),
-        segmenter=chosen.segmenter,
-        segmenter_options=chosen.used_options(),
-        renderer=chosen.renderer,
-        selection_options=chosen.selection_options,
-    )
-    if up is not None:
-        item = replace(item, config=replace(item.config, up=up))
-    wanted = row.get("objects")
-    if labels is None:
-        if wanted not in (None, "", []):
+@dataclass(frozen=True)
+class _Rows:
+    """What the rows of a manifest have in common."""
+
+    folder: Path
+    options: tuple[str, ...]
+    ids_of_files: dict[tuple[str, str | None], tuple[int, ...]] = field(default_factory=dict)
+    """Ids above zero in files of labels, which are read once for all rows."""
+
+    def items_of(self, row: Row) -> list[Item]:
+        """The items of a row: one, or one for every id."""
+        scene, selection, labels = (_path(row, name, self.folder) for name in ("scene", "selection", "labels"))
+        if scene is None:
+            raise InputError("No scene is named.")
+        if selection is not None and labels is not None:
+            raise InputError("It has both a selection and labels; leave one out.")
+        chosen = parse_options((*self.options, *_words(row.get("options") or "")))
+        config, up = chosen.trim_config(), _up(row.get("up"))
+        item = Item(
+            scene,
+            selection or labels,
+            _text(row, "name"),
+            cameras=_path(row, "cameras", self.folder),
+            trust_paths=chosen.trust_paths,
+            format=chosen.format,
+            config=config if up is None else replace(config, up=up),
+            segmenter=chosen.segmenter,
+            segmenter_options=chosen.used_options(),
+            renderer=chosen.renderer,
+            selection_options=chosen.selection_options,
+        )
+        items = [item] if labels is None else self._objects(item, row.get("objects"))
+        if labels is None and row.get("objects") not in (None, "", []):
             raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
-        objects = [item]
-    else:
+        return [item if item.name else replace(item, name=_name(row, item)) for item in items]
+
+    def _objects(self, item: Item, wanted: Any) -> list[Item]:
+        """An item for each object of a file of labels."""
         reading = item.selection_options
-        objects = [
+        if reading.object_id or reading.kind not in ("auto", "labels"):
+            raise InputError("Its objects say what is selected; leave --selection.object-id and --selection.kind out.")
+        return [
             replace(
                 item,
                 name=f"{item.name}/{i}" if item.name else "",
                 selection_options=replace(reading, kind="labels", object_id=(i,)),
             )
-            for i in _ids(wanted, labels, reading)
+            for i in (self._all_ids(item) if wanted == "all" else _ids(wanted))
         ]
-    return [item if item.name else replace(item, name=_name(row, item)) for item in objects]
+
+    def _all_ids(self, item: Item) -> tuple[int, ...]:
+        assert item.selection is not None
+        key = item.selection, item.selection_options.property
+        if key not in self.ids_of_files:
+            self.ids_of_files[key] = _ids_above_zero(*key)
+        return self.ids_of_files[key]
 
 
 def _name(row: Row, item: Item) -> str:
-    """The default name by the paths in the manifest, so that it does not hang on where the manifest lies."""
+    """The default name from the paths as they are written, so that it is the same wherever the manifest lies."""
     written = [_text(row, name) for name in ("scene", "selection", "labels")]
     return default_name(replace(item, scene=written[0], selection=written[1] or written[2] or None))
 
 
-def _ids(wanted: Any, labels: str, options: SelectionOptions) -> list[int]:
-    if wanted == "all":
-        return list(_ids_above_zero(labels, options.property))
+def _ids(wanted: Any) -> list[int]:
     if isinstance(wanted, str):
         wanted = wanted.replace(",", " ").replace(";", " ").split()
     try:
@@ -170,10 +184,7 @@ def _ids(wanted: Any, labels: str, options: SelectionOptions) -> list[int]:
     return ids
 
 
-@cache
 def _ids_above_zero(labels: str, name: str | None) -> tuple[int, ...]:
-    from gaussian_trimmer.batch.storage import local_copy
-
     with local_copy(labels) as path:
         values = open_selection(path).vector(SelectionOptions(property=name), "labels", "label", "ids", "instance")
     if values is None or values.dtype.kind not in "iu":
@@ -219,7 +230,7 @@ def _words(options: Any) -> tuple[str, ...]:
     if isinstance(options, list) and all(isinstance(word, str) for word in options):
         return tuple(options)
     if not isinstance(options, str):
-        raise InputError("Its options are no text; give them as on the command line.")
+        raise InputError("Its options are not text; give them as on the command line.")
     try:
         return tuple(shlex.split(options))
     except ValueError as error:

@@ -5,20 +5,25 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from collections.abc import Iterator
+from dataclasses import dataclass, field, is_dataclass, make_dataclass, replace
+from functools import cache, lru_cache
 from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
-from gaussian_trimmer.config import TrimConfig, paper_config
+from gaussian_trimmer.config import TrimConfig, with_paper_preset
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.rendering import DEFAULT_RENDERER
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, PAPER_SEGMENTER, all_options, options_of
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, all_options, options_of
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.settings import hints_of
 
 _SegmenterOptions = all_options()
-_FRAME = re.compile(r"[\u2500-\u257f]+")
+_NOT_SAID = re.compile(r"[\u2500-\u257f]+|-{3,}|Parsing error|For full helptext.*")
+"""The frames and the advice around what the parser says is wrong."""
+_NAMES = {"config": "", "segmenter_options": "", "selection_options": "selection"}
+"""Fields of `ItemOptions` that the command line names otherwise."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +36,9 @@ class ItemOptions:
     views: int | None = None
     segmenter: str = DEFAULT_SEGMENTER
     renderer: str = DEFAULT_RENDERER
-    config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
-        default_factory=_SegmenterOptions
-    )
+    config: TrimConfig = field(default_factory=TrimConfig)
+    selection_options: SelectionOptions = field(default_factory=SelectionOptions)
+    segmenter_options: Any = field(default_factory=_SegmenterOptions)
 
     def trim_config(self) -> TrimConfig:
         """The settings of all stages."""
@@ -48,6 +51,18 @@ class ItemOptions:
         return options_of(self.segmenter, self.segmenter_options)
 
 
+@dataclass(frozen=True)
+class _Option:
+    """One option of the command line."""
+
+    path: tuple[str, ...]
+    """Names of the fields that lead to it from `ItemOptions`."""
+    name: str
+    """What it is called on the command line, without the dashes."""
+    kind: Any
+    default: Any
+
+
 @lru_cache(maxsize=1024)
 def parse_options(words: tuple[str, ...]) -> ItemOptions:
     """The settings that options mean.
@@ -55,24 +70,76 @@ def parse_options(words: tuple[str, ...]) -> ItemOptions:
     Raises:
         InputError: there is no such option, or its value is not possible.
     """
+    options = ItemOptions()
     if not words:
-        return ItemOptions()
-    options = _parse(words, ItemOptions())
-    if options.preset == "paper":  # once more over the preset's values, so that what is set beside it counts
-        options = _parse(words, replace(options, config=paper_config(), segmenter=PAPER_SEGMENTER))
+        return options
+    given = _parse(words)
+    if given.get(("preset",)) == "paper":
+        options = with_paper_preset(options)  # What is given beside it is set afterwards, so that it counts.
+    for path, value in given.items():
+        options = _with(options, path, value)
     return options
 
 
-def _parse(words: tuple[str, ...], default: ItemOptions) -> ItemOptions:
+def _parse(words: tuple[str, ...]) -> dict[tuple[str, ...], Any]:
+    """The values that are given, by their options' paths."""
     import tyro
 
+    used = frozenset(word.partition("=")[0].replace("_", "-") for word in words if word.startswith("--"))
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            return tyro.cli(ItemOptions, args=words, default=default)
+            parsed = tyro.cli(_dataclass_of(used), args=words)
     except SystemExit:
-        reason = " ".join(_FRAME.sub(" ", said.getvalue()).split()).removeprefix("Parsing error ")
+        reason = " ".join(_NOT_SAID.sub(" ", said.getvalue()).split())
         raise InputError(
             f"The options '{shown(' '.join(words))}' are not understood ({shown(reason)}); 'gaussian-trimmer trim "
             "--help' lists them."
         ) from None
+    return {option.path: getattr(parsed, "__".join(option.path)) for option in _used_options(used)}
+
+
+@lru_cache(maxsize=256)
+def _dataclass_of(used: frozenset[str]) -> type[Any]:
+    """A dataclass with a field for each option that is used.
+
+    A parser for all options takes a hundred times as long, and each row of a long manifest may have its own values.
+    """
+    fields: list[tuple[str, Any, Any]] = [
+        ("__".join(option.path), Annotated[option.kind, arg(name=option.name)], field(default=option.default))
+        for option in _used_options(used)
+    ]
+    return make_dataclass("UsedOptions", fields, frozen=True)
+
+
+def _used_options(used: frozenset[str]) -> list[_Option]:
+    return [option for flags, option in _all_options() if used & flags]
+
+
+@cache
+def _all_options() -> tuple[tuple[frozenset[str], _Option], ...]:
+    """Every option, with the flags that set it."""
+    return tuple((_flags_of(option), option) for option in _options_in(ItemOptions(), (), ""))
+
+
+def _flags_of(option: _Option) -> frozenset[str]:
+    group, dot, last = option.name.rpartition(".")
+    return frozenset([f"--{option.name}", f"--{group}{dot}no-{last}"])
+
+
+def _options_in(settings: Any, path: tuple[str, ...], prefix: str) -> Iterator[_Option]:
+    kind: type = type(settings)
+    hints = hints_of(kind)
+    for name, value in vars(settings).items():
+        called = _NAMES.get(name, name) if not path else name
+        full = ".".join(filter(None, (prefix, called.replace("_", "-"))))
+        if is_dataclass(value) and not isinstance(value, type):
+            yield from _options_in(value, (*path, name), full)
+        else:
+            yield _Option((*path, name), full, hints[name], value)
+
+
+def _with(settings: Any, path: tuple[str, ...], value: Any) -> Any:
+    """Settings with another value for one of their fields, or for one of a dataclass within."""
+    first, *rest = path
+    return replace(settings, **{first: _with(getattr(settings, first), tuple(rest), value) if rest else value})

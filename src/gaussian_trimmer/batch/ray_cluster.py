@@ -1,7 +1,7 @@
-"""Workers on a Ray cluster: actors, each with a scene, placed by Ray where there are processors, memory and GPUs.
+"""A batch on a Ray cluster: tasks, each for a part of a scene's items, which Ray places, and repeats if they are lost.
 
-An actor reads its scenes itself, on its own node; the scheduler sends it the items of a scene one after another. The
-driver sees it die as it sees a process die, and starts another in its place, wherever there is room.
+A task has a worker of its own on its node, as a batch on one machine has: an item that kills it, or takes too long,
+costs the task nothing else.
 """
 
 from __future__ import annotations
@@ -10,144 +10,127 @@ import logging
 import os
 import re
 import socket
+from collections.abc import Generator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gaussian_trimmer.batch.local import thread_variables
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.local import POLL_SECONDS
+from gaussian_trimmer.batch.outcomes import Outcome
+from gaussian_trimmer.batch.scenes import PROCESS_BYTES, SceneItems
+from gaussian_trimmer.batch.worker import Worker, WorkerSettings
 from gaussian_trimmer.errors import InputError
 
-Json = dict[str, Any]
-_MOST_AT_ONCE = 64
 _SECONDS_TO_ANSWER = 10.0
 _LONGEST_REASON = 400
-_THREADS = 1
-"""Processors, and so threads, of a worker: objects are many, and each thread more saves less."""
+_PARTS_OF_WORKER = 4
+"""Into how many tasks a worker's share of the items is divided, so that all workers end at about the same time."""
 
 
-class RayEngine:
-    """Workers as actors of a Ray cluster.
+class RayTasks:
+    """Tasks on a Ray cluster.
 
     Args:
-        output: folder that every node sees, or address of a store.
-        address: that of the cluster, "auto" for the one this machine is part of; None: one is started here, and ended
-            by `close`.
-        gpus: what a worker takes of a GPU; results of the CPU's renderer need none.
+        address: that of the cluster, "auto" for the one this machine is part of; None: one is started here.
+        workers: number of tasks at a time; None: as many as the cluster has processors.
+        gpus: what a task takes of a GPU.
+        retries: how many times Ray repeats a task that is lost with its node.
 
     Raises:
-        InputError: Ray is not installed, or there is no such cluster.
+        InputError: Ray is not installed, there is no such cluster, or no node has enough memory for a scene.
     """
 
-    def __init__(self, output: str, address: str | None = None, *, gpus: float = 0.0) -> None:
+    def __init__(
+        self,
+        scenes: Sequence[SceneItems],
+        settings: WorkerSettings,
+        address: str | None,
+        workers: int | None,
+        gpus: float,
+        retries: int,
+    ) -> None:
         self._ray, self._own = _connect(address)
-        self._output = output
-        self._resources = {"num_cpus": _THREADS, "num_gpus": gpus}
-        self._workers: dict[int, Any] = {}
-        self._waiting: dict[Any, int] = {}
-        self._placing: dict[int, Any] = {}
-
-    def room(self, need: float) -> int:
-        """How many workers the cluster has room for that take so many bytes each, at least one."""
+        self._settings, self._options = settings, {"num_cpus": 1, "num_gpus": gpus, "max_retries": retries}
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-        return max(1, sum(int(min(n.get("CPU", 0) // _THREADS, n.get("memory", 0) // need)) for n in nodes))
+        self._at_once = workers or max(1, int(sum(node.get("CPU", 0) for node in nodes)))
+        try:
+            _check_memory(scenes, max((node.get("memory", 0) for node in nodes), default=0))
+        except InputError:
+            self._disconnect()
+            raise
+        total = sum(len(entry.items) for entry in scenes)
+        self._parts = [part for e in scenes for part in e.parts(-(-total // (_PARTS_OF_WORKER * self._at_once)))]
+        self.running: dict[int, tuple[str, float]] = {}
 
-    def prepare(self, workers: int, need: float) -> None:
-        """Say how many workers there will be, and how many bytes each takes.
+    def outcomes(self) -> Generator[Outcome | None, None, None]:
+        """Trim everything, and give outcomes as they come; None about twice a second where none comes."""
+        waiting, running = list(reversed(self._parts)), dict[Any, SceneItems]()
+        try:
+            while waiting or running:
+                while waiting and len(running) < self._at_once:
+                    part = waiting.pop()
+                    running[self._submit(part)] = part
+                finished, _ = self._ray.wait(list(running), num_returns=1, timeout=POLL_SECONDS)
+                for reference in finished:
+                    yield from self._result(reference, running.pop(reference))
+                if not finished:
+                    yield None
+        finally:
+            for reference in running:
+                self._ray.cancel(reference, force=True)
+            self._disconnect()
 
-        Raises:
-            InputError: no node has so much memory.
-        """
-        most = max((node["Resources"].get("memory", 0) for node in self._ray.nodes() if node["Alive"]), default=0)
-        if need > most:
-            raise InputError(
-                f"A worker may take {need / 1e9:.1f} GB of memory, and no node of the cluster has more than "
-                f"{most / 1e9:.1f} GB for tasks; add larger nodes, or leave the largest scenes out."
-            )
-        self._resources["memory"] = int(need)
+    def _submit(self, part: SceneItems) -> Any:
+        need = int(PROCESS_BYTES + part.need)
+        options = {**self._options, "memory": need, "runtime_env": {"env_vars": {"PYTHONPATH": _source_path()}}}
+        return self._ray.remote(trim_part).options(**options).remote(part.items, self._settings)
 
-    def start(self, worker: int) -> None:
-        """Ask the cluster for a worker; requests to it wait until there is room."""
-        variables = {**thread_variables(_THREADS), "PYTHONPATH": _source_path()}
-        kind = self._ray.remote(
-            max_restarts=0, max_task_retries=0, runtime_env={"env_vars": variables}, **self._resources
-        )(GaussianTrimmerWorker)
-        self._workers[worker] = kind.remote(self._output)
-        self._placing[worker] = self._workers[worker].is_here.remote()
+    def _result(self, reference: Any, part: SceneItems) -> list[Outcome]:
+        try:
+            found: list[Outcome] = self._ray.get(reference)
+        except self._ray.exceptions.RayError as error:
+            message = f"Its worker was lost ({_reason(error)})."
+            return [Outcome(item, "failed", message, cause="worker") for item in part.items]
+        return found
 
-    def send(self, worker: int, request: Json) -> None:
-        """Send a request."""
-        self._waiting[self._workers[worker].serve.remote(request)] = worker
-
-    def wait(self, seconds: float) -> list[tuple[int, Json]]:
-        """Replies that have come, waiting for the first no longer than this; {"death": words} where a worker died."""
-        if not self._waiting:
-            return []
-        waiting = list(self._waiting)
-        found, _ = self._ray.wait(waiting, num_returns=1, timeout=seconds)
-        if found:  # Others that have come by now are taken along.
-            found, _ = self._ray.wait(waiting, num_returns=min(len(waiting), _MOST_AT_ONCE), timeout=0)
-        return [(self._waiting[reference], self._reply(reference)) for reference in found]
-
-    def without_room(self) -> set[int]:
-        """Workers that the cluster has no processor or memory for yet."""
-        references = list(self._placing.values())
-        if references:
-            placed, _ = self._ray.wait(references, num_returns=len(references), timeout=0)
-            here = set(placed)
-            self._placing = {worker: asked for worker, asked in self._placing.items() if asked not in here}
-        return set(self._placing)
-
-    def kill(self, worker: int) -> None:
-        """End a worker, whatever it is doing."""
-        actor = self._workers.pop(worker, None)
-        self._placing.pop(worker, None)
-        self._waiting = {reference: number for reference, number in self._waiting.items() if number != worker}
-        if actor is not None:
-            self._ray.kill(actor, no_restart=True)
-
-    def close(self) -> None:
-        """End all workers, and the cluster if it was started here."""
-        for worker in list(self._workers):
-            self.kill(worker)
+    def _disconnect(self) -> None:
         if self._own:
             self._ray.shutdown()
 
-    def _reply(self, reference: Any) -> Json:
-        worker = self._waiting.pop(reference)
-        try:
-            reply: Json = self._ray.get(reference)
-        except (self._ray.exceptions.RayActorError, self._ray.exceptions.RayTaskError) as error:
-            self.kill(worker)
-            return {"death": f"was lost ({_reason(error)})"}
-        return reply
+
+_kept: tuple[WorkerSettings, str | None, Worker] | None = None
+"""The worker of this process of Ray's, which Ray gives one task after another, with what it was made for."""
 
 
-class GaussianTrimmerWorker:
-    """The actor: a `SceneWorker` that is started where Ray puts it."""
+def trim_part(items: Sequence[Item], settings: WorkerSettings) -> list[Outcome]:
+    """What becomes of items; the task."""
+    global _kept
+    gpus = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if _kept is None or _kept[:2] != (settings, gpus):
+        if _kept is not None:
+            _kept[2].close()
+        _kept = settings, gpus, Worker(settings)
+    worker = _kept[2]
+    try:
+        return [worker.trim(item) for item in items]
+    finally:
+        with suppress(BrokenProcessPool):
+            worker.release_scene()
 
-    def __init__(self, output: str) -> None:
-        import cv2
 
-        from gaussian_trimmer.batch.storage import open_store
-        from gaussian_trimmer.batch.worker import SceneWorker
-
-        cv2.setNumThreads(_THREADS)
-        self._worker = SceneWorker(open_store(output))
-
-    def is_here(self) -> bool:
-        """An answer to this tells that the cluster had room."""
-        return True
-
-    def serve(self, request: Json) -> Json:
-        """The reply to a request."""
-        return self._worker.serve(request)
+def _check_memory(scenes: Sequence[SceneItems], most: float) -> None:
+    largest = PROCESS_BYTES + max(entry.need for entry in scenes)
+    if largest > most:
+        raise InputError(
+            f"A worker may take {largest / 1e9:.1f} GB of memory, and no node of the cluster has more than "
+            f"{most / 1e9:.1f} GB for tasks; add larger nodes, or leave the largest scenes out."
+        )
 
 
 def _connect(address: str | None) -> tuple[Any, bool]:
-    """Ray, connected to a cluster, and whether the cluster was started for this.
-
-    Raises:
-        InputError: Ray is not installed, or there is no such cluster.
-    """
+    """Ray, connected to a cluster, and whether the cluster was started for this."""
     try:
         import ray
     except ImportError as error:
@@ -159,8 +142,8 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     if address is not None:
         _check_address(address)
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    logging.getLogger("ray").setLevel(logging.ERROR)  # Before `init` sets it, it has told of tokens already.
-    # Without an address, `init` would join whatever cluster was started on this machine last.
+    logging.getLogger("ray").setLevel(logging.ERROR)  # `init` sets it too late, after messages about tokens.
+    # Without an address, `init` would join the cluster that was started last on this machine.
     options: dict[str, Any] = (
         {"address": "local", "include_dashboard": False} if address is None else {"address": address}
     )
@@ -177,32 +160,26 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     return ray, address is None
 
 
-def _reason(error: Exception) -> str:
-    """The last sentences of what Ray says of a death, without the lines that name actors and addresses."""
-    lines = [line.strip() for line in str(error).splitlines() if not line.startswith("\t")]
-    return " ".join(filter(None, lines))[-_LONGEST_REASON:] or type(error).__name__
-
-
 def _check_address(address: str) -> None:
-    """Refuse an address where nobody answers: Ray would try it for minutes.
-
-    Raises:
-        InputError: nobody answers, or it is no address.
-    """
-    found = re.fullmatch(r"(?:ray://)?\[?([^\]/]+?)\]?:(\d{1,5})", address)
+    """Refuse an address where nobody answers: Ray would try it for minutes."""
     if address in ("auto", "local"):
         return
+    found = re.fullmatch(r"(?:ray://)?\[?([^\]/]+?)\]?:(\d{1,5})", address)
     if not found:
-        raise InputError(f"'{address}' is no address of a Ray cluster; give host:port, or auto.")
+        raise InputError(f"'{address}' is not the address of a Ray cluster; give host:port, or auto.")
     try:
         socket.create_connection((found[1], int(found[2])), _SECONDS_TO_ANSWER).close()
     except (OSError, OverflowError) as error:
         raise InputError(f"There is no Ray cluster at '{address}' ({error}).") from error
 
 
+def _reason(error: Exception) -> str:
+    """The last sentences of what Ray says, without the lines that name actors and addresses."""
+    lines = [line.strip() for line in str(error).splitlines() if not line.startswith("\t")]
+    return " ".join(filter(None, lines))[-_LONGEST_REASON:] or type(error).__name__
+
+
 def _source_path() -> str:
     """The folders from which this process imports, so that workers on this machine import the same."""
-    import gaussian_trimmer
-
-    here = str(Path(gaussian_trimmer.__file__).parents[1])
+    here = str(Path(__file__).parents[2])
     return os.pathsep.join(dict.fromkeys([here, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]))

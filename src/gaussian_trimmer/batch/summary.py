@@ -7,16 +7,17 @@ import io
 from collections.abc import Sequence
 from urllib.parse import quote
 
-from gaussian_trimmer.batch.driver import Outcome, outcome_of
 from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome
 from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
+_COUNTS = ("selected", "object", "kept", "cut", "removed", "recovered")
 COLUMNS = (
-    "name", "state", "doubt", "message", "scene_gaussians", "selected", "object", "kept", "split", "pruned",
-    "recovered", "views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint",
-)  # fmt: skip
+    *("name", "state", "doubt", "message", "scene_gaussians", *_COUNTS),
+    *("views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint"),
+)
 _MOST_PICTURES = 500
 _STYLE = (
     "body{margin:2em}table{border-collapse:collapse}"
@@ -35,7 +36,7 @@ def doubt(outcome: Outcome) -> float:
         return 3.0
     accepted, views = outcome.views
     rejected = 1 - accepted / views if views else 1.0
-    changed = sum(outcome.counts.get(name, 0) for name in ("pruned", "recovered"))
+    changed = sum(outcome.counts.get(name, 0) for name in ("removed", "recovered"))
     share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
     return (2.0 if outcome.refused else 0.0) + 0.5 * rejected + 0.5 * share
 
@@ -69,14 +70,12 @@ def as_csv(outcomes: Sequence[Outcome]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for outcome in outcomes:
-        counts, item = outcome.counts, outcome.item
-        numbers = [counts.get(name, "") for name in ("scene", "selected", "object", "kept", "split", "pruned",
-                                                     "recovered")]  # fmt: skip
-        writer.writerow([
-            item.name, outcome.state, round(doubt(outcome), 4), outcome.message or outcome.refused, *numbers,
-            *outcome.views, round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else "",
-            item.scene, item.selection or "", outcome.fingerprint,
-        ])  # fmt: skip
+        item = outcome.item
+        told = [item.name, outcome.state, round(doubt(outcome), 4), outcome.message or outcome.refused]
+        counts = [outcome.counts.get(name, "") for name in ("scene", *_COUNTS)]
+        up, seconds = round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else ""
+        inputs = [item.scene, item.selection or "", outcome.fingerprint]
+        writer.writerow([*told, *counts, *outcome.views, up, seconds, *inputs])
     return text.getvalue()
 
 
@@ -104,7 +103,7 @@ def _row(outcome: Outcome, picture: str) -> str:
     counts = outcome.counts
     numbers = (
         f"{counts.get('selected', 0):,} selected, {counts.get('object', 0):,} in the object<br>"
-        f"{counts.get('pruned', 0):,} pruned, {counts.get('recovered', 0):,} recovered"
+        f"{counts.get('removed', 0):,} removed, {counts.get('recovered', 0):,} recovered"
         if counts
         else ""
     )
@@ -118,10 +117,4 @@ def _row(outcome: Outcome, picture: str) -> str:
 
 def _found(store: Store, item: Item) -> Outcome:
     """What the output says of an item that another run had."""
-    told = store.finished(item.name)
-    if told is not None:
-        return outcome_of(item, told)
-    record = store.read(f"records/{item.name}.json")
-    if record is not None and record.get("state") == "failed":
-        return Outcome(item, "failed", str(record.get("message", "")), fresh=False)
-    return Outcome(item, "left", "no run has come to it yet", fresh=False)
+    return earlier_outcome(store, item) or Outcome(item, "left", "no run has come to it yet", fresh=False)

@@ -1,260 +1,234 @@
-"""What a worker does for the driver of a batch: one scene at a time, check its items, read it, trim them one by one.
-
-Requests and replies are plain JSON, so that a process, a node of a cluster and a test are served alike:
-
-    {"do": "check", "scene": ..., "items": [...], "retry_failed": ...}  ->  {"fingerprints", "finished", "failed", ...}
-    {"do": "read"}                                                      ->  {"gaussians": ...}
-    {"do": "trim", "name": ...}                                         ->  {"finished": ..., "seconds": ...}
-
-A reply with "error" says in one sentence what the user can mend, and whether it was the surroundings, such as a full
-disk, that failed and not the item.
-"""
+"""A worker: a process that trims one item after another, and is replaced when it dies or takes too long."""
 
 from __future__ import annotations
 
-import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
 import time
-import traceback
-from contextlib import ExitStack
-from pathlib import Path
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from typing import Any
 
-import numpy as np
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.outcomes import Outcome
+from gaussian_trimmer.batch.scene_trimmer import SceneTrimmer
+from gaussian_trimmer.batch.storage import open_store
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 
-from gaussian_trimmer import formats
-from gaussian_trimmer.batch.fingerprints import digest_of_cameras, digest_of_file, fingerprint
-from gaussian_trimmer.batch.items import Item, item_of_json, options_kind
-from gaussian_trimmer.batch.storage import ITEM, Store, local_copy
-from gaussian_trimmer.camera_files import read_cameras_of
-from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.errors import InputError, printable
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.output.report import describe, write_results
-from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
-from gaussian_trimmer.selection_files import load_selection
-from gaussian_trimmer.trimming.trim import trim
-
-Json = dict[str, Any]
-_BUSY, _CANNOT_WRITE = "Another run is writing", "Cannot write"
-"""How the sentences of `atomic` begin that concern the output and not the item."""
+_SECONDS_TO_START = 300.0
+"""What the first item of a worker is granted beyond the time limit: kernels may have to be compiled."""
+_SECONDS_TO_END = 5.0
+_STARTING = threading.Lock()
+_THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class SceneWorker:
-    """Serves requests; holds one scene."""
+@dataclass(frozen=True)
+class WorkerSettings:
+    """What all workers of a batch have in common."""
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._close = ExitStack()
-        self._address = ""
-        self._path = Path()
-        self._state: tuple[int, ...] = ()
-        self._scene: Gaussians | None = None
-        self._cameras: dict[tuple[str, bool, Path], CameraSet] = {}
-        self._digests: dict[str, str] = {}
-        self._items: dict[str, tuple[Item, str]] = {}
-        """The items of the scene by name, with their fingerprints."""
+    output: str
+    """Folder or address of the results."""
+    retry_failed: bool = False
+    time_limit: float | None = None
+    """Seconds that one item, or the check of its inputs, may take."""
+    memory_limit: int | None = None
+    """Bytes of data that a worker may have; an item that needs more fails."""
+    threads: int = 1
 
-    def serve(self, request: Json) -> Json:
-        """The reply to a request."""
-        start = time.perf_counter()
+
+class Worker:
+    """A pool of one process, which keeps its scene and its compiled kernels from item to item.
+
+    A pool of several would lose all their items when one process dies, and could not say which item it died of.
+    """
+
+    def __init__(self, settings: WorkerSettings) -> None:
+        self._settings = settings
+        self._store = open_store(settings.output)
+        self._pool: ProcessPoolExecutor | None = None
+        self._process: BaseProcess | None = None
+        self._is_new = self._stopped = False
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def trim(self, item: Item) -> Outcome:
+        """What becomes of an item.
+
+        Raises:
+            InputError: no process can be started.
+        """
+        fingerprint = ""
         try:
-            match request["do"]:
-                case "check":
-                    reply = self._check(request)
-                case "read":
-                    reply = self._read()
-                case "release":
-                    self.close()
-                    self._address, reply = "", {}
-                case _:
-                    reply = self._trim(*self._items[request["name"]])
-        except MemoryError as error:
-            reply = _failure("There is not enough memory for this.", error)
-        except InputError as error:
-            sentence = str(error)
-            busy, write = sentence.startswith(_BUSY), sentence.startswith(_CANNOT_WRITE)
-            reply = {**_failure(sentence, error), "busy": busy, "write": write}
-        except OSError as error:
-            place = f": '{error.filename}'" if error.filename else ""
-            reply = _failure(f"{error.strerror or error}{place}.", error)
-        except Exception as error:  # A defect of the program must not stop the other items.
-            sentence = printable(f"A defect of the program: {type(error).__name__}: {error}", 1000)
-            reply = {**_failure(sentence, error), "traceback": traceback.format_exc()}
-        return {**reply, "wall": time.perf_counter() - start}
+            found = self._ask(_check, item)
+            if isinstance(found, Outcome):
+                return found
+            fingerprint = found
+            outcome: Outcome = self._ask(_trim, item, fingerprint)
+            self._is_new = False
+            return outcome
+        except TimeoutError:
+            self._give_up(item)
+            message = f"It took longer than the time limit of {self._settings.time_limit:g} seconds."
+            self._store.record_failure(item.name, message, fingerprint)
+            return Outcome(item, "failed", message, fingerprint=fingerprint)
+        except BrokenProcessPool:
+            message = f"Its worker {self._how_it_ended()}."
+            self._give_up(item)
+            return Outcome(item, "failed", message, fingerprint=fingerprint, cause="worker")
+
+    def release_scene(self) -> None:
+        """Let the process forget its scene, so that it takes little memory until the next item."""
+        if self._pool is not None:
+            self._pool.submit(_release)
+
+    def stop(self) -> None:
+        """End the process, which removes what it was writing; for another thread than the one that waits for it."""
+        self._stopped = True
+        if self._process is not None:
+            self._process.terminate()
+
+    def kill(self) -> None:
+        """End the process, whatever it is doing."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join(_SECONDS_TO_END)
 
     def close(self) -> None:
-        """Let the scene go."""
-        self._scene = None
-        self._cameras.clear()
-        self._digests.clear()
-        self._items.clear()
-        self._close.close()
+        """End the process when it has nothing to do; `trim` starts another."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        self._pool = self._process = None
 
-    def _check(self, request: Json) -> Json:
-        """Fingerprints of the items of a scene, and which of them are finished or have failed already."""
-        if request["scene"] != self._address:
-            self.close()
-            self._address = ""
-            self._path = self._close.enter_context(local_copy(request["scene"]))
-            self._address = request["scene"]
-        self._digests.clear()
-        if not self._path.is_file():
-            raise InputError(f"There is no file '{request['scene']}'.")
-        state = _state(self._path)
-        if state != self._state:
-            self._scene = None
-        self._state = state
-        scene = digest_of_file(self._path)
-        reply: Json = {"fingerprints": {}, "finished": {}, "failed": {}, "broken": {}}
-        for data in request["items"]:
-            item = item_of_json(data)
-            try:
-                self._check_item(item, scene, reply, request["retry_failed"])
-            except InputError as error:
-                reply["broken"][item.name] = _failure(str(error), error)
-        return reply
+    def _give_up(self, item: Item) -> None:
+        """End the process, and remove what it has left of an item."""
+        self.kill()
+        self.close()
+        self._store.clean(item.name)
 
-    def _check_item(self, item: Item, scene: str, reply: Json, retry_failed: bool) -> None:
-        selection = self._digest(item.selection) if item.selection else None
-        cameras = digest_of_cameras(self._camera_set(item)) if item.cameras else None
-        mark = reply["fingerprints"][item.name] = fingerprint(item, scene, selection, cameras)
-        self._items[item.name] = item, mark
-        finished = self._store.finished(item.name)
-        if finished is not None and finished.get("fingerprint") == mark:
-            reply["finished"][item.name] = finished
-            return
-        record = self._store.read(f"records/{item.name}.json")
-        if record and record.get("state") == "failed" and record.get("fingerprint") == mark and not retry_failed:
-            reply["failed"][item.name] = record
+    def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        if self._pool is None:
+            self._start()
+        assert self._pool is not None
+        if self._stopped:
+            raise BrokenProcessPool
+        limit = self._settings.time_limit
+        if limit is not None and self._is_new:
+            limit += _SECONDS_TO_START
+        return self._pool.submit(function, *arguments).result(limit)
 
-    def _read(self) -> Json:
-        if self._scene is None:
-            self._scene = formats.read(self._path)
-            self._refuse_change()
-        return {"gaussians": len(self._scene)}
-
-    def _refuse_change(self) -> None:
-        if _state(self._path) != self._state:
-            raise InputError(f"'{self._address}' changed while it was read; try again when it is complete.")
-
-    def _trim(self, item: Item, mark: str) -> Json:
-        assert self._scene is not None, "a scene is read before its items are trimmed"
-        inputs = [Path(p) for p in (item.selection, item.scene, item.cameras) if p and Path(p).is_file()]
-        try:
-            with self._store.result_folder(item.name, item.suffix, inputs) as folder:
-                finished = self._store.finished(item.name)
-                if finished is not None and finished.get("fingerprint") == mark:
-                    raise _Finished(finished)
-                return self._write(item, mark, folder)
-        except _Finished as other:
-            return {"finished": other.item}
-
-    def _write(self, item: Item, mark: str, folder: Path) -> Json:
-        """Trim an object and write its files; returns what is told of it."""
-        assert self._scene is not None
-        selection = self._selection(item)
-        cameras = self._camera_set(item) if item.cameras else None
-        result = trim_object(self._scene, selection, item, cameras)
-        report = describe(result, result.selection, result.config, _inputs(item), result.segmenter_description)
-        del report["seconds"]  # The files of an item hold nothing that differs from run to run.
-        write_results(
-            result, result.selection, report, folder, result.used_renderer, item.suffix, background=item.background
+    def _start(self) -> None:
+        self._pool = ProcessPoolExecutor(
+            1, multiprocessing.get_context("spawn"), initializer=_prepare, initargs=(self._settings,)
         )
-        told = {
-            "fingerprint": mark,
-            "counts": report["counts"],
-            "views": [sum(view["accepted"] for view in report["views"]), len(report["views"])],
-            "refused": report["refused"],
-            "up_confidence": report["up"]["confidence"],
-        }
-        (folder / ITEM).write_text(json.dumps({"name": item.name, **told}, indent=1) + "\n", encoding="utf-8")
-        return {"finished": told, "seconds": {stage: round(s, 4) for stage, s in result.seconds.items()}}
-
-    def _selection(self, item: Item) -> BoolArray:
-        assert self._scene is not None
-        if item.selection is None:
-            return np.ones(len(self._scene), np.bool_)
-        with local_copy(item.selection) as path:
-            selection = load_selection(path, self._scene, item.selection_options)
-        if selection.all():
+        with _STARTING, _environment_of_worker(self._settings.threads):
+            others = multiprocessing.active_children()
+            started: Future[int] = self._pool.submit(os.getpid)
+            self._process = next((p for p in multiprocessing.active_children() if p not in others), None)
+        self._is_new = True
+        try:
+            started.result()
+        except BrokenProcessPool as error:
+            if "code 1" not in self._how_it_ended():
+                raise
             raise InputError(
-                f"'{item.selection}' selects all {len(selection)} Gaussians of '{item.scene}'; give the whole scene, "
-                "or leave the selection out if the file holds the object alone."
-            )
-        return selection
+                "No worker process can be started. If the batch is started by a Python script, the call must stand "
+                "below \"if __name__ == '__main__':\", since every process imports the script."
+            ) from error
 
-    def _digest(self, address: str) -> str:
-        if address not in self._digests:
-            with local_copy(address) as path:
-                self._digests[address] = digest_of_file(path)
-        return self._digests[address]
-
-    def _camera_set(self, item: Item) -> CameraSet:
-        assert item.cameras is not None
-        scene = Path(item.scene)
-        key = item.cameras, item.trust_paths, scene.parent
-        if key not in self._cameras:
-            with local_copy(item.cameras) as path:
-                self._cameras[key] = read_cameras_of(scene, path, trust_paths=item.trust_paths)
-        return self._cameras[key]
+    def _how_it_ended(self) -> str:
+        if self._process is not None:
+            self._process.join(_SECONDS_TO_END)
+        code = self._process.exitcode if self._process is not None else None
+        if code is None or code >= 0:
+            return f"ended with code {code}"
+        name = signal.Signals(-code).name if -code in list(signal.Signals) else f"signal {-code}"
+        return f"was killed by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
 
 
-def trim_object(scene: Gaussians, selection: BoolArray, item: Item, cameras: CameraSet | None) -> TrimResult:
-    """Trim one object of a scene that has been read, as `gaussian-trimmer trim` does.
-
-    Raises:
-        InputError: the item cannot be trimmed.
-    """
-    segmenter = _segmenter(item)
-    views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
-    return trim(
-        scene, selection, config=item.config, renderer=get_renderer(item.renderer), segmenter=segmenter,
-        cameras=cameras, view_cameras=views,
-    )  # fmt: skip
+def cores() -> int:
+    """Number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
-class _Finished(Exception):  # noqa: N818
-    """Another run has finished the item meanwhile."""
-
-    def __init__(self, item: Json) -> None:
-        self.item = item
-
-
-def _segmenter(item: Item) -> Segmenter:
-    options = item.segmenter_options
-    if options is None and (kind := options_kind(item.segmenter)):
-        options = kind()
-    return get_segmenter(item.segmenter, options) if options is not None else get_segmenter(item.segmenter)
-
-
-def _inputs(item: Item) -> Json:
-    """Files and choices, for the report: without folders, which differ from machine to machine."""
-    names = {kind: getattr(item, kind) for kind in ("scene", "selection", "cameras")}
-    return {
-        **{kind: path.replace("\\", "/").rpartition("/")[2] if path else None for kind, path in names.items()},
-        "object_id": list(item.selection_options.object_id),
-        "name": item.name,
-    }
-
-
-def _failure(sentence: str, error: BaseException) -> Json:
-    return {"error": sentence, "surroundings": _is_of_the_surroundings(error)}
-
-
-def _is_of_the_surroundings(error: BaseException | None) -> bool:
-    """Whether something failed that another run may find mended: a disk, a permission, memory."""
-    while error is not None:
-        if isinstance(error, MemoryError) or (isinstance(error, OSError) and not isinstance(error, FileNotFoundError)):
-            return True
-        error = error.__cause__
-    return False
-
-
-def _state(path: Path) -> tuple[int, ...]:
+@contextmanager
+def _environment_of_worker(threads: int) -> Iterator[None]:
+    """Have a process that is started here keep to so many threads, and leave Ctrl-C to this one."""
+    wanted = {**dict.fromkeys(_THREAD_VARIABLES, str(threads)), "OMP_WAIT_POLICY": "passive"}
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else None
     try:
-        found = path.stat()
-    except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
-    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+        yield
+    finally:
+        if masked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+# What the process does
+
+_trimmer: SceneTrimmer | None = None
+
+
+def _prepare(settings: WorkerSettings) -> None:
+    global _trimmer
+    import cv2
+
+    cv2.setNumThreads(settings.threads)
+    warnings.simplefilter("ignore")
+    if settings.memory_limit is not None and sys.platform.startswith("linux"):
+        import resource
+
+        _, most = resource.getrlimit(resource.RLIMIT_DATA)
+        limit = settings.memory_limit if most == resource.RLIM_INFINITY else min(most, settings.memory_limit)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
+    _trimmer = SceneTrimmer(open_store(settings.output), retry_failed=settings.retry_failed)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Stop what is being done when whoever started this process has died."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_SECONDS_TO_END)
+    os._exit(1)
+
+
+def _check(item: Item) -> Outcome | str:
+    assert _trimmer is not None
+    return _trimmer.check(item)
+
+
+def _trim(item: Item, fingerprint: str) -> Outcome:
+    assert _trimmer is not None
+    try:
+        with stop_signals_raised():
+            return _trimmer.trim(item, fingerprint)
+    except Stopped:
+        os._exit(1)  # What was being written has been removed.
+
+
+def _release() -> None:
+    assert _trimmer is not None
+    _trimmer.close()

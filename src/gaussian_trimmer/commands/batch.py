@@ -8,17 +8,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from tyro.conf import Positional, arg
 
-from gaussian_trimmer.batch.driver import Outcome, Status, run
-from gaussian_trimmer.batch.items import check_items
+from gaussian_trimmer.batch.execution import run
+from gaussian_trimmer.batch.items import Item, check_items
 from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.batch.storage import open_store
+from gaussian_trimmer.batch.outcomes import Outcome, Status
+from gaussian_trimmer.batch.storage import Store, open_store
 from gaussian_trimmer.batch.summary import HTML, write_summaries
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError, printable
@@ -49,19 +50,19 @@ class Batch:
     gpus: float = 0.0
     """What each worker takes of the GPUs of a cluster."""
     shard: Annotated[str | None, arg(metavar="I/N")] = None
-    """Only the scenes that are the I-th of N machines', from 1."""
+    """Only the scenes of the I-th of N machines, from 1."""
     options: Annotated[str, arg(metavar="TEXT")] = ""
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7"; those of a row come after them."""
     background: bool = True
     """Write the scene without the object for every item; each is nearly as large as its scene."""
     time_limit: Annotated[float | None, arg(metavar="SECONDS")] = None
-    """What one item, or the reading of one scene, may take."""
-    retries: int = 2
-    """How many times an item is tried again whose worker has died."""
+    """What one item, with the reading of its scene, may take."""
+    retries: int = 1
+    """How many times an item is tried again, alone, whose worker has died."""
     retry_failed: bool = False
     """Try those items again that failed in an earlier run."""
     memory: Annotated[float | None, arg(metavar="GB", help_behavior_hint="(default: 80 % of what is free)")] = None
-    """Memory that all workers may take together."""
+    """Memory that all workers on this machine may take together."""
     quiet: bool = False
     """Print nothing but errors."""
 
@@ -74,45 +75,63 @@ class Batch:
         console = open_console(quiet=self.quiet)
         items = check_items(read_manifest(self.manifest, self.options))
         items = [replace(item, background=self.background) for item in items]
-        memory = None if self.memory is None else 1e9 * self.memory
-        outcomes: list[Outcome] = []
-        with _progress(console) as shown:
+        store, outcomes = open_store(self.output), list[Outcome]()
+        _remove_old_records(store, items)
+        try:
+            with _progress(console) as progress:
+                self._run(items, outcomes, progress)
+        except InputError:
+            if outcomes:
+                with suppress(InputError):  # What stopped the batch is what should be reported.
+                    write_summaries(store, items, outcomes)
+            raise
+        write_summaries(store, items, outcomes)
+        self._report_end(console, outcomes)
 
-            def on_result(outcome: Outcome) -> None:
-                outcomes.append(outcome)
-                shown.tell_outcome(outcome)
+    def _run(self, items: list[Item], outcomes: list[Outcome], progress: _Progress) -> None:
+        def on_result(outcome: Outcome) -> None:
+            outcomes.append(outcome)
+            progress.show_outcome(outcome)
 
-            try:
-                run(
-                    items, self.output, workers=self.workers, engine=self.engine, address=self.address, gpus=self.gpus,
-                    shard=_shard(self.shard), time_limit=self.time_limit, retries=self.retries,
-                    retry_failed=self.retry_failed, memory=memory, on_result=on_result, on_status=shown.tell_status,
-                )  # fmt: skip
-            except InputError:
-                if outcomes:
-                    with suppress(InputError):  # What stopped the batch is what should be told.
-                        write_summaries(open_store(self.output), items, outcomes)
-                raise
-        write_summaries(open_store(self.output), items, outcomes)
-        self._tell_end(console, outcomes)
+        run(
+            items,
+            self.output,
+            on_result=on_result,
+            on_status=progress.show_status,
+            workers=self.workers,
+            engine=self.engine,
+            address=self.address,
+            gpus=self.gpus,
+            shard=_shard(self.shard),
+            time_limit=self.time_limit,
+            retries=self.retries,
+            retry_failed=self.retry_failed,
+            memory=None if self.memory is None else 1e9 * self.memory,
+        )
 
-    def _tell_end(self, console: Console, outcomes: list[Outcome]) -> None:
+    def _report_end(self, console: Console, outcomes: list[Outcome]) -> None:
         """Say what became of the batch.
 
         Raises:
             InputError: items have failed.
         """
-        done = sum(outcome.state == "done" for outcome in outcomes)
-        found = sum(outcome.state == "done" and not outcome.fresh for outcome in outcomes)
+        done = [outcome for outcome in outcomes if outcome.state == "done"]
+        found = sum(not outcome.fresh for outcome in done)
         failed = [outcome for outcome in outcomes if outcome.state == "failed"]
         earlier = f", {found} of them by an earlier run" if found else ""
-        console.print(f"{done} of {len(outcomes)} items are finished{earlier}; see {self.output}/{HTML}.")
+        console.print(f"{len(done)} of {len(outcomes)} items are finished{earlier}; see {self.output}/{HTML}.")
         if failed:
-            again = "" if any(outcome.fresh for outcome in failed) else "; they are tried again with --retry-failed"
+            again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"
             raise InputError(
                 f"{len(failed)} of {len(outcomes)} items failed; the first: {failed[0].item.name}: "
                 f"{failed[0].message} All are in summary.csv{again}."
             )
+
+
+def _remove_old_records(store: Store, items: list[Item]) -> None:
+    """Remove the records of failed items that are no longer in the manifest."""
+    names = {item.name for item in items}
+    store.remove_records(*(name for name in store.recorded() if name not in names))
 
 
 def _shard(text: str | None) -> tuple[int, int] | None:
@@ -125,72 +144,66 @@ def _shard(text: str | None) -> tuple[int, int] | None:
 
 
 @dataclass
-class _Lines:
-    """Progress where there is no terminal: a line for each item that fails, and one now and then."""
+class _Progress:
+    """Progress as lines: one for each item that fails, and one now and then; or on a terminal as a live table."""
 
     console: Console
-    start: float = field(default_factory=time.monotonic)
-    last: float = field(default_factory=time.monotonic)
+    live: Live | None = None
+    started: float = field(default_factory=time.monotonic)
+    printed: float = field(default_factory=time.monotonic)
 
-    def tell_outcome(self, outcome: Outcome) -> None:
+    def show_outcome(self, outcome: Outcome) -> None:
         """Say that an item has failed."""
         if outcome.state == "failed":
             self.console.print(f"failed: {outcome.item.name}: {outcome.message}")
 
-    def tell_status(self, status: Status) -> None:
+    def show_status(self, status: Status) -> None:
         """Say how far the batch is."""
-        now, settled = time.monotonic(), status.done + status.failed
-        if now - self.last >= _SECONDS_BETWEEN_LINES or settled == status.total:
-            self.last = now
-            self.console.print(_line(status, now - self.start))
-
-
-@dataclass
-class _LiveTable:
-    """Progress on a terminal: a table that is drawn again and again."""
-
-    console: Console
-    live: Live
-    start: float = field(default_factory=time.monotonic)
-
-    def tell_outcome(self, outcome: Outcome) -> None:
-        """Say above the table that an item has failed."""
-        if outcome.state == "failed":
-            self.console.print(f"failed: {outcome.item.name}: {outcome.message}")
-
-    def tell_status(self, status: Status) -> None:
-        """Draw the table."""
-        table = Table.grid(padding=(0, 2))
-        table.add_row(_line(status, time.monotonic() - self.start))
-        for worker, (name, seconds) in sorted(status.running.items())[:_SHOWN_WORKERS]:
-            table.add_row(f"  worker {worker}: {printable(name, 60)}, {seconds:.0f} s")
-        if len(status.running) > _SHOWN_WORKERS:
-            table.add_row(f"  and {len(status.running) - _SHOWN_WORKERS} more workers")
-        self.live.update(table)
+        now = time.monotonic()
+        line = _line(status, now - self.started)
+        if self.live is not None:
+            self.live.update(_table(line, status))
+        elif now - self.printed >= _SECONDS_BETWEEN_LINES:
+            self.printed = now
+            self.console.print(line)
 
 
 @contextmanager
-def _progress(console: Console) -> Iterator[Any]:
+def _progress(console: Console) -> Iterator[_Progress]:
     if console.quiet or not console.is_terminal:
-        yield _Lines(console)
+        yield _Progress(console)
         return
     with Live(console=console, transient=True, refresh_per_second=4) as live:
-        yield _LiveTable(console, live)
+        yield _Progress(console, live)
+
+
+def _table(line: str, status: Status) -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_row(line)
+    for worker, (name, seconds) in sorted(status.running.items())[:_SHOWN_WORKERS]:
+        table.add_row(f"  worker {worker}: {printable(name, 60)}, {seconds:.0f} s")
+    if len(status.running) > _SHOWN_WORKERS:
+        table.add_row(f"  and {len(status.running) - _SHOWN_WORKERS} more workers")
+    return table
 
 
 def _line(status: Status, seconds: float) -> str:
-    """How far a batch is, how fast, and how long it will take.
+    """How far a batch is, and, if this run has done any item itself, how fast it is and how long it will take.
 
-    >>> _line(Status(10, 4, 1, 1, {}, 2), 60.0)
+    >>> _line(Status(total=10, done=4, failed=1, found=1, running={}), 60.0)
     '5 of 10 items, 1 failed, 1 from before; 4.0 a minute, 1 min left'
+    >>> _line(Status(total=10, done=9, failed=0, found=9, running={}), 60.0)
+    '9 of 10 items, 9 from before'
     """
-    settled, fresh = status.done + status.failed, status.done + status.failed - status.found
-    parts = [f"{settled} of {status.total} items"]
+    finished = status.done + status.failed
+    fresh, left = finished - status.found, status.total - finished
+    parts = [f"{finished} of {status.total} items"]
     parts += [f"{status.failed} failed"] * bool(status.failed) + [f"{status.found} from before"] * bool(status.found)
+    line = ", ".join(parts)
+    if not fresh:
+        return line
     rate = 60 * fresh / max(seconds, 1e-9)
-    left = status.total - settled
-    time_left = f", {_duration(60 * left / rate)} left" if left and fresh else ""
-    return f"{', '.join(parts)}; {rate:.1f} a minute{time_left}"
+    return f"{line}; {rate:.1f} a minute" + (f", {_duration(60 * left / rate)} left" if left else "")
 
 
 def _duration(seconds: float) -> str:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from gaussian_trimmer.errors import InputError, printable
+from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.planning.up_vector import UpVector
 
 _STAGES = {
@@ -34,7 +36,12 @@ _STAGES = {
 _STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
 _PROGRAM = "gaussian-trimmer"
-_DOUBTFUL = 0.2
+_COMPILING = "Compiling kernels, once per installation: about 20 seconds."
+_COMPILING_AGAIN = (
+    "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
+    "set NUMBA_CACHE_DIR to one that is."
+)
+_DOUBTFUL_CONFIDENCE = 0.2
 """Confidence below which the up vector may well be wrong."""
 
 
@@ -78,42 +85,75 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     """Counts, views, up vector and time of a finished trim, from its report."""
     counts, up = report["counts"], report["up"]
     accepted = sum(view["accepted"] for view in report["views"])
-    direction = " ".join(f"{value:.3f}" for value in up["direction"])
     table = Table.grid(padding=(0, 2))
-    table.add_row("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians")
-    table.add_row("kept", f"{counts['kept']:,} whole, {counts['split']:,} split at the boundary")
-    table.add_row("pruned", f"{counts['pruned']:,}, of which {counts['floaters']:,} floated far off")
-    table.add_row("recovered", f"{counts['recovered']:,}")
-    if counts["fitted"] or report["not_fitted"]:
-        table.add_row("fitted", f"{counts['fitted']:,} at the outline" if counts["fitted"] else report["not_fitted"])
+    table.add_row("selected", f"{counts['selected']:,} of {counts['scene']:,} Gaussians; of these:")
+    table.add_row("  kept", f"{counts['kept']:,}")
+    if counts["cut"]:
+        split = f", {counts['split']:,} of them split with the background" if counts["split"] else ""
+        table.add_row("  cut", f"{counts['cut']:,} at the outline{split}")
+    floaters = f", of which {counts['floaters']:,} floated far off" if counts["floaters"] else ""
+    table.add_row("  removed", f"{counts['removed']:,}{floaters}")
+    if counts["left_out"]:
+        table.add_row("  left out", f"{counts['left_out']:,} of both files")
+    table.add_row("recovered", f"{counts['recovered']:,} that were not selected joined the object")
+    if counts["fitted"]:
+        table.add_row("fitted", f"{counts['fitted']:,} at the outline")
+    elif report["not_fitted"]:
+        table.add_row("not fitted", report["not_fitted"])
     if counts["dropped"]:
-        table.add_row("cleaned", f"{counts['dropped']:,} left out of the background that the object had hidden")
+        table.add_row(
+            "cleaned", f"{counts['dropped']:,} Gaussians hidden by the object were removed from the background"
+        )
     if counts["filled"]:
         table.add_row("filled", f"{counts['filled']:,} new Gaussians where the object stood")
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
     table.add_row("sides", report["checked"]["sentence"])
-    table.add_row("up", f"{direction} ({up['source']})")
+    table.add_row("up", f"{_numbers(up['direction'])} ({up['source']})")
     table.add_row("time", f"{seconds:.1f} s")
     console.print(table)
-    if not report["refused"] and up["confidence"] < _DOUBTFUL:
-        console.print("The up vector is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+    if not report["refused"] and up["confidence"] < _DOUBTFUL_CONFIDENCE:
+        console.print(_doubt_about_up(up["direction"]))
 
 
 def print_up(console: Console, up: UpVector) -> None:
     """The up vector, where it comes from, and a warning where it is little more than a guess."""
-    direction = " ".join(f"{value:.3f}" for value in up.direction)
-    console.print(f"up: {direction} ({up.source}, confidence {up.confidence:.2f})")
-    if up.confidence < _DOUBTFUL:
-        console.print("That is little more than a guess; if the views look tilted, give it with --up X Y Z.")
+    console.print(f"up: {_numbers(up.direction)} ({up.source}, confidence {up.confidence:.2f})")
+    if up.confidence < _DOUBTFUL_CONFIDENCE:
+        console.print(_doubt_about_up(up.direction))
 
 
-def warn_of(report: Mapping[str, Any]) -> None:
-    """Say on standard error, also to those who asked for quiet, why nothing was trimmed and what may be wrong."""
+def _numbers(direction: Iterable[float]) -> str:
+    return " ".join(f"{value:.3f}" for value in direction)
+
+
+def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
+    """What to do about an up vector that is a guess: the opposite one is the usual truth.
+
+    >>> _doubt_about_up([0, -1, 0])
+    'The up vector is a guess. If the views are upside down, give --up y; if they are tilted, another axis.'
+    """
+    axis = int(np.argmax(np.abs(direction)))
+    sign = "-" if direction[axis] > 0 else ""
+    return (
+        f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are tilted, "
+        "another axis."
+    )
+
+
+def print_refusal(report: Mapping[str, Any]) -> None:
+    """Say on standard error, also to those who asked for quiet, that nothing was trimmed and why."""
+    reason = printable(report["refused"])
+    _complain(f"Not trimmed. {reason[:1].upper()}{reason[1:]}. The selection was written unchanged.")
+
+
+def print_warnings(report: Mapping[str, Any]) -> None:
+    """Say on standard error, also to those who asked for quiet, what may be wrong."""
     for sentence in report["warnings"]:
-        print(f"{_PROGRAM}: {printable(sentence)}", file=sys.stderr)
-    if report["refused"]:
-        reason = printable(report["refused"])
-        print(f"{_PROGRAM}: Not trimmed: {reason}; the selection was written unchanged.", file=sys.stderr)
+        _complain(printable(sentence))
+
+
+def _complain(sentence: str) -> None:
+    print(f"{_PROGRAM}: {sentence}", file=sys.stderr)
 
 
 def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool) -> None:
@@ -128,3 +168,14 @@ def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool)
         raise InputError(f"'{path}' is an input of this run, which would be lost; choose another name.")
     if os.path.lexists(path) and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with --overwrite.")
+
+
+def announce_compiling(console: Console) -> None:
+    """Say that the renderer's kernels are compiled first, unless an earlier run has left them on disk."""
+    from gaussian_trimmer.geometry.compiling import CACHE
+    from gaussian_trimmer.rendering.numba_kernels import blend_tiles
+
+    if not CACHE:
+        console.print(_COMPILING_AGAIN)
+    elif not any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi")):
+        console.print(_COMPILING)

@@ -65,7 +65,7 @@ class Convert:
         if self.sort and page:
             raise InputError("--sort is for splat files; a page sorts what it draws itself.")
         if self.spz_version != Convert.spz_version and not self._is_spz():
-            raise InputError(f"'{self.target}' is no .spz file; leave --spz-version out, or give it that ending.")
+            raise InputError(f"'{self.target}' is not an .spz file; leave --spz-version out, or give it that ending.")
 
     def _is_spz(self) -> bool:
         return formats.is_named(self.target.name, ".spz")

@@ -24,7 +24,7 @@ class Demo:
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/demo)")] = None
     """Folder for the results; every run replaces those in trimmed/demo."""
     overwrite: bool = False
-    """Replace earlier results in the output folder; files that the program did not write stay."""
+    """Replace earlier results in the output folder. Other files in it are left alone."""
     quiet: bool = False
     """Print nothing but errors."""
 
@@ -45,14 +45,10 @@ class Demo:
             pages=PageOptions(html=True),
         ).run()
         console.print(
-            f"\nLook first at {folder / 'report.html'} in a browser: before and after, and the object turning."
-        )
-        console.print(
-            f"{folder / 'before_after.png'} has rough selection, trimmed object, and scene without it in one picture."
-        )
-        console.print(f"Any splat viewer opens {folder / 'object.ply'} and {folder / 'background.ply'}.")
-        console.print(
-            f"{folder / 'views'} shows where the silhouettes were drawn, {folder / 'report.json'} says the rest."
+            f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"
+            f"{folder / 'before_after.png'}: rough selection, trimmed object and the scene without it in one picture.\n"
+            f"{folder / 'object.ply'} and {folder / 'background.ply'}: for any splat viewer.\n"
+            f"{folder / 'views'}: where the outline was drawn. {folder / 'report.json'}: all numbers."
         )
         console.print("The same by hand:")
         command = ["gaussian-trimmer", "trim", sample.SCENE, sample.SELECTION, "--cameras", sample.CAMERAS, "--html"]

@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
+from gaussian_trimmer.commands.tables import Findings, TableOptions
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.evaluation.clip_iqa import load_scorer
-from gaussian_trimmer.evaluation.error_page import WorstViews, error_page
-from gaussian_trimmer.evaluation.ground_truth import TestView, views_in
+from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
+from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.results import StoredResult, cut_by, read_result
-from gaussian_trimmer.evaluation.scoring import Cut, Judge, Occlusion, Scores, Shown, mean_scores
-from gaussian_trimmer.evaluation.sheets import comparison_sheet
+from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.output.html.report_page import REPORT
-from gaussian_trimmer.output.pictures import Picture
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Share, check_settings
-
-_SHEET_ROWS = 8
 
 
 @dataclass(frozen=True)
@@ -40,21 +32,17 @@ class RuleOptions:
     """Opacity above which a rendered pixel belongs to the object."""
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
+    clip: Annotated[str | None, arg(metavar="MODEL")] = None
+    """Also score how the object looks by CLIP-IQA with this CLIP model: a folder, or a name on the Hugging Face hub."""
 
-    clip: Annotated[str, arg(metavar="MODEL")] = ""
-    """Also score the looks of the object by CLIP-IQA with this CLIP model: a folder, or a name on the Hugging Face
-    hub. Only with the object rendered alone."""
-
-    def judge(self, *occlusion: Occlusion) -> list[Judge]:
-        """A judge for each rule of occlusion, with one renderer and one CLIP model.
+    def judge(self) -> Judge:
+        """A judge by these rules.
 
         Raises:
-            InputError: looks are to be judged and no object is rendered alone, or what they need is missing.
+            InputError: a rule is not possible, or what it needs is missing.
         """
-        if self.clip and "alone" not in occlusion:
-            raise InputError("CLIP-IQA judges the object rendered alone; leave --clip out, or use --occlusion alone.")
-        renderer, looks = get_renderer(self.renderer), load_scorer(self.clip)
-        return [Judge(renderer, self.threshold, rule, looks) for rule in occlusion]
+        check_settings(self)
+        return Judge(get_renderer(self.renderer), self.threshold, ClipScorer(self.clip) if self.clip else None)
 
 
 @dataclass(frozen=True)
@@ -62,8 +50,9 @@ class Evaluate:
     """Compare a trim, or any other tool's object, with ground-truth masks of held-out pictures.
 
     RESULT is a folder that `trim` wrote, a splat file of the object, or a selection file. A mask belongs to the picture
-    with the same name; it may have another size, and the view is then rendered at the mask's. Other commands: evaluate
-    nvos, lerf-mask, spin-nerf (published data sets), benchmark, ablation, view-counts and sheets.
+    with the same name; it may have another size, and the view is then rendered at the mask's. Scores are of the object
+    rendered alone, and of its share of the whole scene, where what stands before it hides it. Published data sets have
+    commands of their own: evaluate nvos, evaluate lerf-mask and evaluate spin-nerf.
     """
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
@@ -80,10 +69,6 @@ class Evaluate:
     """Folder of masks of pixels that do not count, such as those where other objects stand before this one."""
     before: Annotated[Path | None, arg(metavar="FILE")] = None
     """Selection or object before the trim; a folder of `trim` holds it already."""
-    occlusion: Occlusion = "alone"
-    """Render the object alone, or measure its share of the whole scene's picture."""
-    html: bool = False
-    """Also write report.html to the folder of --output: the table, and maps of errors to move through, on one page."""
     trust_paths: bool = False
     """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
     quiet: bool = False
@@ -99,84 +84,56 @@ class Evaluate:
         Raises:
             InputError: something that the user gave cannot be used.
         """
-        console = open_console(quiet=self.quiet)
-        check_settings(self.rules)
         check_settings(self.selection_options, "selection")
-        if self.html and self.tables.output is None:
-            raise InputError("--html writes report.html to the folder of --output; give it with --output DIR.")
-        with results_folder(self.tables) as folder:
-            publish(self._measure(console), self.tables, console, folder)
+        self.tables.publish(self._measure, open_console(quiet=self.quiet))
 
-    def _measure(self, console: Console) -> Findings:
+    def _measure(self) -> Findings:
+        judge = self.rules.judge()
         scene = formats.read(self.scene)
         cameras = read_cameras_of(self.scene, self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
         found, views = views_in(cameras, self.masks, self.images, self.ignore)
-        after = read_result(self.result, scene, self.selection_options)
-        before = self._before(after, scene)
-        (judge,) = self.rules.judge(self.occlusion)
-        if after.unknown_background and self.occlusion == "alone":
-            console.print(f"Fidelity is left out, since the scene without the object is unknown: "
-                          f"{after.unknown_background}")  # fmt: skip
-        worst = WorstViews(judge.threshold) if self.html else None
-        scored, sheet = _score(
-            scene, before, after.cut, views, judge, sheet=self.tables.output is not None, worst=worst
-        )
+        result = read_result(self.result, scene, self.selection_options)
+        before, scored = self._before(result, scene), []
+        for view in views:
+            then = judge.score(judge.show(before, view.camera), view) if before else None
+            now = judge.score(judge.show(result.cut, view.camera), view)
+            if result.cut.background is not None:
+                now |= judge.fidelity(result.cut, view.camera, judge.renderer.render(scene, view.camera).rgb)
+            scored.append(ViewScores(shown(view.camera.name), then, now))
         notes = [judge.describe(), f"views: {len(found)}, those of {len(cameras)} cameras with a mask; mean over views"]
-        table = table_of_views(f"{shown(self.result.name)} in {shown(self.scene.name)}", scored, notes)
-        pictures = {"sheet.png": sheet} if sheet is not None else {}
-        texts = {REPORT: error_page(table, worst)} if worst is not None else {}
-        return Findings({"scores": table}, pictures, texts)
+        if result.unknown_background:
+            notes.append(
+                f"without scores in scene and fidelity, which need the background: {result.unknown_background}"
+            )
+        title = f"{shown(self.result.name)} in {shown(self.scene.name)}"
+        return Findings({"scores": table_of_views(title, scored, notes)})
 
-    def _before(self, after: StoredResult, scene: Gaussians) -> Cut | None:
+    def _before(self, result: StoredResult, scene: Gaussians) -> Cut | None:
         if self.before is not None:
             return read_result(self.before, scene, self.selection_options).cut
-        if after.before is not None:
-            return cut_by(scene, after.before)
+        if result.before is not None:
+            return cut_by(scene, result.before)
         if self.result.is_dir():
             raise InputError(
-                f"'{self.result}' does not say which Gaussians were selected before the trim, since some were split; "
-                "give the selection with --before FILE."
+                f"'{self.result}' does not say which Gaussians were selected before the trim; give the selection with "
+                "--before FILE."
             )
         return None
 
 
-ScoredView = tuple[str, Scores | None, Scores]
-"""Name of a view, its scores before, if known, and after."""
+@dataclass(frozen=True)
+class ViewScores:
+    """The scores of one view."""
+
+    view: str
+    before: Scores | None
+    after: Scores
 
 
-def _score(
-    scene: Gaussians, before: Cut | None, after: Cut, views: Iterator[TestView], judge: Judge, *, sheet: bool,
-    worst: WorstViews | None = None,
-) -> tuple[list[ScoredView], Picture | None]:  # fmt: skip
-    """Scores of every view, one view in memory at a time but for those on the sheet; the worst are drawn if asked."""
-    alone = replace(judge, occlusion="alone")
-    whole = Cut(scene, scene.select(slice(0, 0)))
-    scored: list[ScoredView] = []
-    kept: list[tuple[TestView, Shown | None, Shown]] = []
-    for view in views:
-        now = judge.show(after, view.camera)
-        then = judge.show(before, view.camera) if before is not None else None
-        scores = judge.score(now, view)
-        if after.background is not None:
-            scores |= judge.fidelity(after, view.camera, alone.show(whole, view.camera).rgb)
-        scored.append((shown(view.camera.name), judge.score(then, view) if then else None, scores))
-        if worst is not None:
-            worst.add(view, shown(view.camera.name), then, now, scores)
-        if sheet and len(kept) < _SHEET_ROWS:
-            kept.append((view, then, now))
-    if not kept:
-        return scored, None
-    shown_before = [then for _, then, _ in kept if then is not None]
-    return scored, comparison_sheet(
-        [view for view, _, _ in kept], shown_before or None, [now for _, _, now in kept], judge.threshold
-    )
-
-
-def table_of_views(title: str, scored: list[ScoredView], notes: list[str]) -> ScoreTable:
+def table_of_views(title: str, scored: list[ViewScores], notes: list[str]) -> ScoreTable:
     """A row for each view and one of their mean."""
-    metrics = known_metrics(*(after for _, _, after in scored))
-    rows: list[list[Cell]] = [[name, *score_cells(metrics, before, after)] for name, before, after in scored]
-    befores = [before for _, before, _ in scored if before is not None]
-    mean = mean_scores(after for _, _, after in scored)
-    rows.append(["mean", *score_cells(metrics, mean_scores(befores) if befores else None, mean)])
+    befores = [view.before for view in scored if view.before is not None]
+    mean = ViewScores("mean", mean_scores(befores) or None, mean_scores(view.after for view in scored))
+    metrics = known_metrics(mean.after)
+    rows: list[list[Cell]] = [[row.view, *score_cells(metrics, row.before, row.after)] for row in [*scored, mean]]
     return ScoreTable(title, ["view", *map(heading, metrics)], rows, notes)

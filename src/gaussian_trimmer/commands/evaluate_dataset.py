@@ -1,44 +1,35 @@
-"""`gaussian-trimmer evaluate nvos`, `lerf-mask` and `spin-nerf`: a method's output folder before and after trims."""
+"""`gaussian-trimmer evaluate nvos`, `lerf-mask` and `spin-nerf`: methods before and after trimming."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
-from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
-from gaussian_trimmer.commands.evaluate_benchmark import print_run
-from gaussian_trimmer.commands.tables import Findings, TableOptions, publish, results_folder
-from gaussian_trimmer.commands.trimmer_options import TrimmerOptions
+from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
+from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.dataset_tasks import (
-    chosen_tasks,
-    dataset_tasks,
-    find_predictions,
-    table_beside_published,
-    table_of_looks,
-    table_of_tasks,
-)
-from gaussian_trimmer.evaluation.ground_truth import TestView
-from gaussian_trimmer.evaluation.layouts import get_layout
+from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
+from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, dataset_tasks, find_predictions
+from gaussian_trimmer.evaluation.layouts import LAYOUTS
 from gaussian_trimmer.evaluation.predictions import PredictionPatterns
-from gaussian_trimmer.evaluation.runs import Run, measure
-from gaussian_trimmer.evaluation.scoring import Shown
-from gaussian_trimmer.evaluation.sheets import comparison_sheet
-from gaussian_trimmer.output.pictures import Picture
+from gaussian_trimmer.evaluation.runs import Run, Variant, measure
+from gaussian_trimmer.evaluation.scoring import Judge
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, all_options, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
 
+_SegmenterOptions = all_options()
+
 
 @dataclass(frozen=True)
-class DatasetOptions:
-    """A published data set and what methods made of it."""
-
+class _EvaluateDataset:
+    layout: ClassVar[str]
     root: Annotated[Positional[Path], arg(metavar="ROOT")]
     """Folder of the data set."""
     predictions: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]")]
@@ -48,12 +39,14 @@ class DatasetOptions:
     patterns: Annotated[PredictionPatterns, arg(name="")] = field(default_factory=PredictionPatterns)
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
     """How selection files are read; the defaults suffice unless a file can be understood in several ways."""
-
-
-@dataclass(frozen=True)
-class _EvaluateDataset(TrimmerOptions):
-    layout: ClassVar[str]
-    data: Annotated[DatasetOptions, arg(name="")] = field(kw_only=True)
+    preset: Literal["default", "paper"] = "default"
+    """Defaults of the trimmer's settings: those of this program, or those of the GaussianTrimmer paper."""
+    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
+    """What segments the object in the views."""
+    config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
+    segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
+        default_factory=_SegmenterOptions
+    )
     rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
     tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
     quiet: bool = False
@@ -65,48 +58,40 @@ class _EvaluateDataset(TrimmerOptions):
         Raises:
             InputError: something that the user gave cannot be used; everything is looked for before the first trim.
         """
-        console = open_console(quiet=self.quiet)
-        progress = open_console(quiet=self.quiet or self.tables.format != "table")
-        check_settings(self.rules)
-        check_settings(self.data.selection_options, "selection")
-        with results_folder(self.tables) as folder:
-            publish(self._measure(progress), self.tables, console, folder)
+        check_config(self.config)
+        check_settings(self.segmenter_options)
+        check_settings(self.selection_options, "selection")
+        self.tables.publish(self._measure, open_console(quiet=self.quiet))
 
-    def _measure(self, progress: Console) -> Findings:
-        layout, variant = get_layout(self.layout), self.variant()
-        tasks = chosen_tasks(layout, self.data.root, self.data.tasks)
-        names = method_names(self.data.predictions)
-        found = {
-            name: find_predictions(tasks, folder, self.data.patterns, self.data.root)
-            for name, folder in zip(names, self.data.predictions, strict=True)
-        }
-        judges = self.rules.judge("alone", "in-scene")
-        runs: dict[str, list[Run]] = {name: [] for name in names}
-        pictures: dict[str, Picture] = {}
-
-        def keep_sheet(run: Run, views: Sequence[TestView], before: Sequence[Shown], after: Sequence[Shown]) -> None:
-            if self.tables.output is not None:
-                name = f"sheets/{run.kind}/{run.scene}_{run.object}_{run.occlusion}.png"
-                pictures[name] = comparison_sheet(views, before, after, self.rules.threshold)
-
-        for name, predictions in found.items():
-            for task in dataset_tasks(tasks, predictions, name, self.data.selection_options):
-                for run in measure(task, {self.preset: variant}, judges, fidelity=False, show=keep_sheet):
-                    runs[name].append(run)
-                    print_run(run, progress)
-        rule = judges[1].describe().split("; ")
-        occlusion = "alone: the object rendered by itself; in scene: its share of the whole (occlusion counts)"
-        notes = [f"{rule[0]}; {rule[-1]}; {occlusion}"]
-        notes.append(f"trimmed with the preset '{self.preset}', {self.config.plan.views} views, {self.segmenter}")
-        tables = {
-            f"{self.layout}-{name}": table_of_tasks(layout, name, "trimming", of_method, notes)
-            for name, of_method in runs.items()
-        }
-        tables[self.layout] = table_beside_published(layout, dict(runs), notes)
+    def _measure(self) -> Findings:
+        layout, judge = LAYOUTS[self.layout], self.rules.judge()
+        methods = self._runs(judge)
+        views = self.config.plan.views
+        notes = [judge.describe(), f"trimmed with the preset '{self.preset}', {views} views, {self.segmenter}"]
+        tables = {f"{self.layout}-{name}": table_of_tasks(layout, name, runs, notes) for name, runs in methods.items()}
+        tables[self.layout] = table_beside_published(layout, methods, notes)
         if self.rules.clip:
-            tables[f"{self.layout}-clip"] = table_of_looks(layout, dict(runs), [judges[0].describe(), notes[-1]])
-        figures = [run.as_dict() for of_method in runs.values() for run in of_method]
-        return Findings(tables, pictures, figures=figures)
+            tables[f"{self.layout}-clip"] = table_of_looks(layout, methods, notes)
+        return Findings(tables, [run for runs in methods.values() for run in runs])
+
+    def _runs(self, judge: Judge) -> dict[str, list[Run]]:
+        """The runs of every method."""
+        tasks = chosen_tasks(LAYOUTS[self.layout], self.root, self.tasks)
+        names = method_names(self.predictions)
+        found = [find_predictions(tasks, folder, self.patterns, self.root) for folder in self.predictions]
+        variant: dict[str, Variant] = {
+            self.preset: Variant(self.config, segmenter_with(self.segmenter, self.segmenter_options))
+        }
+        # Lines on the progress belong to no CSV, JSON or LaTeX.
+        progress = open_console(quiet=self.quiet or self.tables.format != "table")
+        methods: dict[str, list[Run]] = {}
+        for name, predictions in zip(names, found, strict=True):
+            methods[name] = []
+            for task in dataset_tasks(tasks, predictions, name, self.selection_options):
+                (run,) = measure(task, variant, judge, fidelity=False)
+                methods[name].append(run)
+                print_run(run, progress)
+        return methods
 
 
 @dataclass(frozen=True)

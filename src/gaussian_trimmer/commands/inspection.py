@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
-from gaussian_trimmer.formats.losses import losses
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
+from gaussian_trimmer.selection_files.array_kinds import CLUSTERS
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
-from gaussian_trimmer.selection_files.classifier import classifier_of
-from gaussian_trimmer.selection_files.clusters import LEAF
+from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, open_selection
-from gaussian_trimmer.selection_files.splat_property import MASK
+from gaussian_trimmer.selection_files.splat_kinds import MASK
 from gaussian_trimmer.selection_files.splat_rows import has_identity_features
 
 _FAINT, _SOLID = 0.05, 0.95
@@ -63,8 +62,8 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     elif name.endswith(SUFFIXES):
         lines = describe_selection(open_selection(path))
     else:
-        known = ", ".join((*formats.FORMATS, *SUFFIXES, ".json"))
-        raise InputError(f"'{path.name}' is no known file; known endings: {known}, and folders of cameras.")
+        known = ", ".join(dict.fromkeys((*formats.FORMATS, *SUFFIXES, ".json")))
+        raise InputError(f"'{path.name}' is of an unknown kind; known endings: {known}, and folders of cameras.")
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
 
@@ -91,9 +90,9 @@ def describe_splats(path: Path) -> Iterator[str]:
     gaussians = formats.read(path)
     yield from describe_gaussians(gaussians)
     own = formats.format_suffix(path)
-    for suffix, lost in losses(gaussians).items():
+    for suffix, other in formats.FORMATS.items():
         if suffix != own:
-            yield f"as {suffix}: {lost or 'loses nothing'}"
+            yield f"as {suffix}: {other.loses or 'loses nothing'}"
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
@@ -142,7 +141,7 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"and {len(file.arrays) - _LISTED} more arrays"
     longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
     options = SelectionOptions()
-    kinds = ["clusters"] if LEAF in file.arrays else offered_kinds(file, longest, options)
+    kinds = ["clusters"] if CLUSTERS in file.arrays else offered_kinds(file, longest, options)
     for kind in kinds:
         yield _USES[kind].format(n=longest)
     if "labels" in kinds and _distinct_rows(file, options):

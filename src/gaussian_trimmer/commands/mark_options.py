@@ -47,19 +47,19 @@ class MarkOptions:
     box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
     """Everything between two corners."""
     remove_box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
-    """Nothing between two corners."""
+    """Deselect everything inside this box."""
     intersect_box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
     """Only what is between two corners."""
     sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
     """Everything in a ball."""
     remove_sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
-    """Nothing in a ball."""
+    """Deselect everything inside this ball."""
     intersect_sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
     """Only what is in a ball."""
     plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
     """Everything above a plane: points p with N . p > OFFSET. With --coordinates up, 0 0 1 H is all above height H."""
     remove_plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
-    """Nothing above a plane."""
+    """Deselect everything above this plane."""
     intersect_plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
     """Only what is above a plane."""
     coordinates: Literal["scene", "up"] = "scene"

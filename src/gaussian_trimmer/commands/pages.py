@@ -11,7 +11,7 @@ from tyro.conf import arg
 from gaussian_trimmer.commands.console import refuse_existing
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.output.html.report_page import REPORT
-from gaussian_trimmer.output.html.viewer import Part, check_page_name, export_trim
+from gaussian_trimmer.output.html.viewer import Part, check_page_name, export_viewer
 from gaussian_trimmer.result import TrimResult
 
 
@@ -20,7 +20,7 @@ class PageOptions:
     """Pages of a trim, which open without a server and without the network."""
 
     html: bool = False
-    """Also write report.html: views before and after, the object turning, what was done, figures, on one page."""
+    """Also write report.html: views before and after, what was done, and all numbers on one page."""
     export_viewer: Annotated[Path | None, arg(metavar="FILE.html")] = None
     """Also write the object as one page that draws it in any browser; up to a million Gaussians."""
     viewer_part: Part = "object"
@@ -71,7 +71,7 @@ class PageOptions:
         """
         if self.export_viewer is not None:
             name = self._within(folder)
-            export_trim(result, part / name if name else self.export_viewer, self.viewer_part, overwrite=True)
+            export_viewer(result, part / name if name else self.export_viewer, self.viewer_part, overwrite=True)
 
     def _within(self, folder: Path) -> str | None:
         """The name of the viewer if it lies in a folder itself."""

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,11 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
-from gaussian_trimmer.commands.trim import Loaded, Trim, TrimSettings
+from gaussian_trimmer.commands.trim import Loaded, Trim
+from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.atomic.manifest import MANIFEST
+from gaussian_trimmer.io.manifest import MANIFEST
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
@@ -48,6 +49,11 @@ class Select(TrimSettings):
     IMG_7.JPG; pictures without a mask are skipped. The marks are saved beside the selection, as a .json file from which
     --marks makes it again and goes on.
     """
+
+    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
+        "--list-views", "--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract",
+        "--marks", "--masks", "--object-ids", "--cameras", "--up", "--output", "--overwrite", "--trim", "--quiet",
+    )  # fmt: skip
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or the folder of a training."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -16,30 +16,31 @@ from tyro.conf import Positional, arg
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.commands.console import open_console, print_summary, progress_over_stages, warn_of
+from gaussian_trimmer.commands.console import (
+    announce_compiling,
+    open_console,
+    print_refusal,
+    print_summary,
+    print_warnings,
+    progress_over_stages,
+)
 from gaussian_trimmer.commands.mark_options import MarkOptions
-from gaussian_trimmer.commands.pages import PageOptions
-from gaussian_trimmer.commands.remaining import read_remaining
 from gaussian_trimmer.commands.trim_objects import trim_labels
+from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
-from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import suffix_of, trim_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views
 from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import (
-    DEFAULT_SEGMENTER,
-    SEGMENTERS,
     Segmenter,
-    all_options,
-    options_of,
-    segmenter_with,
 )
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import FromFile, Marks
@@ -48,19 +49,16 @@ from gaussian_trimmer.selecting.saved_selection import excluded_from
 from gaussian_trimmer.selecting.select import select, settle_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.options import flag
+from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.several import load_objects
+from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.trim import trim
 
-_COMPILING = "Compiling kernels, once per installation: about 20 seconds."
-_COMPILING_AGAIN = (
-    "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
-    "set NUMBA_CACHE_DIR to one that is."
-)
-_PHOTOS = 8
-"""Photographs that are looked at, unless more views or another number are asked for."""
+_USUAL_PHOTOS = 8
+"""Number of photographs that are looked at, unless more views or another number are asked for."""
 NOTHING_TRIMMED = 3
-"""Exit code where the inputs could be read, but the selection was written as it came."""
-_SegmenterOptions = all_options()
+"""Exit code where the inputs could be read, but the selection was written unchanged."""
 MARKS = "selection.json"
 """Name of the file of marks among the results."""
 
@@ -73,51 +71,9 @@ class Loaded(NamedTuple):
     """The rough selection, (N,)."""
     cameras: CameraSet | None
     marks: Marks | None = None
-    """The marks that the selection was made by, if it was."""
+    """The marks that made the selection, if marks did."""
     excluded: BoolArray | None = None
-    """What those marks removed, (N,)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrimSettings:
-    """What `trim`, and `select --trim`, can be told beside what is selected."""
-
-    cameras: Annotated[Path | None, arg(metavar="PATH")] = None
-    """Training cameras: a COLMAP folder, transforms.json or cameras.json. They give the up vector and the range of
-    angles from which the object was observed."""
-    photos: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of the training pictures: the object is segmented in those that show it best, in place of virtual views.
-    Needs --cameras."""
-    trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
-    overwrite: bool = False
-    """Replace earlier results in the output folder; files that the program did not write stay."""
-    format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
-    """File format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
-    preset: Literal["default", "paper"] = "default"
-    """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
-    views: Annotated[int | None, arg(metavar="INT")] = None
-    """Number of virtual views; short for --plan.views."""
-    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
-    """What segments the object in the views."""
-    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
-    """What renders the views; auto is numba, on the CPU. gsplat, on a GPU, is for those who name it: its results
-    have not been compared with the others' on a GPU yet."""
-    quiet: bool = False
-    """Print nothing but errors."""
-    pages: Annotated[PageOptions, arg(name="")] = field(default_factory=PageOptions)
-    config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
-        default_factory=_SegmenterOptions
-    )
-
-    def _used_options(self) -> Any:
-        """The options of the segmenter that is used, or None if it has none."""
-        return options_of(self.segmenter, self.segmenter_options)
-
-    def make_segmenter(self) -> Segmenter:
-        """The segmenter with its options."""
-        return segmenter_with(self.segmenter, self.segmenter_options)
+    """What may not join the object, (N,): those marks removed it, or another object has it."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +83,9 @@ class Trim(TrimSettings):
     Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone.
     """
 
-    scene: Positional[Path]
+    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (*TrimSettings.COMMON_OPTIONS, "--labels", "--objects", "--exclude")
+
+    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or of the object alone; or the folder of a training."""
     selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
     """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, a file that a
@@ -141,8 +99,8 @@ class Trim(TrimSettings):
     or a folder of masks whose pixels are ids. There is a file object_ID for each, and one background without all."""
     objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
     """Which objects of --labels; without it, all with ids above zero."""
-    remaining: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Go on with what the earlier results in this folder left of SCENE; rows still count in SCENE."""
+    exclude: Annotated[tuple[Path, ...], arg(metavar="FILE ...")] = ()
+    """Selections of other objects, such as labels.npz of an earlier trim: their Gaussians stay out of this object."""
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
 
     def in_order_of(self, arguments: Sequence[str]) -> Trim:
@@ -167,14 +125,16 @@ class Trim(TrimSettings):
             loaded = load() if load else None
             start = time.perf_counter()
             with progress_over_stages(console) as stage:
-                summary = self._write(folder, loaded, stage, console)
-        print_summary(console, summary, time.perf_counter() - start)
+                report = self._write(folder, loaded, stage, console)
+        if report["refused"]:
+            print_refusal(report)
+        print_summary(console, report, time.perf_counter() - start)
         looked_at = REPORT if self.pages.html else "before_after.png"
         console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
         if self.pages.export_viewer is not None:
             console.print(self.pages.sentence())
-        warn_of(summary)
-        return NOTHING_TRIMMED if summary["refused"] else 0
+        print_warnings(report)
+        return NOTHING_TRIMMED if report["refused"] else 0
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
@@ -182,31 +142,49 @@ class Trim(TrimSettings):
         """Trim and write the results to a folder; returns the report."""
         start = time.perf_counter()
         stage("read")
-        scene, selection, cameras, marks, excluded = loaded or self._read(console)
-        self._refuse_whole_scene(selection)
-        remaining = read_remaining(self.remaining, scene) if self.remaining else None
-        if remaining is not None:
-            scene, selection = remaining.scene, remaining.of_original(selection, "the selection")
-            excluded = remaining.filled if excluded is None else excluded[remaining.rows] | remaining.filled
+        loaded = loaded or self._read(console)
+        scene, selection, excluded = loaded.scene, *self.without_excluded(loaded)
+        self._refuse_whole_scene(loaded.selection)
         seconds = {"read": time.perf_counter() - start}
-        config, renderer, segmenter = self.settings(), get_renderer(self.renderer), self.make_segmenter()
-        views = segmenter.own_cameras(cameras) if hasattr(segmenter, "own_cameras") else None
+        renderer, segmenter = get_renderer(self.renderer), self.make_segmenter()
+        views = segmenter.own_cameras(loaded.cameras) if hasattr(segmenter, "own_cameras") else None
         self._refuse_unused_views(views)
         if self.photos is not None:
-            views, segmenter = self._photo_views(scene, selection, cameras, segmenter)
-        if renderer.name == "numba" and not _kernels_are_compiled():
-            console.print(_COMPILING if CACHE else _COMPILING_AGAIN)
+            views, segmenter = self._photo_views(scene, selection, loaded.cameras, segmenter)
+        if renderer.name == "numba":
+            announce_compiling(console)
         result = trim(
-            scene, selection, config=config, renderer=renderer, segmenter=segmenter, cameras=cameras,
+            scene, selection, config=self.settings(), renderer=renderer, segmenter=segmenter, cameras=loaded.cameras,
             view_cameras=views, excluded=excluded, progress=stage,
         )  # fmt: skip
         stage("write")
-        if marks is not None:
-            write_marks(marks, folder / MARKS)
-        rows = (remaining.rows, remaining.n_scene) if remaining else (None, None)
-        report = write_trim(result, folder, self.suffix(), self._inputs(), seconds, *rows, html=self.pages.html)
+        if loaded.marks is not None:
+            write_marks(loaded.marks, folder / MARKS)
+        report = write_trim(result, folder, self.suffix(), self._inputs(), seconds, html=self.pages.html)
         self.pages.write_viewer(result, self.folder(), folder)
         return report
+
+    def without_excluded(self, loaded: Loaded) -> tuple[BoolArray, BoolArray | None]:
+        """The selection without what --exclude names, and all that may not join the object.
+
+        Raises:
+            InputError: nothing of the selection is left.
+        """
+        others = self.excluded_rows(loaded.scene)
+        selection = loaded.selection & ~others
+        if not selection.any():
+            raise InputError("Nothing is left of the selection: --exclude names all of it.")
+        return selection, others if loaded.excluded is None else others | loaded.excluded
+
+    def excluded_rows(self, scene: Gaussians) -> BoolArray:
+        """Which Gaussians of the scene --exclude names, (N,)."""
+        excluded = np.zeros(len(scene), np.bool_)
+        for path in self.exclude:
+            if path.suffix == ".npz" and is_trimmed(open_selection(path, len(scene))):
+                excluded |= np.any(list(load_objects(path, scene).values()), axis=0)
+            else:
+                excluded |= load_selection(path, scene)
+        return excluded
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
@@ -220,6 +198,8 @@ class Trim(TrimSettings):
 
     def _check_settings(self) -> None:
         """Refuse settings that are not possible before anything is read, also those that this run would not use."""
+        if self.selection is not None and formats.has_splats(self.selection) and not _may_hold_splats(self.scene):
+            raise InputError(f"'{self.scene.name}' is no splat file; the scene comes before the selection.")
         check_config(self.settings())
         check_settings(self.selection_options, "selection")
         check_settings(self.segmenter_options)
@@ -244,8 +224,14 @@ class Trim(TrimSettings):
     def _input_paths(self) -> list[Path]:
         """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
         cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
-        options = [vars(options) for options in (self.selection_options, self._used_options()) if options]
-        given = [self.scene, self.selection, cameras, *(value for values in options for value in values.values())]
+        options = [vars(options) for options in (self.selection_options, self.used_options()) if options]
+        given = [
+            self.scene,
+            self.selection,
+            cameras,
+            *self.exclude,
+            *(value for values in options for value in values.values()),
+        ]
         return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
 
     def read_scene(self, console: Console) -> Gaussians:
@@ -275,7 +261,7 @@ class Trim(TrimSettings):
         excluded = excluded_from(self.selection, len(scene))
         if excluded is not None and excluded.any():
             beside = self.selection.with_suffix(".json")
-            console.print(f"{beside}: the {np.count_nonzero(excluded):,} Gaussians that its marks removed stay out")
+            console.print(f"{beside}: the {np.count_nonzero(excluded):,} Gaussians that its marks removed stay out.")
         return Loaded(scene, selection, cameras, None, excluded)
 
     def _marks(self, scene: Gaussians, cameras: CameraSet | None) -> Marks | None:
@@ -311,7 +297,7 @@ class Trim(TrimSettings):
         up = find_up(scene, cameras, self.settings().up, selection)
         bounds = robust_bounds(scene.select(selection), up_frame(up.direction))
         plan = self.settings().plan
-        views = photo_views(known, bounds, self.views or max(plan.views, _PHOTOS), plan.size, plan.fill)
+        views = photo_views(known, bounds, self.views or max(plan.views, _USUAL_PHOTOS), plan.size, plan.fill)
         if not views:
             raise InputError(f"None of the {len(known)} cameras with pictures in '{self.photos}' sees the object.")
         return views, PhotoSegmenter(segmenter, self.photos, known)
@@ -333,25 +319,22 @@ class Trim(TrimSettings):
 
     def _inputs(self) -> dict[str, Any]:
         """Files and choices, for the report."""
-        used = self._used_options()
+        used = self.used_options()
         return {
             "scene": str(self.scene),
             "selection": str(self.selection) if self.selection else None,
             "selection_options": _as_json(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
             "photos": str(self.photos) if self.photos else None,
-            "remaining": str(self.remaining) if self.remaining else None,
+            "exclude": [str(path) for path in self.exclude],
             "preset": self.preset,
             "segmenter_options": _as_json(used) if used else {},
         }
 
 
+def _may_hold_splats(path: Path) -> bool:
+    return formats.has_splats(path) or is_folder(path)
+
+
 def _as_json(options: Any) -> dict[str, Any]:
     return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()}
-
-
-def _kernels_are_compiled() -> bool:
-    """Whether an earlier run has left the renderer's compiled kernels on disk."""
-    from gaussian_trimmer.rendering.numba_kernels import blend_tiles
-
-    return CACHE and any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,11 +11,10 @@ from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import progress_over_stages
-from gaussian_trimmer.commands.remaining import Remaining, read_remaining
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.html.report_page import REPORT
+from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.rendering import get_renderer
@@ -34,49 +33,76 @@ def trim_labels(command: Trim, console: Console) -> None:
     Raises:
         InputError: something that the user gave cannot be used; nothing has been written then.
     """
-    assert command.labels is not None
-    if command.selection is not None or command.mark_options.marks():
-        raise InputError("--labels says what to trim; leave SELECTION and marks out.")
-    html = command.pages.html
-    if command.pages.export_viewer is not None:
-        raise InputError(
-            "--export-viewer shows one object; with --labels, convert object_ID files to .html afterwards."
-        )
-    suffix, folder = command.suffix(), command.folder()
+    _refuse_other_options(command)
+    suffix, folder, html = command.suffix(), command.folder(), command.pages.html
     start = time.perf_counter()
-    inputs = [command.scene, *(path for path in (command.labels, command.cameras) if path and path.is_file())]
+    given = (command.labels, command.cameras, *command.exclude)
     results = atomic_folder(
-        folder, RESULTS, names=objects_files(suffix, html=html), inputs=inputs, overwrite=command.overwrite
-    )  # fmt: skip
+        folder,
+        RESULTS,
+        names=objects_files(suffix, html=html),
+        inputs=[command.scene, *(path for path in given if path and path.is_file())],
+        overwrite=command.overwrite,
+    )
     with results as part, progress_over_stages(console) as stage:
         stage("read")
-        original = command.read_scene(console)
+        scene = command.read_scene(console)
         cameras = command.read_cameras(console)
-        objects = _objects(command, original, cameras)
-        remaining = read_remaining(command.remaining, original) if command.remaining else None
-        if remaining is not None:
-            objects = {number: remaining.of_original(mask, f"object {number}") for number, mask in objects.items()}
+        excluded = command.excluded_rows(scene)
         result = trim_objects(
-            remaining.scene if remaining else original, objects, config=command.settings(),
-            renderer=get_renderer(command.renderer), segmenter=command.make_segmenter(), cameras=cameras,
-            excluded=remaining.filled if remaining else None, progress=stage,
-        )  # fmt: skip
+            scene,
+            _without(excluded, _objects(command, scene, cameras)),
+            config=command.settings(),
+            renderer=get_renderer(command.renderer),
+            segmenter=command.make_segmenter(),
+            cameras=cameras,
+            excluded=excluded,
+            progress=stage,
+        )
         stage("write")
-        report = write_objects(result, part, suffix, _inputs(command), *_rows(remaining), html=html)
-    counts = report["counts"]
+        report = write_objects(result, part, suffix, _inputs(command), html=html)
     for entry in report["objects"]:
-        state = f"not trimmed: {entry['refused']}" if entry["refused"] else f"{entry['gaussians']:,} Gaussians"
-        given_up = f", {entry['given_up']:,} went to others" if entry["given_up"] else ""
-        console.print(f"object {entry['id']}: {entry['counts']['selected']:,} selected, {state}{given_up}")
+        console.print(_sentence(entry))
+    counts = report["counts"]
+    shared = f"{counts['claimed_by_several']:,}" if counts["claimed_by_several"] else "none"
     console.print(
-        f"{counts['objects']} objects with {counts['in_objects']:,} Gaussians, {counts['contested']:,} of them "
-        f"contested; time {time.perf_counter() - start:.1f} s"
+        f"{counts['objects']} objects, {counts['in_objects']:,} Gaussians; {shared} claimed by two objects; "
+        f"time {time.perf_counter() - start:.1f} s"
     )
     if counts["dropped"]:
-        console.print(f"cleaned    {counts['dropped']:,} left out of the background that the objects had hidden")
-    console.print(
-        f"object_ID{suffix}, background{suffix}, {REPORT if html else 'objects.png'} and the rest are in {folder}."
-    )
+        console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
+    looked_at = REPORT if html else "objects.png"
+    console.print(f"object_ID{suffix}, background{suffix}, {looked_at} and the rest are in {folder}.")
+
+
+def _refuse_other_options(command: Trim) -> None:
+    """Refuse what a trim of several objects would have to ignore."""
+    if command.selection is not None or command.mark_options.marks():
+        raise InputError("--labels says what to trim; leave SELECTION and marks out.")
+    if command.pages.export_viewer is not None:
+        raise InputError("--export-viewer shows one object; after --labels, convert object_ID files to .html.")
+    if command.photos is not None:
+        raise InputError("--photos is for one object; leave it out, or trim the objects of --labels one by one.")
+    if hasattr(command.make_segmenter(), "own_cameras"):
+        raise InputError(
+            f"The segmenter '{command.segmenter}' has masks of one object; with --labels choose another, or give "
+            "--labels a folder of masks whose pixels are ids."
+        )
+
+
+def _without(excluded: BoolArray, objects: dict[int, BoolArray]) -> dict[int, BoolArray]:
+    left = {number: mask & ~excluded for number, mask in objects.items()}
+    for number, mask in left.items():
+        if not mask.any():
+            raise InputError(f"Nothing is left of object {number}: --exclude names all of it.")
+    return left
+
+
+def _sentence(entry: Mapping[str, Any]) -> str:
+    """What became of one object."""
+    if entry["refused"]:
+        return f"object {entry['id']}: not trimmed: {entry['refused']}"
+    return f"object {entry['id']}: {entry['gaussians']:,} Gaussians. {sentence_of(entry['counts'])}."
 
 
 def _objects(command: Trim, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:
@@ -94,16 +120,12 @@ def _objects(command: Trim, scene: Gaussians, cameras: CameraSet | None) -> dict
     return {number: np.asarray(labels == number) for number in (command.objects or present)}
 
 
-def _rows(remaining: Remaining | None) -> tuple[Any, int | None]:
-    return (remaining.rows, remaining.n_scene) if remaining else (None, None)
-
-
 def _inputs(command: Trim) -> dict[str, Any]:
-    given = {
-        "scene": command.scene,
-        "labels": command.labels,
-        "cameras": command.cameras,
-        "remaining": command.remaining,
+    return {
+        "scene": str(command.scene),
+        "labels": str(command.labels),
+        "cameras": str(command.cameras) if command.cameras else None,
+        "exclude": [str(path) for path in command.exclude],
+        "objects": list(command.objects),
+        "preset": command.preset,
     }
-    shown = {name: str(path) if isinstance(path, Path) else None for name, path in given.items()}
-    return {**shown, "objects": list(command.objects), "preset": command.preset}

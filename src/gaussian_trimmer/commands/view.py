@@ -21,7 +21,7 @@ from gaussian_trimmer.settings import Range, check_settings
 class View:
     """Open the app in a browser: mark an object in the 3D view, trim it, look at it from all sides, correct, and save.
 
-    The program goes on until Ctrl-C. It needs the extra `app`. Only this machine can reach the app, unless --host says
+    Press Ctrl-C to stop. It needs the extra `app`. Only this machine can reach the app, unless --host says
     otherwise; then the address that is printed has a token, without which nothing is answered.
     """
 
@@ -32,7 +32,7 @@ class View:
     host: str = "127.0.0.1"
     """Address to listen at; 0.0.0.0 lets other machines in, those that have the token."""
     port: Annotated[int, Range(0, 65535)] = 8080
-    """Port to listen at; where it is taken the next one that is free, and 0 for any."""
+    """Port to listen at; if taken, the next free port; 0 picks any."""
     most: Annotated[int, Range(1000, 100_000_000)] = MOST_SHOWN
     """Show at most this many Gaussians; larger scenes are thinned for display, and only there."""
     browser: bool = True

@@ -1,11 +1,8 @@
 """CLIP-IQA: how an object looks, judged by a CLIP model between two opposite prompts.
 
-The score of a picture is the probability that CLIP gives to the first prompt of a pair. The three pairs are those that
-segmentations of 3D Gaussian Splatting are judged with; two are about the boundary and are taken over crops along the
-object's contour, the third is about the whole object. Pictures show the object alone over white.
-
-Any CLIP of Transformers will do, from a folder or the hub. It runs without its image processor, which needs
-torchvision. Scores of different models cannot be compared.
+The score of a picture is the probability that CLIP gives to the first prompt of a pair. Two of the pairs are about the
+boundary and are scored over crops along the object's contour, the third is about the whole object. Pictures show the
+object alone over white. The model runs without its image processor, which would need torchvision.
 
 After "Exploring CLIP for Assessing the Look and Feel of Images" (Wang et al., AAAI 2023).
 """
@@ -19,7 +16,6 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.evaluation.scoring import Scores, Shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.views import Box, bounding_box
 
@@ -30,30 +26,32 @@ PAIRS = {
 }
 """Metric -> the prompt that is wished for, and its opposite."""
 _OF_BOUNDARY = ("clip_clear", "clip_smooth")
+_LINK = {"clip_clear": "with", "clip_smooth": "with", "clip_complete": "of"}
+"""Word between "a photo" and the prompt."""
 CROPS = 8
 """Crops along the contour."""
-_SHARE = 1 / 3
+_CROP_SHARE = 1 / 3
 """Side of a crop, as a share of the longer side of the object's box."""
-_SMALLEST_CROP = 32
-_MARGIN = 0.1
-_MEAN, _STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-"""Colours that CLIP models are trained on."""
+_SMALLEST_CROP_PIXELS = 32
+_BOX_MARGIN = 0.1
+"""What is added to each side of the object's box, as a share of its longer side."""
+_CLIP_MEAN, _CLIP_STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+"""Mean and deviation of the colours that CLIP models are trained on."""
 
 
 class ClipScorer:
     """Scores pictures of objects with one CLIP model, which is loaded once.
 
     Raises:
-        InputError: PyTorch or Transformers is missing, or the model cannot be loaded or is no CLIP.
+        InputError: PyTorch or Transformers is missing, or the model cannot be loaded.
     """
 
     def __init__(self, model: str) -> None:
         try:
             self._torch, transformers = import_module("torch"), import_module("transformers")
         except ImportError as error:
-            raise InputError(
-                f"CLIP-IQA needs PyTorch and Transformers ({error}): pip install 'gaussian-trimmer[eval]'."
-            ) from error
+            needs = f"CLIP-IQA needs PyTorch and Transformers ({error}): pip install 'gaussian-trimmer[eval]'."
+            raise InputError(needs) from error
         local = Path(model).is_dir()
         try:
             # Weights are read from safetensors alone: other files could hold code.
@@ -69,25 +67,25 @@ class ClipScorer:
         self.name = shown(Path(model).name if local else model)
         """Name of the model, for tables."""
         self._side = int(self._model.config.vision_config.image_size)
-        prompts = [f"A photo with a {prompt}." if "boundary" in prompt else f"A photo of a {prompt}."
-                   for pair in PAIRS.values() for prompt in pair]  # fmt: skip
+        prompts = [f"A photo {_LINK[name]} a {prompt}." for name, pair in PAIRS.items() for prompt in pair]
         self._prompts = tokenizer(prompts, padding=True, return_tensors="pt")
 
     def describe(self) -> str:
         """What the scores were made with, for tables."""
         return f"CLIP-IQA by {self.name}, of the object alone over white; boundaries over {CROPS} crops"
 
-    def score(self, shown: Shown, threshold: float) -> Scores:
+    def score(self, rgb: FloatArray, alpha: FloatArray, threshold: float) -> dict[str, float]:
         """The three scores of an object in percent; nothing if it is not in the picture.
 
         Args:
-            shown: the object, rendered alone.
+            rgb: the object over black, (H, W, 3).
+            alpha: its opacity, (H, W).
             threshold: opacity above which a pixel belongs to it.
         """
-        mask = np.asarray(shown.alpha > threshold)
+        mask = np.asarray(alpha > threshold)
         if not mask.any():
             return {}
-        picture = np.clip(shown.rgb + (1 - np.clip(shown.alpha, 0, 1))[..., None], 0, 1)
+        picture = np.clip(rgb + (1 - np.clip(alpha, 0, 1))[..., None], 0, 1)
         boxes = [whole_box(mask), *boundary_boxes(mask)]
         chances = self._probabilities([cut_square(picture, box) for box in boxes])
         return {
@@ -97,9 +95,10 @@ class ClipScorer:
 
     def _probabilities(self, pictures: list[FloatArray]) -> FloatArray:
         """Probability of the first prompt of each pair, (P, 3)."""
-        side, torch = self._side, self._torch
-        resized = [np.asarray(cv2.resize(p, (side, side), interpolation=_interpolation(p, side))) for p in pictures]
-        pixels = (np.stack(resized) - np.array(_MEAN, np.float32)) / np.array(_STD, np.float32)
+        torch = self._torch
+        pixels = (
+            np.stack([_resized(picture, self._side) for picture in pictures]) - np.array(_CLIP_MEAN, np.float32)
+        ) / np.array(_CLIP_STD, np.float32)
         with torch.inference_mode():
             logits = self._model(
                 pixel_values=torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2))), **self._prompts
@@ -111,8 +110,8 @@ class ClipScorer:
 def whole_box(mask: BoolArray) -> Box:
     """A square about a mask (H, W), a little wider; it may reach out of the picture."""
     x0, y0, x1, y1 = bounding_box(mask)
-    side = round((1 + 2 * _MARGIN) * max(x1 - x0, y1 - y0))
-    return _square((x0 + x1) // 2, (y0 + y1) // 2, max(side, _SMALLEST_CROP))
+    side = round((1 + 2 * _BOX_MARGIN) * max(x1 - x0, y1 - y0))
+    return _square((x0 + x1) // 2, (y0 + y1) // 2, max(side, _SMALLEST_CROP_PIXELS))
 
 
 def boundary_boxes(mask: BoolArray, n: int = CROPS) -> list[Box]:
@@ -120,7 +119,7 @@ def boundary_boxes(mask: BoolArray, n: int = CROPS) -> list[Box]:
     x0, y0, x1, y1 = bounding_box(mask)
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     points = np.concatenate([contour[:, 0] for contour in contours])
-    side = max(round(_SHARE * max(x1 - x0, y1 - y0)), _SMALLEST_CROP)
+    side = max(round(_CROP_SHARE * max(x1 - x0, y1 - y0)), _SMALLEST_CROP_PIXELS)
     return [_square(int(x), int(y), side) for x, y in points[[i * len(points) // n for i in range(n)]]]
 
 
@@ -135,10 +134,6 @@ def _square(x: int, y: int, side: int) -> Box:
     return x - side // 2, y - side // 2, x - side // 2 + side, y - side // 2 + side
 
 
-def _interpolation(picture: FloatArray, side: int) -> int:
-    return cv2.INTER_AREA if picture.shape[0] > side else cv2.INTER_CUBIC
-
-
-def load_scorer(model: str) -> ClipScorer | None:
-    """A scorer of the model, or None if no model is named."""
-    return ClipScorer(model) if model else None
+def _resized(picture: FloatArray, side: int) -> FloatArray:
+    interpolation = cv2.INTER_AREA if picture.shape[0] > side else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, (side, side), interpolation=interpolation))

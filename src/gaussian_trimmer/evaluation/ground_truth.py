@@ -1,7 +1,7 @@
-"""Ground truth of one view, and how it is read from folders of masks and photographs.
+"""Ground truth of one view, read from folders of masks and photographs.
 
-A mask belongs to the camera whose picture has the same name, and never to the camera that happens to come first. Masks
-may be PNG, JPEG and more, and of another size than the camera's picture: the view is then rendered at the mask's size.
+A mask belongs to the camera whose picture has the same name. It may have another size than that picture: the view is
+then rendered at the mask's size.
 """
 
 from __future__ import annotations
@@ -18,62 +18,82 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 
 _MAX_FILE_BYTES = 1 << 28
 _MAX_PIXELS = 1 << 26
 _JPEG = b"\xff\xd8"
-_HALF = 127
-_SAME_SHAPE = 0.02
+_HALF_GREY = 127
+_ASPECT_TOLERANCE = 0.02
 """Relative difference of aspect ratios up to which two pictures show the same: sizes are rounded to whole pixels."""
+_SAME_COVERAGE = 1.5 / 255
+"""Masks that differ by less show the same: one step of their 8-bit files, and rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a silhouette is compared with."""
+
+    coverage: FloatArray
+    """Coverage of the object in [0, 1], (H, W)."""
+    counted: BoolArray
+    """Pixels at which the coverage is known, (H, W)."""
 
 
 @dataclass(frozen=True, eq=False)
 class TestView:
     """One held-out view of one object."""
 
-    __test__ = False  # No test class, whatever its name begins with.
+    __test__ = False  # pytest would collect it for its name.
 
     camera: Camera
     image: FloatArray | None
     """Ground-truth picture in [0, 1], (H, W, 3); None if there is none."""
-    coverage: FloatArray
-    """Coverage of the object in [0, 1], (H, W): of the whole object where it has an `alone` mask, else of what is
-    visible of it."""
-    valid: BoolArray
-    """Pixels at which the coverage is known, (H, W): all with an `alone` mask; else False where another object's mask
-    covers the pixel, since it may hide the object there."""
-    picture_valid: BoolArray
-    """Pixels at which the picture shows the object as if nothing were before it, (H, W): those where `alone` and
-    visible mask agree; without an `alone` mask the same as `valid`."""
+    alone: Truth
+    """Of the object rendered alone."""
+    in_scene: Truth
+    """Of what is visible of the object in its scene. Where only one mask is known, the same."""
     far: bool = False
     """Whether the camera is far from all training cameras."""
 
+    @property
+    def picture_counted(self) -> BoolArray:
+        """Pixels at which the picture shows the object as if nothing were before it, (H, W)."""
+        agree = np.abs(self.alone.coverage - self.in_scene.coverage) < _SAME_COVERAGE
+        return np.asarray(self.alone.counted & agree)
+
 
 def read_mask(path: Path) -> FloatArray:
-    """The coverage that a mask file states, in [0, 1], (H, W).
+    """The coverage in a mask file, in [0, 1], (H, W).
 
     Grey values are coverage, except that a JPEG is cut at one half, since its greys are noise of the compression, and
     that a file whose only values are 0 and 1 holds labels.
 
     Raises:
-        InputError: the file is no picture, or has more than 67 million pixels.
+        InputError: the file cannot be read as a picture, or has more than 67 million pixels.
     """
-    data = _picture_bytes(path)
-    grey = _decoded(data, cv2.IMREAD_GRAYSCALE, path)
-    if data.startswith(_JPEG):
-        return (grey > _HALF).astype(np.float32)
-    if grey.max() == 1:
-        return grey.astype(np.float32)
-    return grey.astype(np.float32) / np.float32(255)
+    grey, is_jpeg = _decoded(path, cv2.IMREAD_GRAYSCALE)
+    if is_jpeg:
+        return (grey > _HALF_GREY).astype(np.float32)
+    return grey.astype(np.float32) / np.float32(1 if grey.max() == 1 else 255)
+
+
+def read_picture(path: Path) -> FloatArray:
+    """A picture in [0, 1], (H, W, 3).
+
+    Raises:
+        InputError: the file cannot be read as a picture, or has more than 67 million pixels.
+    """
+    bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
 
 def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     """A picture in [0, 1], brought to a size, (H, W, 3).
 
     Raises:
-        InputError: the file is no picture, has more than 67 million pixels, or another shape.
+        InputError: as for `read_picture`, or the picture has another shape.
     """
     picture = read_picture(path)
     if not _same_shape(picture.shape[1] / picture.shape[0], width / height):
@@ -84,16 +104,6 @@ def read_photograph(path: Path, width: int, height: int) -> FloatArray:
     if picture.shape[:2] != (height, width):
         picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
     return picture
-
-
-def read_picture(path: Path) -> FloatArray:
-    """A picture in [0, 1], (H, W, 3).
-
-    Raises:
-        InputError: the file is no picture, or has more than 67 million pixels.
-    """
-    bgr = _decoded(_picture_bytes(path), cv2.IMREAD_COLOR, path)
-    return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
 
 def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
@@ -131,14 +141,15 @@ def view_of(camera: Camera, mask: Path, image: Path | None = None, ignored: Path
     """
     coverage = read_mask(mask)
     height, width = coverage.shape
-    valid = np.ones((height, width), np.bool_)
+    counted = np.ones((height, width), np.bool_)
     if ignored is not None:
         left_out = read_mask(ignored)
         if left_out.shape != coverage.shape:
             raise InputError(f"The masks '{mask}' and '{ignored}' have different sizes; they must have the same.")
-        valid = left_out <= np.float32(0.5)
+        counted = np.asarray(left_out <= np.float32(0.5))
     picture = read_photograph(image, width, height) if image is not None else None
-    return TestView(at_size(camera, width, height, mask), picture, coverage, valid, valid)
+    truth = Truth(coverage, counted)
+    return TestView(at_size(camera, width, height, mask), picture, truth, truth)
 
 
 def views_in(
@@ -159,14 +170,14 @@ def views_in(
     for folder in (images, ignored):
         if folder is not None and not folder.is_dir():
             raise InputError(f"There is no folder '{folder}'.")
-    return found, (_view(camera, masks, images, ignored) for camera in found)
 
+    def view(camera: Camera) -> TestView:
+        mask = find_mask(masks, camera)
+        assert mask is not None, "only cameras with a mask are asked for"
+        image = find_picture(images, camera) if images else None
+        return view_of(camera, mask, image, find_mask(ignored, camera) if ignored else None)
 
-def _view(camera: Camera, masks: Path, images: Path | None, ignored: Path | None) -> TestView:
-    mask = find_mask(masks, camera)
-    assert mask is not None, "only cameras with a mask are asked for"
-    image = find_picture(images, camera) if images is not None else None
-    return view_of(camera, mask, image, find_mask(ignored, camera) if ignored is not None else None)
+    return found, map(view, found)
 
 
 def find_picture(folder: Path, camera: Camera) -> Path:
@@ -175,8 +186,9 @@ def find_picture(folder: Path, camera: Camera) -> Path:
     Raises:
         InputError: there is none, or several.
     """
-    if camera.name and (folder / camera.name).is_file():
-        return folder / camera.name
+    named = path_inside(folder, camera.name)
+    if named is not None and is_file(named):
+        return named
     found = find_mask(folder, camera)
     if found is None:
         raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}'.")
@@ -184,23 +196,21 @@ def find_picture(folder: Path, camera: Camera) -> Path:
 
 
 def _same_shape(a: float, b: float) -> bool:
-    return abs(a - b) <= _SAME_SHAPE * min(a, b)
+    return abs(a - b) <= _ASPECT_TOLERANCE * min(a, b)
 
 
-def _picture_bytes(path: Path) -> bytes:
+def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
+    """The pixels of a picture, and whether it is a JPEG."""
     with reading(path):
-        return file_bytes(path, _MAX_FILE_BYTES)
-
-
-def _decoded(data: bytes, mode: int, path: Path) -> NDArray[np.uint8]:
+        data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)
     if header is None:
         raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    if header.width * header.height > _MAX_PIXELS or header.n_bytes > _MAX_FILE_BYTES:
+    if header.n_pixels > _MAX_PIXELS:
         raise InputError(
             f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
         )
-    picture = decoded_picture(data, mode)
+    picture = decoded_picture(data, mode) if header else None
     if picture is None:
-        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    return np.asarray(picture, np.uint8)
+        raise InputError(f"'{path}' cannot be read as a picture; masks are best saved as PNG.")
+    return np.asarray(picture, np.uint8), data.startswith(_JPEG)

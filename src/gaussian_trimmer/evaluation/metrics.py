@@ -1,9 +1,8 @@
 """Metrics of a trimmed object: its silhouette against a ground-truth mask, its picture against a photograph.
 
-Silhouettes are accumulated opacities or masks in [0, 1] of shape (H, W), boolean ones included; where a metric needs
-a hard mask, a pixel belongs to it above 0.5, or, for `alpha` alone, above the `threshold` given. `valid` (H, W) marks
-the pixels that count: those covered by other objects are left out by setting it to False there. Without `valid` all
-pixels count. Images hold values in [0, 1].
+Silhouettes are accumulated opacities or masks in [0, 1] of shape (H, W), boolean ones included. Where a metric needs a
+hard mask, a pixel belongs to `alpha` above the `threshold`, and to `gt` above 0.5. `valid` (H, W) marks the pixels that
+count; without it all do. Images hold values in [0, 1].
 """
 
 from __future__ import annotations
@@ -51,18 +50,17 @@ def pixel_accuracy(
 
 
 def boundary_iou(
-    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None, dilation: float = BOUNDARY_DILATION,
-    threshold: float = THRESHOLD,
-) -> float:  # fmt: skip
+    alpha: Silhouette, gt: Silhouette, valid: BoolArray | None = None, threshold: float = THRESHOLD
+) -> float:
     """Intersection over union of the parts of both masks that lie near their own contours; 1 if both are empty.
 
-    The band reaches `dilation` times the image diagonal, rounded, and at least one pixel, into the mask. The image's
-    edge is a contour; an edge between the mask and pixels that do not count is none, since it belongs to the occluder.
+    The band reaches 2 % of the image diagonal, and at least one pixel, into the mask. The image's edge is a contour; an
+    edge between the mask and pixels that do not count is not, since it belongs to the occluder.
 
     Eq. 2 of "Boundary IoU: Improving Object-Centric Image Segmentation Evaluation" (Cheng et al., CVPR 2021).
     """
     predicted, truth, counted = _masks(alpha, gt, valid, threshold)
-    width = max(1, round(dilation * float(np.hypot(*predicted.shape))))
+    width = max(1, round(BOUNDARY_DILATION * float(np.hypot(*predicted.shape))))
     return _iou(_boundary_band(predicted, counted, width), _boundary_band(truth, counted, width))
 
 

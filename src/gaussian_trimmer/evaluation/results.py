@@ -1,4 +1,4 @@
-"""What a trim or any other tool left on disk, as a scene cut in two."""
+"""The result of a trim or of any other tool on disk, as a scene cut in two."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.selection_files.splat_property import MASK
+from gaussian_trimmer.selection_files.splat_kinds import MASK
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +25,17 @@ class StoredResult:
     selection: BoolArray | None
     """Rows of the scene that the object has, whole or in part, (N,); None if they are not known."""
     before: BoolArray | None = None
-    """Rows of the scene that the trim began with, (N,); None if they are not known, as of another tool's object."""
-    unknown_background: str = ""
-    """Why the scene without the object is not known; empty if it is."""
+    """Rows of the scene that were selected before the trim, (N,); None if they are not known."""
+    unknown_background: str | None = None
+    """Why the scene without the object is not known; None if it is known."""
 
 
 def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> StoredResult:
     """The object that a folder of a trim, a splat file or a selection file holds.
 
-    - A folder is one that `gaussian-trimmer trim` wrote: its object, its background, and the selection before.
-    - A splat file with fewer Gaussians than the scene is the object itself. The background is the scene without its
-      rows, if they can be found there.
+    - A folder must be one that `gaussian-trimmer trim` wrote: object, background, and the selection before the trim.
+    - A splat file with fewer Gaussians than the scene is the object itself. The background is the scene without the
+      object's rows, if they are found in it.
     - Anything else is a selection of the scene's rows.
 
     Args:
@@ -74,29 +74,17 @@ def _read_folder(folder: Path, scene: Gaussians) -> StoredResult:
     found, labels = _only(folder, "object"), folder / "labels.npz"
     if found is None or not labels.is_file():
         raise InputError(
-            f"'{folder}' is no folder that 'gaussian-trimmer trim' wrote: it must hold an object file and labels.npz; "
-            "give a file of another tool by its name."
+            f"'gaussian-trimmer trim' did not write the folder '{folder}': it lacks an object file or labels.npz; name "
+            "another tool's file itself."
         )
-    rows, before = _rows_of(labels, scene)
-    background, remains = _only(folder, "background"), None
-    if background is not None:
-        remains = formats.read(background)
-    cut = Cut(formats.read(found), remains)
-    reason = "" if remains else f"'{folder}' holds no background file."
-    return StoredResult(cut, rows, before, reason)
-
-
-def _rows_of(path: Path, scene: Gaussians) -> tuple[BoolArray, BoolArray | None]:
-    """Scene rows that the object has, and those that were selected before, if the file says so.
-
-    Raises:
-        InputError: the file is not what a trim of this scene wrote.
-    """
-    file, n = open_selection(path, len(scene)), len(scene)
-    objects = list(trimmed.rows_of_objects(file, n).values())
+    background = _only(folder, "background")
+    cut = Cut(formats.read(found), formats.read(background) if background else None)
+    missing = None if background else f"'{folder}' holds no background file."
+    file, n = open_selection(labels, len(scene)), len(scene)
+    objects = trimmed.rows_of_objects(file, n).values()
+    rows = _mask(np.concatenate([np.zeros(0, np.int64), *objects]), n)
     before = trimmed.selected_rows(file, n)
-    found = _mask(np.concatenate([np.zeros(0, np.int64), *objects]), n)
-    return found, None if before is None else _mask(before, n)
+    return StoredResult(cut, rows, None if before is None else _mask(before, n), missing)
 
 
 def _mask(rows: IntArray, n: int) -> BoolArray:

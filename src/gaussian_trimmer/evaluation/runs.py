@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
-
-import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.evaluation.ground_truth import TestView
-from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, Shown, mean_scores
-from gaussian_trimmer.evaluation.variants import Variant
+from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.trimming.trim import trim
 
 LOSS = 0.3
@@ -37,121 +35,91 @@ class Task:
     selection: BoolArray
     """The rough selection, (N,)."""
     before: Cut
-    """What the selection looks like before it is trimmed."""
+    """The object as the selection has it."""
     views: Sequence[TestView]
     """Ground truth."""
     cameras: CameraSet | None
-    """Training cameras, which the trimmer gets; ground truth is no part of them."""
+    """Training cameras, which the trimmer gets; the ground truth's are not among them."""
     up: tuple[float, float, float] | None = None
     """Up vector, which the trimmer gets."""
 
 
 @dataclass(frozen=True)
-class ViewScores:
-    """The scores of one view."""
+class Variant:
+    """One way of running the trimmer."""
 
-    view: str
-    before: Scores
-    after: Scores
+    config: TrimConfig = field(default_factory=TrimConfig)
+    segmenter: str | Segmenter = DEFAULT_SEGMENTER
+    training_views: int = 0
+    """If positive, trim with this many training cameras instead of virtual ones."""
+
+    def trim(self, task: Task, renderer: Renderer) -> TrimResult:
+        """Trim a task in this way."""
+        config = self.config if task.up is None else replace(self.config, up=task.up)
+        return trim(
+            task.gaussians,
+            task.selection,
+            config=config,
+            renderer=renderer,
+            segmenter=self.segmenter,
+            cameras=task.cameras,
+            view_cameras=evenly_spread(task.cameras, self.training_views) if self.training_views else None,
+        )
 
 
 @dataclass(frozen=True)
 class Run:
-    """One trim and its scores."""
+    """One trim and its scores, means over the views."""
 
     scene: str
     object: str
     kind: str
     variant: str
-    occlusion: str
-    """Whether the object was rendered alone or in its scene."""
+    views: int
+    """Number of views with ground truth."""
     before: Scores
     after: Scores
-    fidelity: float
-    """Of object and background together, dB; NaN if it was not measured."""
     seconds: float
     """Time that the trim took."""
     refused: str
+    """Why nothing was trimmed; empty if something was."""
     counts: dict[str, int]
-    views: tuple[ViewScores, ...] = field(repr=False, default=())
+    """Gaussians by label."""
 
-    @property
-    def iou_change(self) -> float:
-        """Points of foreground IoU that the trim gained."""
-        return self.after["iou"] - self.before["iou"]
+    def gain(self, metric: str = "iou") -> float:
+        """Points of a metric that the trim gained."""
+        return self.after[metric] - self.before[metric]
 
-    @property
-    def loses(self) -> bool:
+    def loses(self, metric: str = "iou") -> bool:
         """Whether the trim did harm."""
-        return self.iou_change < -LOSS
-
-    def as_dict(self) -> dict[str, Any]:
-        """The run as JSON holds it."""
-        fidelity = None if np.isnan(self.fidelity) else self.fidelity
-        return {**self.__dict__, "fidelity": fidelity, "views": [dict(view.__dict__) for view in self.views]}
+        return self.gain(metric) < -LOSS
 
 
-ShowRun = Callable[[Run, Sequence[TestView], Sequence[Shown], Sequence[Shown]], None]
-"""Is given a run, its views, and what they show before and after."""
-
-
-def measure(
-    task: Task, variants: Mapping[str, Variant], judges: Sequence[Judge], *, fidelity: bool = True,
-    show: ShowRun | None = None,
-) -> Iterator[Run]:  # fmt: skip
-    """Trim a task in every way, and compare each with ground truth under the rules of every judge.
+def measure(task: Task, variants: Mapping[str, Variant], judge: Judge, *, fidelity: bool = True) -> Iterator[Run]:
+    """Trim a task in every way, and compare each result with ground truth.
 
     Args:
+        task: what is trimmed.
+        variants: ways of trimming, by name.
+        judge: the rules of the comparison.
         fidelity: also compare object and background together with the untouched scene.
-        show: called with every run, for pictures.
     """
-    first, views = judges[0], task.views
-    before = [[judge.show(task.before, view.camera) for view in views] for judge in judges]
-    whole, alone = Cut(task.gaussians, task.gaussians.select(slice(0, 0))), replace(first, occlusion="alone")
-    untouched = [alone.show(whole, view.camera).rgb for view in views] if fidelity else []
+    before = mean_scores(judge.score(judge.show(task.before, view.camera), view) for view in task.views)
+    untouched = [judge.renderer.render(task.gaussians, view.camera).rgb for view in task.views if fidelity]
     for name, variant in variants.items():
         start = time.perf_counter()
-        result = run_variant(task, variant, first.renderer)
+        result = variant.trim(task, judge.renderer)
         seconds = time.perf_counter() - start
         cut = Cut(result.object, result.background)
-        kept = [first.fidelity(cut, view.camera, u) for view, u in zip(views, untouched, strict=False)]
-        for judge, shown_before in zip(judges, before, strict=True):
-            shown = [judge.show(cut, view.camera) for view in views]
-            run = _run_of(task, name, judge, shown_before, shown, kept, result, seconds)
-            if show is not None:
-                show(run, views, shown_before, shown)
-            yield run
+        scores = [judge.score(judge.show(cut, view.camera), view) for view in task.views]
+        for score, view, picture in zip(scores, task.views, untouched, strict=False):
+            score |= judge.fidelity(cut, view.camera, picture)
+        counts = {label.name.lower(): result.count(label) for label in RowLabel}
+        where = task.scene, task.object, task.kind, name
+        yield Run(*where, len(task.views), before, mean_scores(scores), seconds, result.refused or "", counts)
 
 
-def _run_of(
-    task: Task, variant: str, judge: Judge, before: Sequence[Shown], after: Sequence[Shown], fidelity: Sequence[Scores],
-    result: TrimResult, seconds: float,
-) -> Run:  # fmt: skip
-    scored_before = [judge.score(shown, view) for shown, view in zip(before, task.views, strict=True)]
-    scored = [judge.score(shown, view) for shown, view in zip(after, task.views, strict=True)]
-    if fidelity:
-        scored = [scores | more for scores, more in zip(scored, fidelity, strict=True)]
-    rows = zip(task.views, scored_before, scored, strict=True)
-    mean = mean_scores(scored)
-    return Run(
-        task.scene, task.object, task.kind, variant, judge.occlusion, mean_scores(scored_before), mean,
-        mean.pop("fidelity", float("nan")), seconds, result.refused or "",
-        {label.name.lower(): result.count(label) for label in RowLabel},
-        tuple(ViewScores(view.camera.name, then, now) for view, then, now in rows),
-    )  # fmt: skip
-
-
-def run_variant(task: Task, variant: Variant, renderer: Renderer) -> TrimResult:
-    """Trim a task in one way."""
-    config = variant.config if task.up is None else replace(variant.config, up=task.up)
-    views = training_views(task.cameras, variant.training_views) if variant.training_views else None
-    return trim(
-        task.gaussians, task.selection, config=config, renderer=renderer, segmenter=variant.segmenter,
-        cameras=task.cameras, view_cameras=views,
-    )  # fmt: skip
-
-
-def training_views(cameras: CameraSet | None, n: int) -> list[Camera] | None:
+def evenly_spread(cameras: CameraSet | None, n: int) -> list[Camera] | None:
     """N training cameras, evenly spread over the capture; None if there are none."""
     listed = training_cameras(cameras)
     return [listed[i * len(listed) // n] for i in range(n)] if listed else None

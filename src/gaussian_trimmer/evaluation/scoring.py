@@ -1,42 +1,46 @@
-"""How well an object matches ground truth in one view: the metrics, and the rules under which they are taken.
+"""How well an object matches ground truth in one view, by both rules of occlusion.
 
-The field's codes differ in the threshold that makes a mask of an opacity, and in whether the object is rendered alone
-or behind what hides it in the scene. `Judge` holds both, with the renderer, and says so in words for every table.
+Published codes differ in whether the object is rendered alone or counts only where nothing hides it in its scene.
+Both are measured: `alone` compares the object's own opacity with the mask, `in scene` its share of the whole scene's
+rendering, with everything else before it. They differ as well in the threshold that makes a mask of an opacity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation import metrics
-from gaussian_trimmer.evaluation.ground_truth import TestView
+from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
+from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
 from gaussian_trimmer.rendering import Renderer
 
-Occlusion = Literal["alone", "in-scene"]
 Scores = dict[str, float]
-"""Metric -> percentage, or dB for `psnr` and `fidelity`; a metric that cannot be had is missing."""
+"""Metric -> percentage, or dB for `psnr` and `fidelity`; a metric that is not known is missing."""
 
 METRICS: Mapping[str, str] = {
     "iou": "IoU",
     "accuracy": "accuracy",
     "boundary_iou": "boundary IoU",
     "soft_iou": "soft IoU",
+    "iou_in_scene": "IoU in scene",
+    "accuracy_in_scene": "accuracy in scene",
+    "boundary_iou_in_scene": "boundary IoU in scene",
     "psnr": "extraction PSNR",
     "fidelity": "fidelity",
     "clip_clear": "CLIP-IQA clear boundary",
     "clip_smooth": "CLIP-IQA smooth boundary",
     "clip_complete": "CLIP-IQA complete object",
 }
-"""Name of a metric in files -> its name in tables. `psnr` and `fidelity` are in dB, the others in percent."""
+"""Name of a metric in files -> its name in tables, in their order. All are in percent but `psnr` and `fidelity`, dB."""
+RULES: Mapping[str, str] = {"alone": "", "in scene": "_in_scene"}
+"""Rule of occlusion -> what the names of its metrics end with."""
 HIGHEST_PSNR = 100.0
-"""dB; pictures that agree everywhere would have an infinite one, and no mean."""
+"""dB; equal pictures would have an infinite PSNR, and no mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +59,9 @@ class Shown:
     rgb: FloatArray
     """The object alone over black, not clipped above one, (H, W, 3)."""
     alpha: FloatArray
-    """Its silhouette under the judge's rule, in [0, 1], (H, W)."""
-
-
-class Looks(Protocol):
-    """Judges how an object looks."""
-
-    def describe(self) -> str:
-        """How, for tables."""
-        ...
-
-    def score(self, shown: Shown, threshold: float) -> Scores:
-        """Scores of an object that is rendered alone."""
-        ...
+    """Opacity of the object alone, in [0, 1], (H, W)."""
+    share: FloatArray | None = None
+    """The object's share of the whole scene's rendering, in [0, 1], (H, W); None if the background is not known."""
 
 
 @dataclass(frozen=True)
@@ -77,58 +71,42 @@ class Judge:
     renderer: Renderer
     threshold: float = metrics.THRESHOLD
     """Opacity above which a rendered pixel belongs to the object."""
-    occlusion: Occlusion = "alone"
-    """`alone`: the object's accumulated opacity with nothing before it; `in-scene`: its share of the composite."""
-    looks: Looks | None = None
-    """Also judges the looks of the object, where it is rendered alone."""
+    looks: ClipScorer | None = None
+    """Also judges how the object looks."""
 
     def describe(self) -> str:
         """The rules in words, for tables."""
-        rules = {
-            "alone": "object rendered alone (no occlusion)",
-            "in-scene": "object's share of the whole scene (occlusion counts)",
-        }
-        rule = f"mask: alpha > {self.threshold:g}, ground truth > 0.5; {rules[self.occlusion]}"
-        looks = [self.looks.describe()] if self.looks is not None and self.occlusion == "alone" else []
-        return "; ".join([rule, f"renderer: {self.renderer.name}", *looks])
+        mask = f"mask: alpha > {self.threshold:g}, ground truth > 0.5"
+        occlusion = "object rendered alone, or in scene: its share of the whole rendering, where occlusion counts"
+        looks = f"; {self.looks.describe()}" if self.looks else ""
+        return f"{mask}; {occlusion}; renderer: {self.renderer.name}{looks}"
 
     def show(self, cut: Cut, camera: Camera) -> Shown:
-        """Render the object under the rules.
-
-        Raises:
-            InputError: occlusion counts, and the scene without the object is not known.
-        """
+        """Render the object, alone and in its scene."""
         alone = _rendered(cut.object, camera, self.renderer)
-        if self.occlusion == "alone":
-            return alone
         if cut.background is None:
-            raise InputError(
-                "The scene without this object is not known, so what hides the object is not either; measure it with "
-                "--occlusion alone."
-            )
-        together = concatenate([cut.object, cut.background])
-        member = np.zeros((len(together), 1), np.float32)
+            return alone
+        whole = concatenate([cut.object, cut.background])
+        member = np.zeros((len(whole), 1), np.float32)
         member[: len(cut.object)] = 1
-        return Shown(alone.rgb, self.renderer.blend_values(together, camera, member)[..., 0])
+        return Shown(alone.rgb, alone.alpha, self.renderer.blend_values(whole, camera, member)[..., 0])
 
     def score(self, shown: Shown, view: TestView) -> Scores:
-        """The metrics of one view, without fidelity; without `psnr` too if the view has no picture."""
-        alpha, truth, valid = shown.alpha, view.coverage, view.valid
-        scores = {
-            "iou": 100 * metrics.foreground_iou(alpha, truth, valid, self.threshold),
-            "accuracy": 100 * metrics.pixel_accuracy(alpha, truth, valid, self.threshold),
-            "boundary_iou": 100 * metrics.boundary_iou(alpha, truth, valid, threshold=self.threshold),
-            "soft_iou": 100 * metrics.soft_iou(alpha, truth, valid),
-        }
+        """The metrics of one view, without `fidelity`; without `psnr` too if the view has no picture."""
+        scores = self._silhouette_scores(shown.alpha, view.alone)
+        scores["soft_iou"] = 100 * metrics.soft_iou(shown.alpha, view.alone.coverage, view.alone.counted)
+        if shown.share is not None:
+            in_scene = self._silhouette_scores(shown.share, view.in_scene)
+            scores |= {name + RULES["in scene"]: value for name, value in in_scene.items()}
         if view.image is not None:
-            psnr = metrics.extraction_psnr(shown.rgb, view.image, truth, valid=view.picture_valid)
+            psnr = metrics.extraction_psnr(shown.rgb, view.image, view.alone.coverage, valid=view.picture_counted)
             scores["psnr"] = min(psnr, HIGHEST_PSNR)
-        if self.looks is not None and self.occlusion == "alone":
-            scores |= self.looks.score(shown, self.threshold)
+        if self.looks is not None:
+            scores |= self.looks.score(shown.rgb, shown.alpha, self.threshold)
         return scores
 
     def fidelity(self, cut: Cut, camera: Camera, untouched: FloatArray) -> Scores:
-        """PSNR of object and background together against the untouched scene's picture (H, W, 3), capped at 100 dB.
+        """PSNR of object and background together against the untouched scene's picture (H, W, 3), at most 100 dB.
 
         Nothing if the background is not known.
         """
@@ -138,9 +116,17 @@ class Judge:
         psnr = metrics.psnr(np.clip(together.rgb, 0, 1), np.clip(untouched, 0, 1))
         return {"fidelity": min(psnr, HIGHEST_PSNR)}
 
+    def _silhouette_scores(self, silhouette: FloatArray, truth: Truth) -> Scores:
+        compared = silhouette, truth.coverage, truth.counted
+        return {
+            "iou": 100 * metrics.foreground_iou(*compared, self.threshold),
+            "accuracy": 100 * metrics.pixel_accuracy(*compared, self.threshold),
+            "boundary_iou": 100 * metrics.boundary_iou(*compared, self.threshold),
+        }
+
 
 def mean_scores(scores: Iterable[Scores]) -> Scores:
-    """The mean of each metric over those that have it; nothing for none.
+    """The mean of each metric over the scores that have it; nothing if there are none.
 
     >>> mean_scores([{"iou": 90.0, "psnr": 30.0}, {"iou": 80.0}])
     {'iou': 85.0, 'psnr': 30.0}

@@ -1,4 +1,4 @@
-"""Tables of scores, as text (Markdown), CSV, JSON and LaTeX; every one carries its notes, such as the judge's rules."""
+"""Tables of scores as Markdown, CSV, JSON and LaTeX; each carries notes on how its figures were measured."""
 
 from __future__ import annotations
 
@@ -19,57 +19,46 @@ class Change:
     before: float | None
     after: float | None
 
-    @property
-    def gain(self) -> float | None:
-        """What was gained, None if one of the two is not known."""
-        return None if self.before is None or self.after is None else self.after - self.before
-
 
 Cell = str | float | int | Change | None
 
 
 @dataclass(frozen=True)
 class ScoreTable:
-    """Rows of cells below headings, with a title and notes that belong to the figures."""
+    """Rows of cells below headings, with a title, and notes on how the figures were measured."""
 
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     notes: Sequence[str] = ()
     digits: int = 2
-    """Decimals of numbers in text and LaTeX; CSV and JSON have four."""
+    """Decimals of numbers in Markdown and LaTeX; CSV and JSON have four."""
 
-    def as_text(self) -> str:
+    def as_markdown(self) -> str:
         """A Markdown table with aligned columns."""
-        cells = [[cell_text(cell, self.digits) for cell in row] for row in self.rows]
-        widths = [max(len(line[i]) for line in [list(self.columns), *cells]) for i in range(len(self.columns))]
-        rule = [f"{'-' * (width - 1)}:" if i else "-" * width for i, width in enumerate(widths)]
-        lines = [
-            "| "
-            + " | ".join(t.rjust(w) if i else t.ljust(w) for i, (t, w) in enumerate(zip(line, widths, strict=True)))
-            + " |"
-            for line in [list(self.columns), *cells]
-        ]
-        lines.insert(1, "|" + "|".join(f" {text} " for text in rule) + "|")
-        return "\n".join([f"{self.title}", "", *lines, "", *self.notes]) + "\n"
+        lines = [list(self.columns), *([cell_text(cell, self.digits) for cell in row] for row in self.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        first, *others = widths
+        lines.insert(1, ["-" * first, *(f"{'-' * (width - 1)}:" for width in others)])
+        drawn = (
+            [line[0].ljust(first), *(text.rjust(width) for text, width in zip(line[1:], others, strict=True))]
+            for line in lines
+        )
+        return "\n".join([self.title, "", *(f"| {' | '.join(line)} |" for line in drawn), "", *self.notes, ""])
 
     def as_csv(self) -> str:
-        """Comma-separated values below comments (`#`) of title and notes; a change takes two columns."""
+        """Comma-separated values below title and notes as comments (`#`); a change takes two columns."""
         changing = [any(isinstance(row[i], Change) for row in self.rows) for i in range(len(self.columns))]
         file = io.StringIO()
-        for comment in (self.title, *self.notes):
-            file.write(f"# {comment}\n")
+        file.writelines(f"# {comment}\n" for comment in (self.title, *self.notes))
         writer = csv.writer(file, lineterminator="\n")
-        head: list[str] = []
-        for name, change in zip(self.columns, changing, strict=True):
-            head += [f"{name} before", f"{name} after"] if change else [name]
-        writer.writerow(head)
+        names = zip(self.columns, changing, strict=True)
+        writer.writerow(
+            head for name, pair in names for head in ([f"{name} before", f"{name} after"] if pair else [name])
+        )
         for row in self.rows:
-            line: list[str] = []
-            for cell, change in zip(row, changing, strict=True):
-                pair = cell if isinstance(cell, Change) else Change(None, None)
-                line += [_plain(pair.before), _plain(pair.after)] if change else [_plain(cell)]
-            writer.writerow(line)
+            cells = zip(row, changing, strict=True)
+            writer.writerow(value for cell, pair in cells for value in (_pair(cell) if pair else [_plain(cell)]))
         return file.getvalue()
 
     def as_dict(self) -> dict[str, Any]:
@@ -79,30 +68,31 @@ class ScoreTable:
 
     def as_latex(self) -> str:
         """A table environment for the booktabs package; the notes end the caption."""
-        lines = [
-            r"\begin{table}[htbp]", r"  \centering", rf"  \caption{{{_tex('. '.join([self.title, *self.notes]))}.}}",
-            rf"  \begin{{tabular}}{{l{'c' * (len(self.columns) - 1)}}}", r"  \toprule",
-            "  " + " & ".join(_tex(name) for name in self.columns) + r" \\", r"  \midrule",
-        ]  # fmt: skip
-        for row in self.rows:
-            cells = (_tex(cell_text(cell, self.digits)).replace("->", r"$\to$") for cell in row)
-            lines.append("  " + " & ".join(cells) + r" \\")
-        return "\n".join([*lines, r"  \bottomrule", r"  \end{tabular}", r"\end{table}"]) + "\n"
+        rows = [[_tex(cell_text(cell, self.digits)).replace("->", r"$\to$") for cell in row] for row in self.rows]
+        head, *body = ["  " + " & ".join(row) + r" \\" for row in [[_tex(name) for name in self.columns], *rows]]
+        begin = [
+            r"\begin{table}[htbp]",
+            r"  \centering",
+            rf"  \caption{{{_tex('. '.join([self.title, *self.notes]))}.}}",
+            rf"  \begin{{tabular}}{{l{'c' * (len(self.columns) - 1)}}}",
+        ]
+        end = [r"  \bottomrule", r"  \end{tabular}", r"\end{table}", ""]
+        return "\n".join([*begin, r"  \toprule", head, r"  \midrule", *body, *end])
 
 
 FORMATS: Mapping[str, Callable[[ScoreTable], str]] = {
-    "table": ScoreTable.as_text,
+    "table": ScoreTable.as_markdown,
     "csv": ScoreTable.as_csv,
     "json": lambda table: json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n",
     "latex": ScoreTable.as_latex,
 }
 """How a table is printed, by name."""
 ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json", "latex": ".tex"}
-"""Ending of the file of each."""
+"""Ending of each format's file."""
 
 
 def known_metrics(*scores: Scores) -> list[str]:
-    """Metrics that some of the scores have, in the order of tables."""
+    """The metrics that some of the scores have, in the order of tables."""
     return [name for name in METRICS if any(name in score for score in scores)]
 
 
@@ -132,10 +122,12 @@ def cell_text(cell: Cell, digits: int) -> str:
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
 
 
+def _pair(cell: Cell) -> list[str]:
+    return [_plain(cell.before), _plain(cell.after)] if isinstance(cell, Change) else ["", ""]
+
+
 def _plain(cell: Cell) -> str:
-    if cell is None or isinstance(cell, Change):
-        return ""
-    return f"{cell:.4f}" if isinstance(cell, float) else str(cell)
+    return "" if cell is None else cell_text(cell, 4)
 
 
 def _json(cell: Cell) -> Any:
@@ -144,14 +136,14 @@ def _json(cell: Cell) -> Any:
     return round(cell, 4) if isinstance(cell, float) else cell
 
 
-_SPECIAL = {character: f"\\{character}" for character in "&%$#_{}"}
-_SPECIAL |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
+_TEX = {character: f"\\{character}" for character in "&%$#_{}"}
+_TEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
 
 
 def _tex(text: str) -> str:
-    r"""Text with what LaTeX would obey escaped.
+    r"""Text whose special characters are escaped for LaTeX.
 
     >>> print(_tex("100 % of a_b"))
     100 \% of a\_b
     """
-    return "".join(_SPECIAL.get(character, character) for character in text)
+    return "".join(_TEX.get(character, character) for character in text)

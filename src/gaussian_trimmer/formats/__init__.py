@@ -2,29 +2,65 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
 from gaussian_trimmer.io.reading import is_file, is_folder, reading
 
-# Suffix -> module with read(path) -> Gaussians and write(gaussians, path) -> None, and perhaps write_selected as below.
+
+@dataclass(frozen=True)
+class Format:
+    """A format of splat files."""
+
+    module: str
+    """Module with `read(path) -> Gaussians`, where it can be written `write(gaussians, path) -> None`, which takes zero
+    Gaussians or raises InputError, and perhaps `write_selected` as below."""
+    loses: str = ""
+    """What Gaussians lose in it, in words; see docs/formats.md."""
+    up: tuple[float, float, float] | None = None
+    """Up vector by the format's specification, which not all writers follow."""
+
+
 # The longest suffix wins.
 FORMATS = {
-    ".ply": "gaussian_trimmer.formats.ply",
-    ".compressed.ply": "gaussian_trimmer.formats.compressed_ply",
-    ".splat": "gaussian_trimmer.formats.splat",
-    ".spz": "gaussian_trimmer.formats.spz",
-    ".sog": "gaussian_trimmer.formats.sog",
-    ".ksplat": "gaussian_trimmer.formats.ksplat",
-    ".glb": "gaussian_trimmer.formats.glb",
+    ".ply": Format("gaussian_trimmer.formats.ply"),
+    ".compressed.ply": Format(
+        "gaussian_trimmer.formats.compressed_ply",
+        "rounds centres and scales to 11 bits over the range of each 256 rows (less with --sort), all else to 8 or 10",
+    ),
+    ".splat": Format(
+        "gaussian_trimmer.formats.splat",
+        "loses view-dependent colours; rounds rotations, colours and opacities to 8 bits",
+    ),
+    ".spz": Format(
+        "gaussian_trimmer.formats.spz",
+        "rounds centres to 24 bits, rotations to 10, all else to 8; cuts off scales beyond e^-10 and e^5.94",
+        up=(0.0, 1.0, 0.0),
+    ),
+    ".sog": Format(
+        "gaussian_trimmer.formats.sog",
+        "rounds centres to 16 bits, scales and colours to 256 values, view-dependent colours to 65,536 sets",
+    ),
+    ".ksplat": Format(
+        "gaussian_trimmer.formats.ksplat",
+        "loses spherical harmonics of degree 3; rounds colours and opacities to 8 bits",
+    ),
+    ".glb": Format("gaussian_trimmer.formats.glb"),
 }
-READ_ONLY = {"meta.json": "gaussian_trimmer.formats.sog", ".ckpt": "gaussian_trimmer.formats.nerfstudio"}
-"""Ends of names that can be read but not written."""
+READ_ONLY = {
+    "meta.json": Format("gaussian_trimmer.formats.sog"),
+    ".ckpt": Format("gaussian_trimmer.formats.nerfstudio"),
+}
+"""Formats, by the ends of names, that can be read but not written."""
 _WRITTEN_INSTEAD = {"meta.json": ".sog", ".ckpt": ".ply"}
+_ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".pt", ".pth", ".txt", ".csv", ".json")
 
 
 def format_suffix(path: str | Path) -> str:
@@ -40,11 +76,21 @@ def format_suffix(path: str | Path) -> str:
     for suffix in sorted(FORMATS | READ_ONLY, key=len, reverse=True):
         if is_named(name, suffix):
             return suffix
-    raise InputError(f"'{name}' is no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.")
+    hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
+    raise InputError(f"'{name}' is of no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
+
+
+def specified_up(path: str | Path) -> tuple[float, float, float] | None:
+    """The up vector that a splat file's format specifies, for scenes in which nothing else tells; None for most.
+
+    >>> specified_up("a.spz"), specified_up("a.ply")
+    ((0.0, 1.0, 0.0), None)
+    """
+    return (FORMATS | READ_ONLY)[format_suffix(path)].up
 
 
 def is_named(name: str, suffix: str) -> bool:
-    """Whether a file's name is that of a format: it ends with the suffix, or is it where that has no dot before it.
+    """Whether a file's name ends with a suffix, or is equal to one that does not begin with a dot.
 
     >>> is_named("a.SOG", ".sog"), is_named("Meta.json", "meta.json"), is_named("lod-meta.json", "meta.json")
     (True, True, False)
@@ -83,6 +129,7 @@ def find_scene(path: Path) -> Path:
     return latest_splats(path)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by each reader's check
 def read(path: str | Path) -> Gaussians:
     """The Gaussians of a splat file, rows in the file's own order; of a training's folder, see `find_scene`.
 
@@ -153,7 +200,7 @@ def convert(source: str | Path, target: str | Path, *, sort: bool = False, **opt
 
 
 def _module(suffix: str) -> ModuleType:
-    return import_module((FORMATS | READ_ONLY)[suffix])
+    return import_module((FORMATS | READ_ONLY)[suffix].module)
 
 
 def _writable(path: str | Path) -> ModuleType:
@@ -162,10 +209,9 @@ def _writable(path: str | Path) -> ModuleType:
     Raises:
         InputError: no format has that name, or it can only be read.
     """
-    suffix = format_suffix(path)
-    if suffix in READ_ONLY:
-        raise InputError(f"'{Path(path).name}' is of a format that is only read; write one of {', '.join(FORMATS)}.")
-    return _module(suffix)
+    if has_splats(Path(path)) and (suffix := format_suffix(path)) in FORMATS:
+        return _module(suffix)
+    raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
 
 
 def _kind_of_ply(path: Path) -> str:

@@ -65,16 +65,14 @@ def read(path: Path) -> Gaussians:
     if len(chunks["min_x"]) != -(-n // _CHUNK):
         raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks['min_x'])} chunks of 256.")
     position, rotation, scale, colour = (np.asarray(rows[name], np.uint32) for name in _PACKED)
-    # Extremes of a damaged file may be infinite; what comes of them is found by the check.
-    with np.errstate(invalid="ignore", over="ignore"):
-        gaussians = Gaussians(
-            means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXES).astype(np.float32),
-            log_scales=_between_extremes(_split_11_10_11(scale), (11, 10, 11), chunks, _SCALES).astype(np.float32),
-            quaternions=_unpack_rotations(rotation),
-            opacity_logits=opacity_logits_of((colour & 0xFF).astype(np.uint8)),
-            sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
-            sh_rest=_read_sh(path, header, n),
-        )
+    gaussians = Gaussians(
+        means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXES).astype(np.float32),
+        log_scales=_between_extremes(_split_11_10_11(scale), (11, 10, 11), chunks, _SCALES).astype(np.float32),
+        quaternions=_unpack_rotations(rotation),
+        opacity_logits=opacity_logits_of((colour & 0xFF).astype(np.uint8)),
+        sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
+        sh_rest=_read_sh(path, header, n),
+    )
     check_values(gaussians, path)
     return gaussians
 

@@ -9,8 +9,8 @@ an .spz (KHR_gaussian_splatting_compression_spz and _spz_2), which here follows 
 from __future__ import annotations
 
 import json
-import math
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,14 @@ from gaussian_trimmer.io.writing import atomic_file
 EXTENSION = "KHR_gaussian_splatting"
 _SPZ = (f"{EXTENSION}_compression_spz", f"{EXTENSION}_compression_spz_2")
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
-_MAX_HEADER = 1 << 24
+_MAX_JSON_BYTES, _MAX_JSON_VALUES = 1 << 24, 1 << 20
 _POINTS, _FLOAT, _VERTICES = 0, 5126, 34962
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COEFFICIENTS = (1, 3, 5, 7)
 """Number of coefficients of each degree of spherical harmonics."""
+_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
+"""What comes of a document that is not built as the standard says."""
 
 
 def read(path: Path) -> Gaussians:
@@ -45,44 +47,140 @@ def read(path: Path) -> Gaussians:
         InputError: the file cannot be read, is no .glb, is damaged, holds no Gaussians, or has them compressed in a way
             that is not known.
     """
-    document, binary = _chunks(file_bytes(path), path)
-    primitive, packed = _primitive(document, path)
-    table = _Table(document, binary, path)
-    if packed is not None:
-        gaussians = half_turn(spz.decode(table.bytes_of(packed), path), "x")
+    file = _open(path)
+    primitive = _primitive(file)
+    nested = primitive["extensions"][EXTENSION].get("extensions")
+    extensions = {**primitive["extensions"], **(nested if isinstance(nested, dict) else {})}
+    packed = [name for name in extensions if name.startswith(f"{EXTENSION}_compression")]
+    if not packed:
+        gaussians = half_turn(_from_attributes(file, primitive), "z")
+    elif packed[0] in _SPZ:
+        gaussians = half_turn(spz.decode(_spz_bytes(file, extensions[packed[0]]), path), "x")
     else:
-        gaussians = half_turn(_from_attributes(table, primitive, path), "z")
+        raise InputError(
+            f"'{path}' holds Gaussians that are compressed by {shown(packed[0])}, which cannot be read; export it "
+            "again with plain attributes or as .ply."
+        )
     check_values(gaussians, path)
     return gaussians
 
 
-def _from_attributes(table: _Table, primitive: dict[str, Any], path: Path) -> Gaussians:
+@dataclass(frozen=True)
+class _File:
+    """The two chunks of a .glb."""
+
+    path: Path
+    document: dict[str, Any]
+    """The JSON, whose structure nobody has checked."""
+    binary: memoryview
+
+    def damaged(self, why: str) -> InputError:
+        """The error to raise."""
+        return InputError(f"'{self.path}' is no .glb file of Gaussians, or damaged: {why}.")
+
+    def view(self, number: int) -> memoryview:
+        """The bytes of a buffer view."""
+        view = self.document["bufferViews"][number]
+        start, size = view.get("byteOffset", 0), view["byteLength"]
+        if view.get("buffer", 0) != 0 or not 0 <= start <= start + size <= len(self.binary):
+            raise ValueError("a view beyond the data")
+        return self.binary[start : start + size]
+
+    def values(self, attributes: dict[str, Any], name: str, width: int, n: int | None = None) -> FloatArray:
+        """The values of an attribute, (N, width).
+
+        Raises:
+            InputError: there are none, they are of another type or number, or not all of them are in the file.
+        """
+        try:
+            accessor = self.document["accessors"][attributes[name]]
+            kind, count = np.dtype(_TYPES[accessor["componentType"]]), accessor["count"]
+            stride = self.document["bufferViews"][accessor["bufferView"]].get("byteStride", width * kind.itemsize)
+            if _WIDTHS[accessor["type"]] != width or "sparse" in accessor or stride < width * kind.itemsize:
+                raise ValueError("another layout")
+            data, offset = self.view(accessor["bufferView"]), accessor.get("byteOffset", 0)
+            # NumPy refuses what reaches beyond the data.
+            rows = np.ndarray((count, width), kind, data, offset, (stride, kind.itemsize))
+            scale = np.float32(np.iinfo(kind).max) if kind.kind != "f" and accessor.get("normalized") else None
+        except _DAMAGE as error:
+            raise self.damaged(f"its {name} is missing, of another type, or not whole") from error
+        if n is not None and count != n:
+            raise self.damaged(f"{name} has {count} values for {n} Gaussians")
+        values = rows.astype(np.float32)
+        return values if scale is None else np.maximum(values / scale, -1)
+
+
+def _open(path: Path) -> _File:
+    data = file_bytes(path)
+    if len(data) < 20 or struct.unpack_from("<I", data)[0] != _MAGIC:
+        raise InputError(f"'{path}' is no .glb file: it does not begin with 'glTF'.")
+    _, version, total, length, kind = struct.unpack_from("<IIIII", data)
+    text, start = data[20 : 20 + length], 20 + length
+    file = _File(path, {}, memoryview(b""))
+    if version != 2 or kind != _JSON or length > _MAX_JSON_BYTES or start > len(data) or total > len(data):
+        raise file.damaged("its first chunk is not its JSON, or it is truncated")
+    if sum(map(text.count, (b",", b"[", b"{"))) > _MAX_JSON_VALUES:
+        raise file.damaged(f"its JSON has more than {_MAX_JSON_VALUES} values")
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise file.damaged("its JSON cannot be read") from error
+    if start + 8 > len(data) or struct.unpack_from("<I", data, start + 4)[0] != _BINARY:
+        return _File(path, document, file.binary)
+    (size,) = struct.unpack_from("<I", data, start)
+    return _File(path, document, memoryview(data)[start + 8 : start + 8 + size])
+
+
+def _primitive(file: _File) -> dict[str, Any]:
+    """The first primitive with the extension.
+
+    Raises:
+        InputError: there is none.
+    """
+    try:
+        for mesh in file.document["meshes"]:
+            for primitive in mesh["primitives"]:
+                if isinstance(primitive.get("extensions", {}).get(EXTENSION), dict):
+                    return dict(primitive)
+    except _DAMAGE as error:
+        raise file.damaged("its meshes are not those of a glTF") from error
+    raise InputError(f"'{file.path}' holds no Gaussians: no primitive has the extension {EXTENSION}.")
+
+
+def _spz_bytes(file: _File, extension: Any) -> bytes:
+    try:
+        return bytes(file.view(extension["bufferView"]))
+    except _DAMAGE as error:
+        raise file.damaged("its .spz is missing or not whole") from error
+
+
+def _from_attributes(file: _File, primitive: dict[str, Any]) -> Gaussians:
     """The Gaussians of a primitive's attributes, in its own axes."""
     attributes = primitive.get("attributes")
     if not isinstance(attributes, dict):
-        raise _damaged(path, "its primitive has no attributes")
-    means = table.values(attributes, "POSITION", 3)
+        raise file.damaged("its primitive has no attributes")
+    means = file.values(attributes, "POSITION", 3)
     n = len(means)
     if n == 0:
-        raise InputError(f"'{path}' holds zero Gaussians.")
+        raise InputError(f"'{file.path}' holds zero Gaussians.")
     scales, rotations, opacities = (
-        table.values(attributes, f"{EXTENSION}:{name}", width, n)
+        file.values(attributes, f"{EXTENSION}:{name}", width, n)
         for name, width in (("SCALE", 3), ("ROTATION", 4), ("OPACITY", 1))
     )
-    coefficients = [
-        [table.values(attributes, f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{k}", 3, n) for k in range(number)]
-        for degree, number in enumerate(_COEFFICIENTS)
-        if degree == 0 or f"{EXTENSION}:SH_DEGREE_{degree}_COEF_0" in attributes
-    ]
-    rest = [values for degree in coefficients[1:] for values in degree]
-    if len(rest) not in (0, 3, 8, 15):
-        raise _damaged(path, "degrees of its spherical harmonics are left out")
+    degrees = [d for d in range(4) if d == 0 or f"{EXTENSION}:SH_DEGREE_{d}_COEF_0" in attributes]
+    if degrees != list(range(len(degrees))):
+        raise file.damaged("degrees of its spherical harmonics are left out")
+    dc, *rest = (
+        file.values(attributes, f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{k}", 3, n)
+        for degree in degrees
+        for k in range(_COEFFICIENTS[degree])
+    )
     return Gaussians(
         means=means,
-        log_scales=log_scales_of(scales, path),
+        log_scales=log_scales_of(scales, file.path),
         quaternions=np.roll(rotations, 1, axis=1),
         opacity_logits=logit(np.clip(opacities[:, 0].astype(np.float64), 0, 1)).astype(np.float32),
-        sh_dc=coefficients[0][0],
+        sh_dc=dc,
         sh_rest=np.stack(rest, axis=2) if rest else np.zeros((n, 3, 0), np.float32),
     )
 
@@ -149,112 +247,3 @@ def _header(columns: dict[str, FloatArray], data: list[NDArray[Any]]) -> bytes:
         "buffers": [{"byteLength": start}], "bufferViews": views, "accessors": accessors,
     }  # fmt: skip
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-
-
-def _chunks(data: bytes, path: Path) -> tuple[dict[str, Any], memoryview]:
-    """The JSON and the binary chunk."""
-    if len(data) < 20 or struct.unpack_from("<I", data)[0] != _MAGIC:
-        raise InputError(f"'{path}' is no .glb file: it does not begin with 'glTF'.")
-    _, version, total, length, kind = struct.unpack_from("<IIIII", data)
-    if version != 2 or kind != _JSON or length > _MAX_HEADER or 20 + length > len(data) or total > len(data):
-        raise _damaged(path, "its first chunk is not its JSON, or it is truncated")
-    try:
-        document = json.loads(data[20 : 20 + length])
-    except (ValueError, RecursionError) as error:
-        raise _damaged(path, "its JSON cannot be read") from error
-    if not isinstance(document, dict):
-        raise _damaged(path, "its JSON is no object")
-    start, binary = 20 + length, memoryview(b"")
-    if start + 8 <= len(data):
-        size, kind = struct.unpack_from("<II", data, start)
-        if kind == _BINARY:
-            binary = memoryview(data)[start + 8 : start + 8 + size]
-    return document, binary
-
-
-def _primitive(document: dict[str, Any], path: Path) -> tuple[dict[str, Any], Any]:
-    """The first primitive with the extension, and the number of the buffer view of its .spz, or None."""
-    for mesh in _list(document, "meshes"):
-        for primitive in _list(mesh, "primitives"):
-            extensions = primitive.get("extensions") if isinstance(primitive, dict) else None
-            if isinstance(extensions, dict) and isinstance(found := extensions.get(EXTENSION), dict):
-                return dict(primitive), _packed({**extensions, **_dict(found, "extensions")}, path)
-    raise InputError(f"'{path}' holds no Gaussians: no primitive has the extension {EXTENSION}.")
-
-
-def _packed(extensions: dict[str, Any], path: Path) -> Any:
-    """The buffer view of the .spz of a primitive with these extensions, or None where it has plain attributes."""
-    for name in _SPZ:
-        if name in extensions:
-            return _dict(extensions, name).get("bufferView", -1)
-    if other := sorted(name for name in extensions if name.startswith(f"{EXTENSION}_compression")):
-        raise InputError(
-            f"'{path}' holds Gaussians that are compressed by {shown(other[0])}, which cannot be read; export it again "
-            "with plain attributes or as .ply."
-        )
-    return None
-
-
-class _Table:
-    """The accessors of a document."""
-
-    def __init__(self, document: dict[str, Any], binary: memoryview, path: Path) -> None:
-        self._accessors, self._views = _list(document, "accessors"), _list(document, "bufferViews")
-        self._binary, self._path = binary, path
-
-    def values(self, attributes: dict[str, Any], name: str, width: int, n: int | None = None) -> FloatArray:
-        """The values of an attribute, (N, width)."""
-        entry = self._entry(self._accessors, attributes.get(name), f"it has no {name}")
-        view = self._entry(self._views, entry.get("bufferView"), f"{name} has no buffer view")
-        kind, count = _TYPES.get(entry.get("componentType", 0)), entry.get("count")
-        if kind is None or _WIDTHS.get(str(entry.get("type"))) != width or not _is_count(count) or "sparse" in entry:
-            raise _damaged(self._path, f"{name} is not of a type that it can have")
-        if n is not None and count != n:
-            raise _damaged(self._path, f"{name} has {count} values for {n} Gaussians")
-        offsets = [entry.get("byteOffset", 0), view.get("byteOffset", 0), view.get("byteLength", 0)]
-        item = width * np.dtype(kind).itemsize
-        stride = view.get("byteStride", item)
-        if not all(map(_is_count, [*offsets, stride])) or view.get("buffer", 0) != 0 or not item <= stride <= 252:
-            raise _damaged(self._path, f"{name} lies nowhere")
-        start, end = offsets[0] + offsets[1], offsets[1] + offsets[2]
-        needed = stride * (count - 1) + item if count else 0
-        if end > len(self._binary) or start + needed > end:
-            raise _damaged(self._path, f"{name} goes beyond the end of its data")
-        raw = np.frombuffer(self._binary[start : start + needed], np.uint8)
-        rows = np.lib.stride_tricks.as_strided(raw, (count, item), (stride, 1)) if count else raw.reshape(0, item)
-        values = np.ascontiguousarray(rows).view(kind).astype(np.float32)
-        if np.dtype(kind).kind != "f" and entry.get("normalized"):
-            values = np.maximum(values / np.float32(np.iinfo(kind).max), -1)
-        return values
-
-    def bytes_of(self, number: Any) -> bytes:
-        """The contents of a buffer view."""
-        view = self._entry(self._views, number, "its .spz has no buffer view")
-        start, size = view.get("byteOffset", 0), view.get("byteLength", 0)
-        if not all(map(_is_count, (start, size))) or view.get("buffer", 0) != 0 or start + size > len(self._binary):
-            raise _damaged(self._path, "its .spz goes beyond the end of its data")
-        return bytes(self._binary[start : start + size])
-
-    def _entry(self, entries: list[Any], number: Any, what: str) -> dict[str, Any]:
-        if not _is_count(number) or number >= len(entries) or not isinstance(entries[number], dict):
-            raise _damaged(self._path, what)
-        entry: dict[str, Any] = entries[number]
-        return entry
-
-
-def _list(entry: Any, name: str) -> list[Any]:
-    found = entry.get(name) if isinstance(entry, dict) else None
-    return found if isinstance(found, list) else []
-
-
-def _dict(entry: dict[str, Any], name: str) -> dict[str, Any]:
-    found = entry.get(name)
-    return found if isinstance(found, dict) else {}
-
-
-def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 40 and math.isfinite(value)
-
-
-def _damaged(path: Path, why: str) -> InputError:
-    return InputError(f"'{path}' is no .glb file of Gaussians, or damaged: {why}.")

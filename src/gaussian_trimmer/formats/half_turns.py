@@ -26,10 +26,9 @@ SH_SIGNS = {
 def half_turn(gaussians: Gaussians, axis: Literal["x", "z"]) -> Gaussians:
     """The Gaussians after half a turn about an axis through the origin, seen as before from the turned side."""
     signs, coefficients = AXIS_SIGNS[axis], gaussians.sh_rest.shape[2]
-    with np.errstate(invalid="ignore"):  # numbers of files are judged by whoever reads them
-        return replace(
-            gaussians,
-            means=gaussians.means * signs,
-            quaternions=gaussians.quaternions * np.concatenate([[1], signs]).astype(np.float32),
-            sh_rest=gaussians.sh_rest * SH_SIGNS[axis][:coefficients],
-        )
+    return replace(
+        gaussians,
+        means=gaussians.means * signs,
+        quaternions=gaussians.quaternions * np.concatenate([[1], signs]).astype(np.float32),
+        sh_rest=gaussians.sh_rest * SH_SIGNS[axis][:coefficients],
+    )

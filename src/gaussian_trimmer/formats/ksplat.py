@@ -132,8 +132,7 @@ def _read_section(file: _File, header_start: int, start: int) -> tuple[Gaussians
         centres = np.frombuffer(file.data, "<f4", 3 * n_buckets, start + 4 * n_partial).reshape(-1, 3)
         step = block_size / 2 / (scale_range or _PACKED_RANGE)
         buckets = _bucket_of_each(n, n_full, bucket_size, sizes)
-        with np.errstate(over="ignore", invalid="ignore"):  # a damaged header's infinities are found later
-            means = centres[buckets] + (means - np.float32(scale_range or _PACKED_RANGE)) * np.float32(step)
+        means = centres[buckets] + (means - np.float32(scale_range or _PACKED_RANGE)) * np.float32(step)
     return _decode_rows(file, rows, means), end
 
 
@@ -160,8 +159,7 @@ def _decode_rows(file: _File, rows: NDArray[np.void], means: FloatArray) -> Gaus
 def _decode_sh(file: _File, values: NDArray[np.float32] | NDArray[np.float16] | ByteArray) -> FloatArray:
     """Coefficients (N, 3, K): each band's three channels lie together."""
     if file.level == 2:
-        with np.errstate(over="ignore", invalid="ignore"):  # a damaged header's infinities are found later
-            floats = from_levels(values, *file.sh_range, 8).astype(np.float32)
+        floats = from_levels(values, *file.sh_range, 8).astype(np.float32)
     else:
         floats = values.astype(np.float32)
     k = values.shape[1] // 3

@@ -15,7 +15,7 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
-from gaussian_trimmer.formats.packing import sh_dc_of
+from gaussian_trimmer.formats.packing import sh_dc_of, with_finite_limits
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, sigmoid
 
 _ATTRIBUTES = ("means", "scales", "quats", "features_dc", "features_rest", "opacities")
@@ -33,8 +33,7 @@ def read(path: Path) -> Gaussians:
     file = torch_files.load(path)
     tensors = _gaussian_tensors(file.value, path)
     arrays = torch_files.as_arrays(file, tensors)
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found below
-        values = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+    values = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
     n, rest = len(values["means"]) if values["means"].ndim else 0, values["features_rest"]
     if n == 0:
         raise InputError(f"'{path}' holds zero Gaussians.")
@@ -54,6 +53,7 @@ def read(path: Path) -> Gaussians:
         )
     except ValueError as error:
         raise _foreign(path, str(error)) from error
+    gaussians = with_finite_limits(gaussians)
     check_values(gaussians, path)
     return gaussians
 

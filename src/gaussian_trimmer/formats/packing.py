@@ -66,8 +66,7 @@ def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
     negative = (scales < 0).any(axis=1)
     if negative.any():
         raise InputError(f"'{path}' is damaged: it holds a negative scale in row {int(np.argmax(negative))}.")
-    with np.errstate(invalid="ignore"):  # NaN stays NaN, for `check_values` to name
-        return np.log(np.maximum(scales, np.float32(SMALLEST_SCALE)), dtype=np.float32)
+    return np.log(np.maximum(scales, np.float32(SMALLEST_SCALE)), dtype=np.float32)
 
 
 def with_finite_limits(gaussians: Gaussians) -> Gaussians:
@@ -88,8 +87,7 @@ def finite_log_scales(log_scales: FloatArray) -> FloatArray:
 
     Scales below `ZERO_LOG_SCALE` are zero in float32 too, or so near to it that nothing else can hold them.
     """
-    with np.errstate(invalid="ignore"):
-        return np.where(log_scales < ZERO_LOG_SCALE, np.float32(np.log(SMALLEST_SCALE)), log_scales)
+    return np.where(log_scales < ZERO_LOG_SCALE, np.float32(np.log(SMALLEST_SCALE)), log_scales)
 
 
 def linear_scales(gaussians: Gaussians) -> FloatArray:

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values, has_direction
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import ZERO_LOG_SCALE, with_finite_limits
 from gaussian_trimmer.formats.ply_table import Element, property_line, read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE, has_direction
 from gaussian_trimmer.io.reading import LARGEST
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
@@ -169,8 +169,7 @@ def _block(columns: dict[str, NDArray[Any]], names: list[str]) -> FloatArray:
         if offsets == [offsets[0] + 4 * i for i in range(len(names))]:
             view: FloatArray = parent[:, offsets[0] // 4 : offsets[0] // 4 + len(names)]
             return view
-    with np.errstate(over="ignore", invalid="ignore"):  # what is beyond float32 becomes infinite and is found later
-        return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
+    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
 def _rows(gaussians: Gaussians, row_type: np.dtype[Any], n_float: int) -> NDArray[Any]:

@@ -176,5 +176,4 @@ def _ascii_columns(path: Path, header: Header, element: Element, before: list[El
             f"'{path}' is truncated or damaged: {element.count} rows of {width} numbers are announced, "
             f"{table.shape[0]} rows of {table.shape[1]} are there."
         )
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond float32 become infinite and are found later
-        return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(element.properties)}
+    return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(element.properties)}

@@ -30,7 +30,7 @@ from gaussian_trimmer.formats.webp import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.io.archives import member_bytes, open_archive
 from gaussian_trimmer.io.images import webp_size
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.reading import file_bytes, is_file
 from gaussian_trimmer.io.writing import atomic_file
 
 META = "meta.json"
@@ -57,10 +57,11 @@ def read(path: Path) -> Gaussians:
     """
     if path.name.lower() == META:
         meta = parse_meta(file_bytes(path, _MAX_META_BYTES), path)
-        textures = [_beside(path, name) for names in meta.files.values() for name in names]
-        size = sum(texture.stat().st_size for texture in textures)
+        names = {name for names in meta.files.values() for name in names}
+        textures = {name: _beside(path, name) for name in names}
+        size = sum(texture.stat().st_size for texture in textures.values())
         check_count(meta.count, path, size)
-        gaussians = _decode(lambda name: _texture_beside(path, name, size), meta, path)
+        gaussians = _decode(lambda name: file_bytes(textures[name], size), meta, path)
     else:
         with open_archive(path, ".sog file") as archive:
             meta = parse_meta(member_bytes(archive, META, _MAX_META_BYTES, path), path)
@@ -85,12 +86,6 @@ def _beside(path: Path, name: str) -> Path:
     return texture
 
 
-def _texture_beside(path: Path, name: str, most: int) -> bytes:
-    texture = _beside(path, name)
-    with reading(texture):
-        return file_bytes(texture, most)
-
-
 def write(gaussians: Gaussians, path: Path) -> None:
     """Write a .sog file of version 2 in the given order.
 
@@ -112,46 +107,40 @@ def write(gaussians: Gaussians, path: Path) -> None:
 def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaussians:
     """The Gaussians of a meta.json and of textures, whose files' contents are given by name."""
     n = meta.count
-    textures = {
-        name: [_read_texture(contents(file), file, _most_pixels(n, name), path) for file in files[:2]]
-        for name, files in meta.files.items()
-    }
-    pixels = {
-        name: [_first_pixels(texture, n, path) for texture in images]
-        for name, images in textures.items()
-        if name != "shN"
-    }
-    if len(pixels["means"]) < 2 or not all(pixels.values()):
-        raise InputError(f"'{path}' is damaged: its meta.json names too few textures.")
-    low, high = pixels["means"]
-    quats, scales, sh0 = pixels["quats"][0], pixels["scales"][0], pixels["sh0"][0]
+
+    def texture(attribute: str, place: int = 0) -> ByteArray:
+        name = meta.files[attribute][place]
+        return _read_texture(contents(name), name, _most_pixels(n, attribute), path)
+
+    low, high, quats, scales, sh0 = (
+        _first_pixels(texture(*of), n, path)
+        for of in (("means", 0), ("means", 1), ("quats", 0), ("scales", 0), ("sh0", 0))
+    )
     levels = low[:, :3] | high[:, :3].astype(np.uint16) << 8
     if (quats[:, 3] < _FIRST_TAG).any():
         raise InputError(f"'{path}' is damaged: a rotation does not say which of its components is the largest.")
+    others = from_levels(quats[:, :3], -_ROTATION_RANGE, _ROTATION_RANGE, 8)
+    sh_rest = np.zeros((n, 3, 0), np.float32)
+    if meta.sh is not None:
+        sh_rest = _decode_sh(texture("shN", 0), _first_pixels(texture("shN", 1), n, path), meta.sh, path)
     channels = np.arange(3)
-    with np.errstate(over="ignore", invalid="ignore"):  # what a damaged meta.json makes infinite is found later
-        means = _linear_of(from_levels(levels, meta.mins, meta.maxs, 16)).astype(np.float32)
     return Gaussians(
-        means=means,
+        means=_linear_of(from_levels(levels, meta.mins, meta.maxs, 16)).astype(np.float32),
         log_scales=meta.scales[scales[:, :3], channels],
-        quaternions=restore_largest(
-            quats[:, 3] - _FIRST_TAG, from_levels(quats[:, :3], -_ROTATION_RANGE, _ROTATION_RANGE, 8)
-        ),
+        quaternions=restore_largest(quats[:, 3] - _FIRST_TAG, others),
         opacity_logits=meta.opacity_logits[sh0[:, 3]],
         sh_dc=meta.colours[sh0[:, :3], channels],
-        sh_rest=np.zeros((n, 3, 0), np.float32) if meta.sh is None else _decode_sh(textures["shN"], n, meta.sh, path),
+        sh_rest=sh_rest,
     )
 
 
-def _decode_sh(textures: list[ByteArray], n: int, values: FloatArray, path: Path) -> FloatArray:
-    """Coefficients (N, 3, K) of the palette's texture and that of each Gaussian's row in it."""
-    if len(textures) < 2:
-        raise InputError(f"'{path}' is damaged: its meta.json names too few textures.")
-    k, remainder = divmod(textures[0].shape[1], _PALETTE_COLUMNS)
+def _decode_sh(centroids: ByteArray, label_pixels: ByteArray, values: FloatArray, path: Path) -> FloatArray:
+    """Coefficients (N, 3, K) of the palette's texture (H, W, 4) and of each Gaussian's row in it (N, 4)."""
+    k, remainder = divmod(centroids.shape[1], _PALETTE_COLUMNS)
     if k not in _COEFFICIENTS or remainder:
-        raise InputError(f"'{path}' is damaged: its palette of coefficients is {textures[0].shape[1]} pixels wide.")
-    palette = textures[0][..., :3].reshape(-1, k, 3)
-    pixels = _first_pixels(textures[1], n, path).astype(np.int64)
+        raise InputError(f"'{path}' is damaged: its palette of coefficients is {centroids.shape[1]} pixels wide.")
+    palette = centroids[..., :3].reshape(-1, k, 3)
+    pixels = label_pixels.astype(np.int64)
     labels = pixels[:, 0] | pixels[:, 1] << 8
     if labels.max() >= len(palette):
         raise InputError(f"'{path}' is damaged: a Gaussian asks for row {labels.max()} of {len(palette)} in a palette.")

@@ -17,6 +17,9 @@ from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats.packing import from_levels, opacity_logits_of
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
 
+_FILES = {"means": 2, "scales": 1, "quats": 1, "sh0": 1, "shN": 2}
+"""How many textures each attribute has."""
+
 
 @dataclass(frozen=True, eq=False)
 class SogMeta:
@@ -47,22 +50,19 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
     """
     try:
         meta = json.loads(data)
-        version, files = meta.get("version", 1), {name: list(meta[name]["files"]) for name in _files_needed(meta)}
+        version = meta.get("version", 1)
         if version not in (1, 2):
             raise ValueError(f"it is of version {version}; versions 1 and 2 can be read")
-        if not all(isinstance(name, str) for names in files.values() for name in names):
-            raise ValueError("the names of its files are no text")
+        files = {name: meta[name]["files"] for name in _FILES if name != "shN" or meta.get("shN")}
+        for name, names in files.items():
+            if len(names) != _FILES[name] or not all(isinstance(file, str) for file in names):
+                raise ValueError(f"{name} has not the names of {_FILES[name]} files")
         mins, maxs = (np.array(meta["means"][end], np.float64).reshape(3) for end in ("mins", "maxs"))
         count = int(meta["count"] if version == 2 else meta["means"]["shape"][0])
-        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
-            tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {shown(repr(error))}.") from error
+        tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
+        raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {shown(str(error))}.") from error
     return SogMeta(count, mins, maxs, *tables, files)
-
-
-def _files_needed(meta: dict[str, Any]) -> list[str]:
-    return [name for name in ("means", "scales", "quats", "sh0", "shN") if name != "shN" or meta.get("shN")]
 
 
 def _codebook_tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:

@@ -193,7 +193,7 @@ def _zstd() -> Any:
             return import_module(name)
         except ImportError:
             continue
-    raise InputError("Version 4 of .spz needs zstd: pip install backports.zstd, or use version 3.")
+    raise InputError("Version 4 of .spz needs zstd: pip install backports.zstd, or convert the file to version 3.")
 
 
 def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:

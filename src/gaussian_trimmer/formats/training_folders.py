@@ -11,10 +11,10 @@ import re
 from pathlib import Path
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import FORMATS
 
 _ITERATION = re.compile(r"iteration_(\d{1,12})")
 _NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
-_ENDINGS = (".ply", ".splat", ".spz", ".sog", ".ksplat", ".glb")
 _CHECKPOINTS = "nerfstudio_models"
 _STEP = re.compile(r"step-(\d{1,12})\.ckpt")
 
@@ -36,7 +36,9 @@ def latest_splats(folder: Path) -> Path:
         return named[0]
     if (folder / "meta.json").is_file() and any(path.suffix == ".webp" for path in _entries(folder)):
         return folder / "meta.json"
-    splats = named or [path for path in _entries(folder) if path.name.lower().endswith(_ENDINGS) and path.is_file()]
+    splats = named or [
+        path for path in _entries(folder) if path.name.lower().endswith(tuple(FORMATS)) and path.is_file()
+    ]
     if len(splats) == 1:
         return splats[0]
     if splats:

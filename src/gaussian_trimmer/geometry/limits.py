@@ -12,38 +12,62 @@ LARGEST_LOG_SCALE = 80.0
 """Greatest log scale of a scene; standard deviations a few thousand times larger are no float32."""
 SMALLEST_SCENE = 1e-15
 """Least extent of a scene, in its units."""
-_LARGEST_NUMBER = float(np.finfo(np.float32).max)
+_LARGEST_FLOAT = float(np.finfo(np.float32).max)
 _LIMITS = {
     "means": (-LARGEST, LARGEST, "coordinates up to 1e15 can be used; remove such Gaussians, or scale the scene down"),
-    "log_scales": (-_LARGEST_NUMBER, LARGEST_LOG_SCALE, "finite ones up to 80 can be used; remove such Gaussians, or "
+    "log_scales": (-_LARGEST_FLOAT, LARGEST_LOG_SCALE, "finite ones up to 80 can be used; remove such Gaussians, or "
                    "scale the scene down"),
     "opacity_logits": (-np.inf, np.inf, "remove such Gaussians"),
+    "sh_dc": (-LARGEST, LARGEST, "colours up to 1e15 can be used; remove such Gaussians"),
+    "sh_rest": (-LARGEST, LARGEST, "coefficients up to 1e15 can be used; remove such Gaussians"),
 }  # fmt: skip
 """Attribute -> least and largest value, and what to do about others. Opacities may be exactly zero and one."""
-_SHORTEST, _LONGEST = 1e-12, 1e12
-"""Lengths of quaternions that can be squared."""
+_SHORTEST_QUATERNION, _LONGEST_QUATERNION = 1e-12, 1e12
+"""Lengths that can be squared."""
+_SHOWN_VALUES = 4
+
+
+def check_values(gaussians: Gaussians, where: str = "") -> None:
+    """Refuse Gaussians with which nothing can be computed.
+
+    Args:
+        gaussians: any number of them.
+        where: what the message begins with.
+
+    Raises:
+        InputError: a value is NaN or out of its range, or a rotation has no direction; the message names the attribute
+            and the first row.
+    """
+    for name, (low, high, cure) in _LIMITS.items():
+        values: FloatArray = getattr(gaussians, name).reshape(len(gaussians), -1)
+        if not _all_within(values, low, high):
+            sound = np.asarray(((values >= low) & (values <= high)).all(axis=1))
+            _refuse(name, sound, values, f"{where}{{}}: {cure}.")
+    sound = has_direction(gaussians.quaternions)
+    if not sound.all():
+        cure = f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g} can be used; bring the quaternions to"
+        _refuse("quaternions", sound, gaussians.quaternions, f"{where}{{}}: {cure} length one.")
 
 
 def check_magnitudes(scene: Gaussians) -> None:
     """Refuse a scene with which nothing can be computed, before any work is done.
 
     Raises:
-        InputError: a centre, a scale, an opacity or a rotation is NaN or out of its range, or the whole scene is too
-            small; the message names the attribute and the first row.
+        InputError: as for `check_values`, or the whole scene is too small.
     """
     if not len(scene):
         return
-    for name, (low, high, cure) in _LIMITS.items():
-        values: FloatArray = getattr(scene, name).reshape(len(scene), -1)
-        if not (values.min() >= low and values.max() <= high):  # neither is true of NaN
-            _refuse(name, np.asarray(((values >= low) & (values <= high)).all(axis=1)), values, cure)
-    lengths = np.sqrt(np.einsum("ni,ni->n", scene.quaternions, scene.quaternions, dtype=np.float64))
-    if not (lengths.min() >= _SHORTEST and lengths.max() <= _LONGEST):
-        cure = f"lengths from {_SHORTEST:g} to {_LONGEST:g} can be used; bring the quaternions to length one"
-        _refuse("quaternions", (lengths >= _SHORTEST) & (lengths <= _LONGEST), scene.quaternions, cure)
+    check_values(scene)
     size = max(float(np.ptp(scene.means, axis=0).max()), float(np.exp(scene.log_scales.max())))
     if size < SMALLEST_SCENE:
         raise InputError(f"The whole scene is {size:.3g} units large; scale it up, to {SMALLEST_SCENE:g} at the least.")
+
+
+def has_direction(quaternions: FloatArray) -> BoolArray:
+    """Which quaternions (N, 4) are of a length that leaves no doubt about their direction, (N,)."""
+    with np.errstate(invalid="ignore"):  # NaN of doubles that float32 has not
+        squares = np.einsum("ni,ni->n", quaternions, quaternions, dtype=np.float64)
+    return np.asarray((squares >= _SHORTEST_QUATERNION**2) & (squares <= _LONGEST_QUATERNION**2))
 
 
 def check_size(radius: float) -> None:
@@ -59,10 +83,23 @@ def check_size(radius: float) -> None:
         )
 
 
-def _refuse(name: str, sound: BoolArray, values: FloatArray, cure: str) -> None:
+def _all_within(values: FloatArray, low: float, high: float) -> bool:
+    """Whether all values (N, K) are finite where the limits are, and between them; neither is true of NaN."""
+    if not values.size:
+        return True
+    with np.errstate(invalid="ignore", over="ignore"):
+        if low == -high and float(np.einsum("nk,nk->", values, values)) <= high**2:  # the fastest look at most scenes
+            return True
+        return bool(values.min() >= low and values.max() <= high)
+
+
+def _refuse(name: str, sound: BoolArray, values: FloatArray, message: str) -> None:
     row = int(np.argmin(sound))
-    first = ", ".join(f"{value:.4g}" for value in values[row])
+    first = ", ".join(f"{value:.4g}" for value in values[row][:_SHOWN_VALUES])
+    more = ", ..." if values.shape[1] > _SHOWN_VALUES else ""
     raise InputError(
-        f"{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the first in row "
-        f"{row} ({first}): {cure}."
+        message.format(
+            f"{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the first in "
+            f"row {row} ({first}{more})"
+        )
     )

@@ -1,11 +1,11 @@
-"""Files of strangers: read whole, within bounds, and refused if they change meanwhile."""
+"""Untrusted files: regular ones only, read whole and within bounds, and refused if they change meanwhile."""
 
 from __future__ import annotations
 
-import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import BinaryIO
 
 import numpy as np
@@ -20,14 +20,10 @@ _BYTES_AT_ONCE = 1 << 20
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Watch over the reading of a file: what the operating system refuses, or what changes meanwhile, is an error.
-
-    A file that is still being written can be read without any sign of damage, half of it old and half new. Size, time
-    of the last change and identity are compared before and after; nothing of the file may be looked at later, which
-    is why no reader keeps it mapped.
+    """Check that a file is the same before and after it is read: a training may still be writing it.
 
     Raises:
-        InputError: the file cannot be read, or is not the same before and after.
+        InputError: the file cannot be read, is not a regular file, or has changed in size, time or identity.
     """
     try:
         before = _state(path)
@@ -40,7 +36,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path is that of a regular file; a name that the file system refuses, say for its length, is not.
+    """Whether a path leads to a regular file; one that the file system refuses, say for its length, does not.
 
     >>> is_file(Path("x" * 9999))
     False
@@ -52,35 +48,45 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path is that of a folder; a name that the file system refuses is not.
-
-    >>> is_folder(Path("x" * 9999))
-    False
-    """
+    """Whether a path leads to a folder; one that the file system refuses does not."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
         return False
 
 
+def path_inside(folder: Path, name: str) -> Path | None:
+    """The path of a name from a file in a folder of the user's; None if the name leads out of the folder.
+
+    >>> path_inside(Path("images"), "left/1.png").as_posix()
+    'images/left/1.png'
+    >>> [path_inside(Path("images"), name) for name in ("../1.png", "/etc/passwd", "/", "")]
+    [None, None, None, None]
+    """
+    relative = PurePath(name)
+    if relative.anchor or ".." in relative.parts or not relative.name:
+        return None
+    return folder / relative
+
+
 def file_bytes(path: Path, limit: int | None = None) -> bytes:
-    """The contents of a file of at most `limit` bytes.
+    """The contents of a regular file of at most `limit` bytes.
 
     Raises:
         InputError: the file cannot be read, or is larger.
     """
     try:
+        size = _state(path)[0]
+        if limit is not None and size > limit:
+            raise InputError(f"'{path}' has {size} bytes; at most {limit} can be read of a file of its kind.")
         with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if limit is not None and size > limit:
-                raise InputError(f"'{path}' has {size} bytes; at most {limit} can be read of a file of its kind.")
             return file.read(size)  # no more than that, should it be growing
     except OSError as error:
         raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
 
 
 def read_into(array: NDArray[np.generic], file: BinaryIO, path: Path) -> None:
-    """Fill an array, which lies in one piece, with the bytes that follow in an open file.
+    """Fill a contiguous array with the bytes that follow in an open file.
 
     Raises:
         InputError: the file ends too early.
@@ -93,5 +99,8 @@ def read_into(array: NDArray[np.generic], file: BinaryIO, path: Path) -> None:
 
 
 def _state(path: Path) -> tuple[int, int, int, int]:
+    """Size, time of the last change and identity of a regular file."""
     status = path.stat()
+    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):  # opening a folder fails by itself
+        raise InputError(f"'{path}' is not a regular file.")
     return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev

@@ -1,6 +1,271 @@
-"""Results appear whole or not at all: single files, and folders of results that replace earlier ones."""
+"""Results appear whole or not at all: single files, and folders that replace earlier results and nothing else.
 
-from gaussian_trimmer.io.atomic.files import atomic_file, write_array
-from gaussian_trimmer.io.atomic.folders import atomic_folder
+While results are being made, they wait in `.gaussian-trimmer.part/new` in their folder. At the end, the files that the
+manifest of an earlier run lists move to `.gaussian-trimmer.part/old`, the new ones take their places, the manifest
+last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything back.
+"""
 
-__all__ = ["atomic_file", "atomic_folder", "write_array"]
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.manifest import (
+    MANIFEST,
+    earlier_results,
+    files_in,
+    read_manifest,
+    unchanged_files,
+    write_manifest,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_HIDDEN_PREFIX = ".gaussian-trimmer"
+_LOCK = f"{_HIDDEN_PREFIX}.lock"
+_STAGING = f"{_HIDDEN_PREFIX}.part"
+_NEW, _OLD = f"{_STAGING}/new", f"{_STAGING}/old"
+_LOCK_WAIT_SECONDS = 0.2
+_SECONDS_UNTIL_LEFT_OVER = 24 * 3600.0
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path` to write to; it replaces `path` on success and is removed on failure.
+
+    Raises:
+        InputError: the folder does not exist or cannot be written to, the disk is full, or `path` is a symbolic link,
+            a folder or a device.
+    """
+    part = path.parent / f"{_HIDDEN_PREFIX}-{os.urandom(6).hex()}.part"
+    try:
+        if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
+            raise InputError(f"Cannot write '{path}': it is not a regular file; choose another name.")
+        remove_leftovers(path.parent)
+        part.touch(exist_ok=False)
+        yield part
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f"Cannot write '{path}': {error.strerror or error}.") from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def write_array(file: BinaryIO, array: NDArray[Any]) -> None:
+    """Write the bytes of an array in C order; unlike `ndarray.tofile`, notice when the last of them do not fit.
+
+    Raises:
+        OSError: not all bytes could be written.
+    """
+    file.write(array.data if array.flags.c_contiguous else array.tobytes())
+
+
+@contextmanager
+def atomic_folder(
+    folder: Path, kind: str, *, names: Sequence[str] = (), inputs: Iterable[Path] = (), overwrite: bool = False
+) -> Iterator[Path]:
+    """Yield a temporary folder to write to; its files move to `folder` on success and vanish on failure.
+
+    `manifest.json` lists what was written. A later run replaces these files, as long as they have the size they were
+    written with; every other file belongs to the user and stays.
+
+    Args:
+        folder: where the results go; it is made if it does not exist, and removed again on failure.
+        kind: what writes the folder; only results of the same kind are replaced.
+        names: glob patterns of the files to come, so that a file in the way is found before anything is computed.
+        inputs: files that this run reads, or folders of such files.
+        overwrite: replace the results of an earlier run.
+
+    Raises:
+        InputError: the folder is not empty and may not be overwritten, is a file, cannot be written to, or another run
+            writes to it; a file that is not an earlier result is in the way; or an earlier result is an input.
+    """
+    missing: list[Path] = []
+    try:
+        with _os_errors_reported(folder):
+            target = Path(os.path.realpath(folder))
+            missing = _missing_folders(target, folder)
+            (target / _STAGING).mkdir(parents=True, exist_ok=True)
+        with _locked(target, folder):
+            try:
+                with _os_errors_reported(folder):
+                    _clear(target, folder, overwrite)
+                    earlier = earlier_results(target, kind)
+                    found = (path for pattern in names for path in target.glob(pattern))
+                    _refuse_conflicts(target, [path.relative_to(target).as_posix() for path in found], earlier)
+                    _refuse_inputs(target, earlier, inputs)
+                    (target / _NEW).mkdir(parents=True)
+                yield target / _NEW
+                with _os_errors_reported(folder, "what was there is unchanged"):
+                    write_manifest(target / _NEW, kind)
+                    _swap(target, earlier_results(target, kind) if overwrite else [])
+            finally:
+                _discard_staging(target)
+    finally:
+        for place in missing:
+            with suppress(OSError):  # It holds the results.
+                place.rmdir()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what dead runs have left in a folder: unfinished results, and temporary files that are a day old."""
+    with suppress(OSError, InputError):
+        for part in folder.glob(f"{_HIDDEN_PREFIX}-*.part"):
+            if time.time() - part.lstat().st_mtime > _SECONDS_UNTIL_LEFT_OVER:
+                part.unlink()
+        target = Path(os.path.realpath(folder))
+        if (target / _STAGING).is_dir():
+            with _locked(target, folder):
+                _undo_swap(target)
+                _discard_staging(target)
+
+
+@contextmanager
+def _os_errors_reported(folder: Path, cure: str = "choose another folder") -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        place = f" '{error.filename}'" if error.filename and str(error.filename) != str(folder) else ""
+        raise InputError(f"Cannot write to '{folder}': {error.strerror or error}{place}; {cure}.") from error
+
+
+def _missing_folders(target: Path, shown: Path) -> list[Path]:
+    """The staging folder of the target and those of its parents that do not exist, deepest first."""
+    staging = target / _STAGING
+    missing = [place for place in (staging, *staging.parents) if not place.exists()]
+    home = missing[-1].parent if missing else target
+    if not home.is_dir():
+        place = "is" if home == target else f"would lie in '{home}', which is"
+        raise InputError(f"'{shown}' {place} a file; choose another output folder.")
+    return missing
+
+
+@contextmanager
+def _locked(target: Path, shown: Path) -> Iterator[None]:
+    """Hold the lock of a folder, which the system releases when the process dies."""
+    from filelock import FileLock, Timeout  # late, since most commands need neither it nor its import
+
+    path = target / _LOCK
+    lock = FileLock(path, timeout=_LOCK_WAIT_SECONDS, thread_local=False)
+    with _os_errors_reported(shown):
+        try:
+            lock.acquire()
+        except Timeout as error:
+            raise InputError(
+                f"Another run is writing to '{shown}' (it has locked '{path}'); wait until it ends, or choose another "
+                "folder."
+            ) from error
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink()  # while it is locked, so that it is not the file of the next run
+        lock.release()
+
+
+def _clear(target: Path, shown: Path, overwrite: bool) -> None:
+    """Remove what a dead run has left, and refuse a folder of files that may not be replaced."""
+    if (target / _STAGING).is_symlink():
+        raise InputError(f"'{target / _STAGING}' is a symbolic link; remove it, or choose another output folder.")
+    _undo_swap(target)
+    _discard_staging(target)
+    if not overwrite and any(not path.name.startswith(_HIDDEN_PREFIX) for path in target.iterdir()):
+        raise InputError(
+            f"The folder '{shown}' is not empty; choose another one, or replace earlier results: --overwrite, or in "
+            "Python overwrite=True."
+        )
+
+
+def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str]) -> None:
+    for name in coming:
+        path = target / name
+        if path.parent.resolve() != path.parent:
+            raise InputError(
+                f"'{path.parent}' is a symbolic link where the results need a folder; remove it, or choose another "
+                "output folder."
+            )
+        if name not in earlier and os.path.lexists(path):
+            raise InputError(
+                f"'{path}' is in the way of a result, and was not written by this program or has changed since; move "
+                "it away, or choose another output folder."
+            )
+
+
+def _refuse_inputs(target: Path, earlier: Iterable[str], inputs: Iterable[Path]) -> None:
+    replaced = {_identity(target / name) for name in earlier}
+    for given in inputs:
+        for path in given.iterdir() if given.is_dir() else [given]:
+            if path.is_file() and _identity(path) in replaced:
+                raise InputError(
+                    f"'{path}' is an input of this run and belongs to the earlier results in '{target}' that would be "
+                    "replaced; choose another output folder."
+                )
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """What tells a file from others, whichever of its names or links leads to it."""
+    status = path.stat()
+    return status.st_dev, status.st_ino
+
+
+def _swap(target: Path, earlier: Sequence[str]) -> None:
+    """Move the earlier results into the staging folder and the new ones out of it, or leave everything as it was."""
+    coming = sorted(files_in(target / _NEW), key=lambda name: name == MANIFEST)
+    _refuse_conflicts(target, coming, earlier)
+    try:
+        for name in earlier:
+            _move(target / name, target / _OLD / name)
+        for name in coming:
+            _move(target / _NEW / name, target / name)
+    except BaseException:
+        _undo_swap(target)
+        raise
+    _remove_empty_parents(target, earlier)
+
+
+def _undo_swap(target: Path) -> None:
+    """Move every file back after a swap that did not end; then the new manifest still waits in the staging folder."""
+    manifest = read_manifest(target / _NEW / MANIFEST)
+    if manifest is None:
+        return
+    try:
+        for name in unchanged_files(target, manifest):
+            if not os.path.lexists(target / _NEW / name):
+                _move(target / name, target / _NEW / name)
+        for name in files_in(target / _OLD):
+            _move(target / _OLD / name, target / name)
+    except OSError as error:
+        raise InputError(
+            f"Earlier results of '{target}' cannot be moved back: {error.strerror or error}. They are in "
+            f"'{target / _OLD}'; the next run tries again."
+        ) from error
+    _remove_empty_parents(target, manifest["files"])
+
+
+def _discard_staging(target: Path) -> None:
+    """Remove the staging folder, unless it holds earlier results that could not be moved back."""
+    if not (files_in(target / _OLD) and (target / _NEW / MANIFEST).is_file()):
+        shutil.rmtree(target / _STAGING, ignore_errors=True)
+
+
+def _move(source: Path, target: Path) -> None:
+    if os.path.lexists(target):
+        raise FileExistsError(errno.EEXIST, "another file has come in its place", str(target))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    source.rename(target)
+
+
+def _remove_empty_parents(folder: Path, names: Iterable[str]) -> None:
+    parents = {parent for name in names for parent in Path(name).parents} - {Path()}
+    for parent in sorted(parents, key=lambda parent: -len(parent.parts)):
+        with suppress(OSError):
+            (folder / parent).rmdir()

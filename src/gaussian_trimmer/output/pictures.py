@@ -28,42 +28,46 @@ from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-_MARGIN = 1.2
-"""Half the side of a close-up, relative to half the larger side of the object."""
 BACKDROP = np.full(3, 0.5, np.float32)
 """Neutral grey behind all pictures: neither dark nor light edges of a cut-out vanish in it."""
-_COARSE: Colour = (40, 150, 255)
-_MASK: Colour = (255, 235, 60)
-_REJECTED: Colour = (70, 70, 255)
-_PAPER: Colour = (32, 32, 32)
-_TEXT: Colour = (235, 235, 235)
+_CLOSE_UP_MARGIN = 1.2
+"""Half the side of a close-up, relative to half the larger side of the object."""
+_WHOLE_OBJECT_MARGIN = 1.05
+"""Distance of the frame from the outermost Gaussians of the object, relative to theirs from the middle."""
+_SMALLEST_ZOOM = 0.4
+"""How much a picture may be widened for single Gaussians far from the rest."""
+_SELECTION_COLOUR: Colour = (40, 150, 255)
+_MASK_COLOUR: Colour = (255, 235, 60)
+_REJECTED_COLOUR: Colour = (70, 70, 255)
+_STRIP_COLOUR: Colour = (32, 32, 32)
+_TEXT_COLOUR: Colour = (235, 235, 235)
 _LINE_HEIGHT = 26
 _FONT_SCALE = 0.5
 _COLUMNS = 6
 _CELL = 320
 _GAP = 4
-_PITCH = 20.0
-"""Pitch in degrees of pictures of an object that no view has judged."""
-_STEEPEST = 80.0
+_USUAL_PITCH_DEGREES = 20.0
+"""Of pictures of an object that no view has judged."""
+_STEEPEST_DEGREES = 80.0
 
 
 def draw_view(view: TrimmedView, number: int) -> Picture:
-    """A virtual view as it was segmented, with the outlines of the coarse selection and of the mask, and a legend."""
+    """A virtual view as it was segmented, with the outlines of the rough selection and of the mask, and a legend."""
     picture = draw_outlines(view)
     if view.rejected:
         _frame(picture)
-    mask_colour = _REJECTED if view.rejected else _MASK
-    legend = [(f"view {number}", _TEXT), ("coarse selection", _COARSE), ("mask", mask_colour)]
-    verdict = [(f"rejected: {view.rejected}", _REJECTED)] if view.rejected else [("accepted", _TEXT)]
+    mask_colour = _REJECTED_COLOUR if view.rejected else _MASK_COLOUR
+    legend = [(f"view {number}", _TEXT_COLOUR), ("rough selection", _SELECTION_COLOUR), ("mask", mask_colour)]
+    verdict = [(f"rejected: {view.rejected}", _REJECTED_COLOUR)] if view.rejected else [("accepted", _TEXT_COLOUR)]
     return np.vstack([picture, _strip(legend, picture.shape[1]), _strip(verdict, picture.shape[1])])
 
 
 def draw_outlines(view: TrimmedView) -> Picture:
-    """A virtual view as it was segmented, with the outlines of the coarse selection and of the mask below it."""
+    """A virtual view as it was segmented, with the outlines of the rough selection and of the mask below it."""
     picture = as_picture(view.view.rgb + (1 - view.view.alpha)[..., None] * BACKDROP)
     # The thick line below still shows where both outlines agree.
-    _draw_outline(picture, view.view.object_visible > HALF, _COARSE, 2)
-    _draw_outline(picture, view.mask, _REJECTED if view.rejected else _MASK, 1)
+    _draw_outline(picture, view.view.object_visible > HALF, _SELECTION_COLOUR, 2)
+    _draw_outline(picture, view.mask, _REJECTED_COLOUR if view.rejected else _MASK_COLOUR, 1)
     return picture
 
 
@@ -74,59 +78,70 @@ def draw_gaussians(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> 
     return as_picture(renderer.render(gaussians, camera, BACKDROP).rgb)
 
 
-def draw_before_after(result: TrimResult, selection: BoolArray, renderer: Renderer) -> Picture:
-    """The coarse object, the trimmed one and the scene without it, a row each, from all around.
+def draw_before_after(result: TrimResult) -> Picture:
+    """The rough selection, the trimmed object and the scene without it, a row each, from all around.
 
     Directions from which nothing was judged are framed and say why. The scene's row holds what lies around the object:
     walls farther out would stand before the camera.
     """
-    sides = checked_sides(result)
-    yaws, cameras = cameras_around(result, selection, sides, _COLUMNS, _CELL)
+    sides, selection = checked_sides(result), result.selection
+    yaws, cameras = cameras_around(result, sides, _COLUMNS, _CELL)
     verdicts = [sides.verdict(yaw) for yaw in yaws]
-    coarse, around = result.scene.select(selection), nearby_background(result)
-    after = "the object, left as it was: " if result.refused else "trimmed object: "
+    rough, around = result.scene.select(selection), nearby_background(result)
+    after = "the object, not trimmed: " if result.refused else "trimmed object: "
     rows = [
-        (f"coarse selection: {len(coarse):,} Gaussians", coarse),
+        (f"rough selection: {len(rough):,} Gaussians", rough),
         (f"{after}{len(result.object):,} Gaussians", result.object),
         ("what was cut off" if selection.all() else "the scene without the object", around),
     ]
-    pictures = [_row(caption, gaussians, cameras, verdicts, renderer) for caption, gaussians in rows]
+    pictures = [_row(caption, gaussians, cameras, verdicts, result.used_renderer) for caption, gaussians in rows]
     width = pictures[0].shape[1]
-    closing = [(f"not trimmed: {result.refused}", _REJECTED)] if result.refused else [(sides.sentence(), _TEXT)]
-    return np.vstack([_headings(yaws, verdicts, width), *pictures, _strip(closing, width)])
+    closing = (
+        (f"not trimmed: {result.refused}", _REJECTED_COLOUR) if result.refused else (sides.sentence(), _TEXT_COLOUR)
+    )
+    return np.vstack([_headings(yaws, verdicts, width), *pictures, _strip([closing], width)])
 
 
-def cameras_around(
-    result: TrimResult, selection: BoolArray, sides: CheckedSides, count: int, size: int
-) -> tuple[list[int], list[Camera]]:
-    """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the object from there.
+def cameras_around(result: TrimResult, sides: CheckedSides, count: int, size: int) -> tuple[list[int], list[Camera]]:
+    """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the whole object.
 
     Args:
         result: the trim.
-        selection: the coarse object, (N,).
         sides: from where it was judged.
         count: number of cameras on the full circle.
         size: width and height of their pictures in pixels.
     """
-    pitch = float(np.median(sides.pitches)) if sides.pitches else _PITCH
+    pitch = float(np.median(sides.pitches)) if sides.pitches else _USUAL_PITCH_DEGREES
     config = PlanConfig(
         views=count,
         size=size,
-        pitch_degrees=float(np.clip(pitch, -_STEEPEST, _STEEPEST)),
+        pitch_degrees=float(np.clip(pitch, -_STEEPEST_DEGREES, _STEEPEST_DEGREES)),
         yaw_range_degrees=(sides.middle, sides.middle + 360),
     )
-    cameras, _ = plan_cameras(result.scene.select(selection), result.bounds.axes[2], config)
-    return [(sides.middle + 360 * i // count) % 360 for i in range(count)], cameras
+    cameras, _ = plan_cameras(result.scene.select(result.selection), result.bounds.axes[2], config)
+    zoom = min(_zoom_to_whole(camera, result.object) for camera in cameras)
+    return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
+
+
+def _zoom_to_whole(camera: Camera, gaussians: Gaussians) -> float:
+    """By how much a picture must be widened to show all Gaussians, at most 1; robust bounds leave out thin ends."""
+    pixels, depth = camera.project(gaussians.means.astype(np.float64))
+    half = np.array([camera.width, camera.height]) / 2
+    seen = np.asarray(depth > camera.near)
+    farthest = float(np.abs(pixels[seen] / half - 1).max(initial=0.0))
+    return float(np.clip(1 / max(_WHOLE_OBJECT_MARGIN * farthest, 1.0), _SMALLEST_ZOOM, 1.0))
 
 
 def _headings(yaws: Sequence[int], verdicts: Sequence[str], width: int) -> Picture:
     """A line over the columns: from where each looks, and why that side was not judged."""
-    edges = np.linspace(0, width, len(yaws) + 1).astype(int)
     words = [
-        (f"{yaw} deg: {f'not checked, {verdict}' if verdict else 'checked'}", _REJECTED if verdict else _TEXT)
+        (
+            f"{yaw} deg: {f'not checked, {verdict}' if verdict else 'checked'}",
+            _REJECTED_COLOUR if verdict else _TEXT_COLOUR,
+        )
         for yaw, verdict in zip(yaws, verdicts, strict=True)
     ]
-    return np.hstack([_strip([word], right - left) for word, left, right in zip(words, edges, edges[1:], strict=False)])
+    return _line_of_strips(words, width)
 
 
 def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
@@ -144,15 +159,37 @@ def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
         low, high = corners.min(axis=0), corners.max(axis=0)
     else:
         low, high = np.zeros(2), np.array([camera.width, camera.height])
-    half = _MARGIN * max(float((high - low).max()) / 2, 1.0)
+    half = _CLOSE_UP_MARGIN * max(float((high - low).max()) / 2, 1.0)
     corner, scale = (low + high) / 2 - half, size / (2 * half)
     crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
     return replace(camera, K=crop @ camera.K, width=size, height=size)
 
 
+def whole_close_up(view: TrimmedView, bounds: Bounds, gaussians: Gaussians, size: int) -> Camera:
+    """A close-up that is wide enough to show all Gaussians of an object."""
+    camera = close_up(view, bounds, size)
+    return zoomed(camera, _zoom_to_whole(camera, gaussians))
+
+
+def zoomed(camera: Camera, zoom: float) -> Camera:
+    """The camera with its picture made smaller about the picture's middle, which need not be the principal point."""
+    shrink = np.array([[zoom, 0, (1 - zoom) * camera.width / 2], [0, zoom, (1 - zoom) * camera.height / 2], [0, 0, 1]])
+    return replace(camera, K=shrink @ camera.K)
+
+
 def captioned(caption: str, picture: Picture) -> Picture:
     """A picture with a line of text above it."""
-    return np.vstack([_strip([(caption, _TEXT)], picture.shape[1]), picture])
+    return headed([caption], picture)
+
+
+def headed(captions: Sequence[str], picture: Picture) -> Picture:
+    """A picture with a line of text above each of its columns."""
+    return np.vstack([_line_of_strips([(caption, _TEXT_COLOUR) for caption in captions], picture.shape[1]), picture])
+
+
+def _line_of_strips(words: Sequence[tuple[str, Colour]], width: int) -> Picture:
+    edges = np.linspace(0, width, len(words) + 1).astype(int)
+    return np.hstack([_strip([word], b - a) for word, a, b in zip(words, edges, edges[1:], strict=False)])
 
 
 def write_picture(picture: Picture, path: Path) -> None:
@@ -171,43 +208,40 @@ def write_picture(picture: Picture, path: Path) -> None:
 def _row(
     caption: str, gaussians: Gaussians, cameras: Sequence[Camera], verdicts: Sequence[str], renderer: Renderer
 ) -> Picture:
-    gap = np.full((_CELL, _GAP, 3), _PAPER, np.uint8)
-    cells: list[Picture] = []
-    for camera, verdict in zip(cameras, verdicts, strict=True):
-        picture = draw_gaussians(gaussians, camera, renderer)
+    pictures = [draw_gaussians(gaussians, camera, renderer) for camera in cameras]
+    for picture, verdict in zip(pictures, verdicts, strict=True):
         if verdict:
             _frame(picture)
-        cells += [gap, picture]
-    return captioned(caption, np.hstack(cells[1:]))
+    return captioned(caption, _side_by_side(pictures))
 
 
-def draw_cells(caption: str, shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -> Picture:
-    """Pictures of several sets of Gaussians from one camera, side by side under a caption."""
-    gap = np.full((camera.height, _GAP, 3), _PAPER, np.uint8)
-    cells: list[Picture] = []
-    for gaussians in shown:
-        cells += [gap, draw_gaussians(gaussians, camera, renderer)]
-    pictures = np.hstack([*cells, gap])
-    return np.vstack([_strip([(caption, _TEXT)], pictures.shape[1]), pictures])
+def draw_cells(shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -> Picture:
+    """Pictures of several sets of Gaussians from one camera, side by side."""
+    return _side_by_side([draw_gaussians(gaussians, camera, renderer) for gaussians in shown])
+
+
+def _side_by_side(pictures: Sequence[Picture]) -> Picture:
+    gap = np.full((len(pictures[0]), _GAP, 3), _STRIP_COLOUR, np.uint8)
+    return np.hstack([cell for picture in pictures for cell in (gap, picture)][1:])
 
 
 def nearby_background(result: TrimResult) -> Gaussians:
     """What of the background lies around the object: walls farther out would stand before a camera."""
-    return concatenate([result.scene.select(_nearby_rows(result)), result.appended])
+    near = nearby_rows(result.scene, result.background_rows, result.bounds)
+    return concatenate([result.scene.select(near), result.appended])
 
 
 def nearby_scene(result: TrimResult) -> Gaussians:
     """The scene around the object as it was before the trim, the object included."""
     shown = result.object_mask
-    shown[_nearby_rows(result)] = shown[result.dropped] = True
+    shown[nearby_rows(result.scene, result.background_rows, result.bounds)] = shown[result.dropped] = True
     return result.scene.select(shown)
 
 
-def _nearby_rows(result: TrimResult) -> IntArray:
-    """Rows of the scene that are whole in the background and lie around the object."""
-    rows = result.background_rows
-    offset = result.scene.means[rows] - result.bounds.centre.astype(np.float32)
-    return np.asarray(rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * result.bounds.radius])
+def nearby_rows(scene: Gaussians, rows: IntArray, bounds: Bounds) -> IntArray:
+    """Those of some rows of the scene that lie around an object."""
+    offset = scene.means[rows] - bounds.centre.astype(np.float32)
+    return np.asarray(rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * bounds.radius])
 
 
 def as_picture(rgb: FloatArray) -> Picture:
@@ -217,7 +251,7 @@ def as_picture(rgb: FloatArray) -> Picture:
 
 def _frame(picture: Picture) -> None:
     """Draw the frame of what was not judged."""
-    cv2.rectangle(picture, (0, 0), (picture.shape[1] - 1, picture.shape[0] - 1), _REJECTED, 3)
+    cv2.rectangle(picture, (0, 0), (picture.shape[1] - 1, picture.shape[0] - 1), _REJECTED_COLOUR, 3)
 
 
 def _draw_outline(picture: Picture, mask: BoolArray, colour: Colour, thickness: int) -> None:
@@ -227,7 +261,7 @@ def _draw_outline(picture: Picture, mask: BoolArray, colour: Colour, thickness: 
 
 def _strip(words: Sequence[tuple[str, Colour]], width: int) -> Picture:
     """A line of coloured words, made small enough to fit the width."""
-    strip = np.full((_LINE_HEIGHT, width, 3), _PAPER, np.uint8)
+    strip = np.full((_LINE_HEIGHT, width, 3), _STRIP_COLOUR, np.uint8)
     font, gap = cv2.FONT_HERSHEY_SIMPLEX, 18
     widths = [cv2.getTextSize(text, font, _FONT_SCALE, 1)[0][0] for text, _ in words]
     scale = _FONT_SCALE * min(1.0, (width - 16 - gap * (len(words) - 1)) / max(sum(widths), 1))

@@ -1,4 +1,4 @@
-"""All that a trim leaves on disk, for the command line and for `TrimResult.save`."""
+"""All that a trim leaves on disk, for the command line and for Python."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import IntArray
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.report import RESULTS, describe, result_files, write_results
@@ -18,18 +17,37 @@ from gaussian_trimmer.result import TrimResult
 def save(
     result: TrimResult, folder: str | Path, *, overwrite: bool = False, format: str | None = None, html: bool = False
 ) -> Path:
-    """Write a trim into a folder, which appears whole or not at all; returns the folder. See `TrimResult.save`."""
+    """Write what the command line writes, and return the folder, which appears whole or not at all.
+
+    That is object and background as splat files, `labels.npz`, `report.json`, `before_after.png` and `views/`. An
+    empty background is not written.
+
+    Args:
+        result: the trim.
+        folder: new or empty; missing parents are made.
+        overwrite: replace earlier results in the folder.
+        format: ending of the splat files: ply (the default), compressed.ply, splat, spz, sog or ksplat.
+        html: also write `report.html`, a page about the trim that any browser opens.
+
+    Raises:
+        InputError: the folder holds something and `overwrite` is not set, it cannot be written to, no format has
+            that name, or the format cannot hold the Gaussians.
+    """
     folder, suffix = Path(folder), suffix_of(format or "ply")
     with atomic_folder(folder, RESULTS, names=trim_files(suffix, html=html), overwrite=overwrite) as part:
-        write_trim(result, part, suffix, {}, html=html)
+        write_trim(result, part, suffix, html=html)
     return folder
 
 
 def write_trim(
-    result: TrimResult, folder: Path, suffix: str, inputs: Mapping[str, Any],
-    seconds: Mapping[str, float] | None = None, rows: IntArray | None = None, n_scene: int | None = None, *,
+    result: TrimResult,
+    folder: Path,
+    suffix: str,
+    inputs: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+    *,
     html: bool = False,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Write everything into an existing folder, and return the report.
 
     Args:
@@ -38,15 +56,13 @@ def write_trim(
         suffix: ending of the splat files, one of `formats.FORMATS`.
         inputs: where the scene, the selection and so on came from, as JSON holds it.
         seconds: time taken outside the trimmer, by stage.
-        rows: row in the original scene of each Gaussian of the result's scene, where that is what an earlier trim left.
-        n_scene: number of Gaussians of that original scene.
-        html: write `report.html` too, a page to look at.
+        html: also write `report.html`.
 
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
-    report = describe(result, result.selection, result.config, inputs, result.segmenter_description, seconds)
-    write_results(result, result.selection, report, folder, result.used_renderer, suffix, rows, n_scene)
+    report = describe(result, inputs, seconds)
+    write_results(result, report, folder, suffix)
     if html:
         write_report_page(result, report, folder)
     return report

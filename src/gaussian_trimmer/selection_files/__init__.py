@@ -1,64 +1,74 @@
-"""Coarse selections of one object, from any tool or method: which rows of the scene are the object.
+"""Selections of one object, from any tool or method: which rows of the scene are the object.
 
-The container of a file is told by its ending, what it means by its content. Every kind is one module with
-
-- `OPTIONS`: the options that it understands,
-- `offers(file, n, options)`: whether the file can be of this kind for a scene of n Gaussians,
-- `select(file, gaussians, options)`: the selection, (N,).
+The container of a file is told by its ending, what it means by its content.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast
+
+import numpy as np
 
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.selection_files import array_kinds, checkpoint_kind, feature_kinds, splat_kinds, trimmed
 from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
 from gaussian_trimmer.settings import check_settings
 
-__all__ = ["KINDS", "Kind", "SelectionOptions", "load_selection", "offered_kinds"]
+__all__ = ["KINDS", "Kind", "SelectionKind", "SelectionOptions", "load_selection", "offered_kinds"]
+
+_LISTED_ARRAYS = 12
+
+
+@dataclass(frozen=True)
+class SelectionKind:
+    """What a selection file may mean."""
+
+    offers: Callable[[SelectionFile, int, SelectionOptions], bool]
+    """Whether a file can be of this kind for a scene of so many Gaussians."""
+    select: Callable[[SelectionFile, Gaussians, SelectionOptions], BoolArray]
+    """The selection, (N,)."""
+    options: tuple[str, ...] = ()
+    """Names of the options that the kind understands."""
+
 
 KINDS = {
-    "mask": "gaussian_trimmer.selection_files.mask",
-    "labels": "gaussian_trimmer.selection_files.labels",
-    "indices": "gaussian_trimmer.selection_files.indices",
-    "subset": "gaussian_trimmer.selection_files.subset",
-    "property": "gaussian_trimmer.selection_files.splat_property",
-    "classifier": "gaussian_trimmer.selection_files.classifier",
-    "similarity": "gaussian_trimmer.selection_files.similarity",
-    "clusters": "gaussian_trimmer.selection_files.clusters",
-    "checkpoint": "gaussian_trimmer.selection_files.checkpoint",
-    "flashsplat": "gaussian_trimmer.selection_files.flashsplat",
-    "trimmed": "gaussian_trimmer.selection_files.trimmed",
+    "mask": SelectionKind(array_kinds.offers_mask, array_kinds.select_mask, ("property", "threshold")),
+    "labels": SelectionKind(array_kinds.offers_labels, array_kinds.select_labels, ("object_id", "property")),
+    "indices": SelectionKind(array_kinds.offers_indices, array_kinds.select_indices, ("property",)),
+    "subset": SelectionKind(splat_kinds.offers_subset, splat_kinds.select_subset),
+    "property": SelectionKind(
+        splat_kinds.offers_property, splat_kinds.select_property, ("property", "threshold", "object_id")
+    ),
+    "classifier": SelectionKind(
+        feature_kinds.offers_classifier, feature_kinds.select_classifier, ("classifier", "object_id", "threshold")
+    ),
+    "similarity": SelectionKind(
+        feature_kinds.offers_similarity, feature_kinds.select_similarity, ("query_row", "threshold")
+    ),
+    "clusters": SelectionKind(array_kinds.offers_clusters, array_kinds.select_clusters, ("object_id",)),
+    "checkpoint": SelectionKind(checkpoint_kind.offers_checkpoint, checkpoint_kind.select_checkpoint, ("threshold",)),
+    "flashsplat": SelectionKind(array_kinds.offers_flashsplat, array_kinds.select_flashsplat, ("object_id", "gamma")),
+    "trimmed": SelectionKind(trimmed.offers_trimmed, trimmed.select_trimmed, ("object_id",)),
 }
-_LISTED = 12
 
 
-class SelectionKind(Protocol):
-    """What the module of a kind has."""
-
-    OPTIONS: frozenset[str]
-
-    def offers(self, file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-        """Whether the file can be of this kind for a scene of n Gaussians."""
-        ...
-
-    def select(self, file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-        """The selection, (N,)."""
-        ...
-
-
+@np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found where they are used
 def load_selection(
-    path: str | Path, gaussians: Gaussians, options: SelectionOptions | None = None,
+    path: str | Path,
+    gaussians: Gaussians,
+    options: SelectionOptions | None = None,
     say: Callable[[str], None] = lambda note: None,
-) -> BoolArray:  # fmt: skip
+) -> BoolArray:
     """Which Gaussians of the scene a selection file means, (N,); at least one.
 
     Args:
+        path: the file.
+        gaussians: the scene.
+        options: how the file is read.
         say: called with what a user should know of how the file was understood, such as rows that matched nothing.
 
     Raises:
@@ -68,26 +78,24 @@ def load_selection(
     path, options = Path(path), options or SelectionOptions()
     check_settings(options, "selection")
     file = open_selection(path, len(gaussians))
-    kind = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
-    module = _module(kind)
-    if unused := sorted(options.given() - module.OPTIONS):
+    name = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
+    if unused := sorted(options.given() - set(KINDS[name].options)):
         raise InputError(
-            f"'{path.name}' is read as a selection of the kind '{kind}', which has no use for "
+            f"'{path.name}' is read as a selection of the kind '{name}', which has no use for "
             f"{', '.join(map(flag, unused))}; leave that out or choose another kind with {flag('kind')}."
         )
-    selection = module.select(file, gaussians, options)
+    selection = KINDS[name].select(file, gaussians, options)
     for note in file.notes:
         say(f"{path.name}: {note}")
     if not selection.any():
-        raise InputError(f"'{path.name}', read as the kind '{kind}', selects none of the {len(gaussians)} Gaussians.")
+        raise InputError(f"'{path.name}', read as the kind '{name}', selects none of the {len(gaussians)} Gaussians.")
     return selection
 
 
 def offered_kinds(file: SelectionFile, n: int, options: SelectionOptions) -> list[str]:
     """The kinds that a file can be of, for a scene of n Gaussians; what the program wrote is that and nothing else."""
-    if _module("trimmed").offers(file, n, options):
-        return ["trimmed"]
-    return [kind for kind in KINDS if _module(kind).offers(file, n, options)]
+    offered = [name for name, kind in KINDS.items() if kind.offers(file, n, options)]
+    return ["trimmed"] if "trimmed" in offered else offered
 
 
 def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
@@ -104,13 +112,7 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
 def _content(file: SelectionFile) -> str:
     if not file.arrays:
         return "with splats" if file.rows is not None else "with a checkpoint"
-    listed = list(file.arrays.items())[:_LISTED]
+    listed = list(file.arrays.items())[:_LISTED_ARRAYS]
     arrays = [f"{shown(name) or 'one'}: {array.dtype} {array.shape}" for name, array in listed]
-    more = f"; and {len(file.arrays) - _LISTED} more" if len(file.arrays) > _LISTED else ""
+    more = f"; and {len(file.arrays) - _LISTED_ARRAYS} more" if len(file.arrays) > _LISTED_ARRAYS else ""
     return f"with the arrays ({'; '.join(arrays)}{more})"
-
-
-def _module(kind: str) -> SelectionKind:
-    if kind not in KINDS:
-        raise InputError(f"Unknown kind of selection '{kind}'; available: auto, {', '.join(KINDS)}.")
-    return cast(SelectionKind, import_module(KINDS[kind]))

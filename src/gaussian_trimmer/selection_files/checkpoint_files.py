@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
+from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.formats.torch_files import TorchFile
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, reading
 
-PLAIN_LENGTH = 12
-EXTENDED_LENGTH = 13
+_PLAIN_LENGTH, _EXTENDED_LENGTH = 12, 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Checkpoint:
 def is_checkpoint(value: Any) -> bool:
     """Whether what a torch file holds looks like a checkpoint rather than like tensors of another use."""
     state = _state(value)
-    return state is not None and len(state) in (PLAIN_LENGTH, EXTENDED_LENGTH)
+    return state is not None and len(state) in (_PLAIN_LENGTH, _EXTENDED_LENGTH)
 
 
 def parse_checkpoint(file: TorchFile) -> Checkpoint:
@@ -61,7 +61,7 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
     """
     path, state = file.path, _state(file.value)
     assert state is not None
-    n_tensors = 8 if len(state) == EXTENDED_LENGTH else 7
+    n_tensors = 8 if len(state) == _EXTENDED_LENGTH else 7
     if not all(torch_files.is_tensor(entry) for entry in state[1:n_tensors]):
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: entries 1 to 6 are not all tensors.")
     entries = {str(place): entry for place, entry in enumerate(state[1:n_tensors])}
@@ -70,25 +70,21 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
     if dc.shape != (n, 1, 3) or rest.ndim != 3 or rest.shape[::2] != (n, 3) or opacities.shape != (n, 1):
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: the shapes of its colours do not fit.")
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found below
-            gaussians = Gaussians(
-                means=np.asarray(means, np.float32),
-                log_scales=np.asarray(scales, np.float32),
-                quaternions=np.asarray(rotations, np.float32),
-                opacity_logits=np.asarray(opacities[:, 0], np.float32),
-                sh_dc=np.asarray(dc[:, 0], np.float32),
-                sh_rest=np.asarray(rest.transpose(0, 2, 1), np.float32),
-            )
+        gaussians = Gaussians(
+            means, scales, rotations, opacities[:, 0], sh_dc=dc[:, 0], sh_rest=rest.transpose(0, 2, 1)
+        )
     except ValueError as error:
         raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: {error}") from error
     if n == 0:
         raise InputError(f"'{path}' holds zero Gaussians.")
+    gaussians = with_finite_limits(gaussians)
     check_values(gaussians, path)
     if extra and (extra[0].ndim == 0 or len(extra[0]) != n):
         raise InputError(f"'{path}' has an entry of shape {extra[0].shape} at place 7; {n} rows are needed.")
     return Checkpoint(gaussians, _iteration(file.value), extra[0] if extra else None)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found by the check of values
 def read_checkpoint(path: str | Path) -> Checkpoint:
     """The checkpoint in a .pth file, for instance to save its Gaussians as a PLY.
 
@@ -101,10 +97,7 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
     with reading(path):
         file = torch_files.load(path)
         if not is_checkpoint(file.value):
-            raise InputError(
-                f"'{path}' holds no checkpoint: neither a tuple of {PLAIN_LENGTH} or {EXTENDED_LENGTH} entries nor one "
-                "with the iteration behind it."
-            )
+            raise InputError(f"'{path}' holds no checkpoint: no tuple of 12 or 13 entries, alone or with an iteration.")
         return parse_checkpoint(file)
 
 

@@ -116,8 +116,7 @@ def _features_of_rows(rows: SplatRows, wanted: IntArray) -> tuple[FloatArray, Fl
     names = [*(f"scale_{i}" for i in range(3)), *(f"f_dc_{i}" for i in range(3)), "opacity"]
     if any(name not in columns for name in names):
         return places, None
-    with np.errstate(over="ignore", invalid="ignore"):
-        table = np.column_stack([np.asarray(columns[name][wanted], np.float32) for name in names])
+    table = np.column_stack([np.asarray(columns[name][wanted], np.float32) for name in names])
     table = np.nan_to_num(table, nan=1e6, posinf=1e6, neginf=-1e6)
     places = np.nan_to_num(places, nan=1e15, posinf=1e15, neginf=-1e15)
     return places, _scaled(table[:, :3], table[:, 3:6], table[:, 6])

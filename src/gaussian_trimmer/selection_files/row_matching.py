@@ -1,7 +1,7 @@
 """Which scene row a Gaussian of another file is, found by equal attributes.
 
 Exporters reorder rows, drop normals and cut spherical harmonics, but they copy the numbers they keep. So rows are
-compared bit by bit on all attributes that both files have. Equal rows pair off in file order.
+compared by 64-bit hashes of all attributes that both files have. Equal rows pair off in file order.
 """
 
 from __future__ import annotations
@@ -142,18 +142,6 @@ def _pair(rows: Columns, scene: Columns, names: list[str]) -> IntArray:
     equal[equal] = sorted_scene[place[equal]] == sorted_rows[equal]
     found = np.full(len(row_hashes), _UNMATCHED, np.int64)
     found[row_order[equal]] = scene_order[place[equal]]
-    return _without_collisions(found, rows, scene, names)
-
-
-def _without_collisions(found: IntArray, rows: Columns, scene: Columns, names: list[str]) -> IntArray:
-    """The same pairs without those whose hashes alone are equal."""
-    paired = np.flatnonzero(found != _UNMATCHED)
-    partner = found[paired]
-    same = np.ones(len(paired), bool)
-    for name in names:
-        with np.errstate(over="ignore", invalid="ignore"):
-            same &= np.asarray(rows[name][paired], np.float32) == scene[name][partner]
-    found[paired[~same]] = _UNMATCHED
     return found
 
 
@@ -164,8 +152,7 @@ def _hashes(columns: Columns, names: list[str]) -> NDArray[np.uint64]:
         chunk = hashes[start : start + _ROWS_PER_CHUNK]
         for name in names:
             # Adding zero turns -0 into 0, which is equal to it but has other bits.
-            with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold equals nothing in the scene
-                values = np.asarray(columns[name][start : start + _ROWS_PER_CHUNK], np.float32) + np.float32(0)
+            values = np.asarray(columns[name][start : start + _ROWS_PER_CHUNK], np.float32) + np.float32(0)
             chunk ^= values.view(np.uint32)
             chunk *= np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio, odd: mixes upwards
             chunk ^= chunk >> np.uint64(32)  # mixes downwards

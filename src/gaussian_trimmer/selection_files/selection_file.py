@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
-from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_checkpoint, parse_checkpoint
+from gaussian_trimmer.selection_files.number_lists import read_json, read_numbers
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.row_matching import match_centres, match_rows
@@ -29,11 +28,6 @@ from gaussian_trimmer.selection_files.splat_rows import (
 
 TEXT_SUFFIXES = (".txt", ".csv")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, ".json", *torch_files.SUFFIXES)
-_MAX_TEXT_BYTES, _MAX_JSON_BYTES, _MAX_JSON_LISTS = 1 << 27, 1 << 25, 1 << 10
-_LARGEST_WHOLE = 2**53
-_HEADER = re.compile(rb"[\"']?[A-Za-z_][^\r\n]*(?:[\r\n]+|$)")
-_SEPARATORS = bytes.maketrans(b",;", b"  ")
-_TEXT_BYTES_AT_ONCE = 1 << 20
 _FREE_ARCHIVE_BYTES = 1 << 26
 _ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
 _ARCHIVE_BYTES_WITHOUT_SCENE = 1 << 28
@@ -96,6 +90,14 @@ class SelectionFile:
         return array.reshape(-1)
 
 
+def mask_of_rows(rows: IntArray, n: int) -> BoolArray:
+    """A mask (n,) of row numbers."""
+    mask = np.zeros(n, np.bool_)
+    mask[rows] = True
+    return mask
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found where they are used
 def open_selection(path: Path, n: int | None = None) -> SelectionFile:
     """Read a .npy, .npz, .txt, .csv, .json, .pt, .pth or splat file.
 
@@ -116,104 +118,20 @@ def _open(path: Path, n: int | None) -> SelectionFile:
     if suffix == ".npy":
         return SelectionFile(path, {"": read_npy(path)})
     if suffix == ".npz":
-        return SelectionFile(path, read_npz(path, _archive_limit(n)))
+        limit = _ARCHIVE_BYTES_WITHOUT_SCENE if n is None else _FREE_ARCHIVE_BYTES + _ARCHIVE_BYTES_PER_GAUSSIAN * n
+        return SelectionFile(path, read_npz(path, limit))
     if suffix in TEXT_SUFFIXES:
-        return SelectionFile(path, {"": _read_numbers(path)}, is_list=True)
+        return SelectionFile(path, {"": read_numbers(path)}, is_list=True)
     if has_splats(path):
         return SelectionFile(path, rows=read_splat_rows(path))
     if suffix == ".json":
-        return SelectionFile(path, {"": _read_json(path)}, is_list=True)
+        return SelectionFile(path, {"": read_json(path)}, is_list=True)
     if suffix in torch_files.SUFFIXES:
         return _read_torch(path)
     raise InputError(
         f"'{path.name}' is no known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks of "
         "images are no selection: lift them to the scene with 'gaussian-trimmer select'.)"
     )
-
-
-def _archive_limit(n: int | None) -> int:
-    """Bytes that the arrays of a selection for n Gaussians may have together: some dozens of numbers for each."""
-    return _ARCHIVE_BYTES_WITHOUT_SCENE if n is None else _FREE_ARCHIVE_BYTES + _ARCHIVE_BYTES_PER_GAUSSIAN * n
-
-
-def _read_numbers(path: Path) -> NDArray[Any]:
-    """The whole numbers in a text, between white space, commas and semicolons.
-
-    What stands behind a '#' in its line is left out, and so is a first line of words, the header of a table.
-    """
-    text = re.sub(rb"#[^\r\n]*", b"", _utf_8(file_bytes(path, _MAX_TEXT_BYTES), path)).lstrip()
-    if header := _HEADER.match(text):
-        columns = header[0].translate(_SEPARATORS).split()
-        if len(columns) > 1 and len(text[header.end() :].split(b"\n", 1)[0].translate(_SEPARATORS).split()) > 1:
-            raise InputError(
-                f"'{path}' is a table of {len(columns)} columns; give the row numbers alone, one in each line."
-            )
-        text = text[header.end() :]
-    text = text.translate(_SEPARATORS)
-    parts = [np.zeros(0, np.int64)]
-    start = 0
-    try:
-        while start < len(text):  # a piece at a time, since a word takes twenty times its bytes
-            gap = re.compile(rb"\s|$").search(text, start + _TEXT_BYTES_AT_ONCE)
-            end = gap.start() if gap else len(text)
-            parts.append(np.array([_whole(word) for word in text[start:end].split()], np.int64))
-            start = end
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"'{path}' is no list of whole numbers: {shown(str(error))}.") from error
-    return np.concatenate(parts)
-
-
-def _utf_8(data: bytes, path: Path) -> bytes:
-    """Text without a byte order mark; that of Windows' shell has two bytes for each character."""
-    if data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
-        return data.removeprefix(b"\xef\xbb\xbf")
-    try:
-        return data.decode("utf-16").encode()
-    except UnicodeDecodeError as error:
-        raise InputError(f"'{path}' is no list of whole numbers: it begins as UTF-16 and is damaged.") from error
-
-
-def _whole(word: bytes) -> int:
-    """The whole number that a word says, also as 9.0 or 9e3.
-
-    Raises:
-        ValueError: it says none.
-    """
-    try:
-        return int(word)
-    except ValueError:
-        value = float(word)
-        if not abs(value) < _LARGEST_WHOLE or value != int(value):
-            raise
-        return int(value)
-
-
-def _read_json(path: Path) -> NDArray[Any]:
-    """The whole numbers or booleans of a JSON list, or of the only list in a JSON object.
-
-    Raises:
-        InputError: the file holds something else.
-    """
-    data = file_bytes(path, _MAX_JSON_BYTES).removeprefix(b"\xef\xbb\xbf")
-    if data.count(b"[") + data.count(b"{") > _MAX_JSON_LISTS:
-        raise InputError(f"'{path}' is no list of whole numbers: it has lists in lists.")
-    try:
-        value = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"'{path}' is no JSON that can be read: {shown(str(error))}.") from error
-    if isinstance(value, dict):
-        lists = [entry for entry in value.values() if isinstance(entry, list)]
-        value = lists[0] if len(lists) == 1 else None
-    if isinstance(value, list):
-        if value and all(isinstance(entry, bool) for entry in value):
-            return np.array(value, np.bool_)
-        try:
-            numbers = [_whole(str(entry).encode()) for entry in value if isinstance(entry, int | float)]
-            if len(numbers) == len(value):
-                return np.array(numbers, np.int64)
-        except (ValueError, OverflowError):
-            pass
-    raise InputError(f"'{path}' is no list of whole numbers or booleans; give row numbers as [0, 5, 7].")
 
 
 def _read_torch(path: Path) -> SelectionFile:

@@ -11,10 +11,10 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
+from gaussian_trimmer.selection_files.array_kinds import CLUSTERS, LABEL_NAMES
 from gaussian_trimmer.selection_files.object_ids import check_ids, count_ids
-from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.selection_file import mask_of_rows, open_selection
 
-_NAMES = ("labels", "label", "ids", "instance", "instances", "leaf_ind")
 _MAX_OBJECTS = 10_000
 
 
@@ -33,12 +33,12 @@ def load_objects(
     """
     path, options = Path(path), options or SelectionOptions()
     file = open_selection(path, len(gaussians))
-    if trimmed.offers(file, len(gaussians), options):
+    if trimmed.offers_trimmed(file, len(gaussians), options):
         rows = trimmed.rows_of_objects(file, len(gaussians))
         if ids:
             check_ids(ids, list(rows), [len(found) for found in rows.values()], path)
-        return {number: _mask(rows[number], len(gaussians)) for number in (ids or rows)}
-    labels = file.vector(options, *_NAMES) if options.kind in ("auto", "labels", "clusters") else None
+        return {number: mask_of_rows(rows[number], len(gaussians)) for number in (ids or rows)}
+    labels = file.vector(options, *LABEL_NAMES, CLUSTERS) if options.kind in ("auto", "labels", "clusters") else None
     if labels is not None and labels.dtype.kind in "iu" and len(labels) == len(gaussians):
         present, counts = count_ids(labels)
         if ids:
@@ -55,9 +55,3 @@ def load_objects(
             f"'{path.name}' holds one selection, or must be told which objects are meant: --objects ID ..."
         )
     return {number: load_selection(path, gaussians, replace(options, object_id=(number,))) for number in ids}
-
-
-def _mask(rows: np.ndarray, n: int) -> BoolArray:
-    mask = np.zeros(n, np.bool_)
-    mask[rows] = True
-    return mask

@@ -78,8 +78,7 @@ def identity_features(columns: Columns) -> FloatArray | None:
     if not has_identity_features(columns):
         return None
     names = takewhile(columns.__contains__, (f"obj_dc_{i}" for i in count()))
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes infinite is found where it is used
-        return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
+    return np.column_stack([np.asarray(columns[name], np.float32) for name in names])
 
 
 def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:
@@ -92,7 +91,6 @@ def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:
     attributes = {name: column for name, column in renamed.items() if _ATTRIBUTE.fullmatch(name)}
     # What has no finite value in the file has one in the scene that was read from such a file.
     for name in attributes.keys() & {"opacity", "scale_0", "scale_1", "scale_2"}:
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = np.asarray(attributes[name], np.float32)
+        values = np.asarray(attributes[name], np.float32)
         attributes[name] = finite_opacity_logits(values) if name == "opacity" else finite_log_scales(values)
     return attributes

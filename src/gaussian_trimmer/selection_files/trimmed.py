@@ -8,9 +8,8 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files.object_ids import check_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions
-from gaussian_trimmer.selection_files.selection_file import SelectionFile
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows
 
-OPTIONS = frozenset({"object_id"})
 SOURCE, LABEL, OBJECTS = "source_index", "label", "n_object"
 """Arrays of every such file: scene row of each row of the objects and then of the background, what happened to it, and
 the number of rows of all objects together."""
@@ -20,7 +19,7 @@ IDS, ROWS, SCENE_SIZE = "object_ids", "object_rows", "n_scene"
 """Arrays that newer files have as well: ids of the objects, number of rows of each, and of Gaussians of the scene."""
 
 
-def offers(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+def offers_trimmed(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """Whether the file is what a trim wrote."""
     return is_trimmed(file) and options.property is None
 
@@ -30,7 +29,7 @@ def is_trimmed(file: SelectionFile) -> bool:
     return {SOURCE, LABEL, OBJECTS} <= file.arrays.keys()
 
 
-def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+def select_trimmed(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The scene's Gaussians that the object has, whole or in part, (N,).
 
     Raises:
@@ -38,14 +37,11 @@ def select(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions)
             not the one that is.
     """
     objects = rows_of_objects(file, len(gaussians))
-    mask = np.zeros(len(gaussians), np.bool_)
     wanted = options.object_id
     if wanted or len(objects) > 1:
         check_ids(wanted, list(objects), [len(rows) for rows in objects.values()], file.path)
-    for number, rows in objects.items():
-        if not wanted or number in wanted:
-            mask[rows] = True
-    return mask
+    rows = [rows for number, rows in objects.items() if not wanted or number in wanted]
+    return mask_of_rows(np.concatenate(rows), len(gaussians))
 
 
 def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:

@@ -2,11 +2,10 @@
 
     ROOT/<scene>/test_mask/<view>/<words>.png   a mask
     ROOT/<scene>/images/                        all pictures
-    ROOT/<scene>/images_train/                  those that are not for the test
+    ROOT/<scene>/images_train/                  all but the test pictures
 
-`<view>` is the name of a picture, or the number, from 0, of a test picture in the order of names; which pictures are
-for the test is then told by the two folders. The score is the mean over views for each object, over objects for each
-scene, and over scenes.
+`<view>` is the name of a picture, or the number, from 0, of a test picture in the order of their names. The score is
+the mean over views for each object, over objects for each scene, and over scenes.
 """
 
 from __future__ import annotations
@@ -14,12 +13,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts.tasks import LayoutTask, Published, Target, folders_in, pictures_in
-
-TITLE = "LERF-Mask"
-MEAN = "scenes"
-EXPECTED = 23
-PUBLISHED: tuple[Published, ...] = ()
+from gaussian_trimmer.evaluation.layouts.layout import Layout, LayoutTask, Target, folders_in, pictures_in
 
 
 def find_tasks(root: Path) -> list[LayoutTask]:
@@ -42,7 +36,7 @@ def _tasks_of(scene: Path) -> list[LayoutTask]:
 
 
 def _picture(scene: Path, view: str) -> Path:
-    """The picture that a folder of masks is of."""
+    """The picture that the masks of a folder belong to."""
     pictures = pictures_in(scene / "images")
     named = [path for path in pictures if view in (path.name, path.stem)]
     if len(named) == 1:
@@ -51,7 +45,10 @@ def _picture(scene: Path, view: str) -> Path:
     test = [path for path in pictures if path.stem not in training]
     if not (view.isascii() and view.isdigit()) or not training or int(view) >= len(test):
         raise InputError(
-            f"The masks in '{scene / 'test_mask' / view}' belong to no picture that can be told: 'images' has none of "
-            f"that name, and without those of 'images_train' it has {len(test)} test pictures."
+            f"The masks in '{scene / 'test_mask' / view}' belong to no known picture: 'images' has none of that name, "
+            f"and without those of 'images_train' it has {len(test)} test pictures."
         )
     return test[int(view)]
+
+
+LAYOUT = Layout("LERF-Mask", find_tasks, expected=23, mean_by_scene=True, second="boundary_iou")

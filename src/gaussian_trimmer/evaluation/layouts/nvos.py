@@ -1,8 +1,7 @@
 """NVOS: eight objects in the scenes of LLFF, one target picture each.
 
-    ROOT/masks/<task>/<picture>_mask.png        the target's mask, of whatever size, PNG or JPEG
+    ROOT/masks/<task>/<picture>_mask.png        the target's mask, of any size, PNG or JPEG
     ROOT/masks/<task>/<picture>.jpg             the target itself, if it is there
-    ROOT/reference_image/, ROOT/scribbles/      what the object was selected with: not needed here
 
 The target is the picture that the mask is named after, which is not the first test picture of the scene.
 `horns_center` and `horns_left` share a scene. The score is the unweighted mean over the tasks.
@@ -13,12 +12,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts.tasks import LayoutTask, Published, Target, folders_in, pictures_in
+from gaussian_trimmer.evaluation.layouts.layout import (
+    Layout,
+    LayoutTask,
+    Published,
+    Target,
+    folders_in,
+    pictures_in,
+)
 
-TITLE = "NVOS"
-MEAN = "tasks"
-EXPECTED = 8
-PUBLISHED = (
+_MASK_ENDING = "_mask"
+_SHARED_SCENES = {"horns_center": "horns", "horns_left": "horns"}
+_PUBLISHED = (
     Published("SA3D", 90.3, 98.2, 91.9, 98.5),
     Published("SAGD", 90.4, 98.2, 92.0, 98.5, ((62.1, 68.8), (63.1, 73.8), (78.8, 83.5))),
     Published("SAGA", 90.9, 98.3, 92.1, 98.5),
@@ -28,8 +33,6 @@ PUBLISHED = (
     Published("NG-GS", 92.6, 99.2),
     Published("SAGOnline", 92.7, None),
 )
-_SUFFIX = "_mask"
-_SHARED = {"horns_center": "horns", "horns_left": "horns"}
 
 
 def find_tasks(root: Path) -> list[LayoutTask]:
@@ -37,17 +40,22 @@ def find_tasks(root: Path) -> list[LayoutTask]:
     folders = folders_in(root / "masks")
     if not folders:
         raise InputError(f"'{root}' has no folders 'masks/<task>'; give the folder of NVOS that holds 'masks'.")
-    return [LayoutTask(_SHARED.get(folder.name, folder.name), folder.name, (_target(folder),)) for folder in folders]
+    return [
+        LayoutTask(_SHARED_SCENES.get(folder.name, folder.name), folder.name, (_target(folder),)) for folder in folders
+    ]
 
 
 def _target(folder: Path) -> Target:
     pictures = pictures_in(folder)
-    masks = [path for path in pictures if path.stem.endswith(_SUFFIX)]
+    masks = [path for path in pictures if path.stem.endswith(_MASK_ENDING)]
     if len(masks) != 1:
         raise InputError(
-            f"'{folder}' holds {len(masks)} target masks; one picture must be named '<target>{_SUFFIX}', as in "
-            f"'IMG_4027{_SUFFIX}.png'."
+            f"'{folder}' holds {len(masks)} target masks; one picture must be named '<target>{_MASK_ENDING}', as in "
+            f"'IMG_4027{_MASK_ENDING}.png'."
         )
-    name = masks[0].stem.removesuffix(_SUFFIX)
+    name = masks[0].stem.removesuffix(_MASK_ENDING)
     images = [path for path in pictures if path.stem == name]
     return Target(name, masks[0], images[0] if len(images) == 1 else None)
+
+
+LAYOUT = Layout("NVOS", find_tasks, expected=8, published=_PUBLISHED)

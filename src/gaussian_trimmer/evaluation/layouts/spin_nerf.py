@@ -3,7 +3,7 @@
     ROOT/<scene>/<picture>.png, or in <scene>/masks/, <scene>/label/ or <scene>/images_4/label/
 
 Masks are 0 and 255, or 0 and 1. What a labelling tool leaves beside them, `<picture>_cutout` and `<picture>_pseudo`, is
-passed over. The score is the mean over a scene's masks, then over scenes.
+left out. The score is the mean over a scene's masks, then over scenes.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts.tasks import LayoutTask, Published, Target, folders_in, pictures_in
+from gaussian_trimmer.evaluation.layouts.layout import (
+    Layout,
+    LayoutTask,
+    Published,
+    Target,
+    folders_in,
+    pictures_in,
+)
 
-TITLE = "SPIn-NeRF"
-MEAN = "tasks"
-EXPECTED = 10
-PUBLISHED = (Published("MVSeg (SPIn-NeRF)", 90.9, 98.8),)  # means of the ten scenes that come with the masks
-_BESIDE = ("_cutout", "_pseudo")
+_NO_MASKS = ("_cutout", "_pseudo")
 
 
 def find_tasks(root: Path) -> list[LayoutTask]:
@@ -35,7 +38,11 @@ def find_tasks(root: Path) -> list[LayoutTask]:
 def _targets(scene: Path) -> tuple[Target, ...]:
     labels = [folder / "label" for folder in folders_in(scene) if folder.name.startswith("images")]
     for folder in (scene / "masks", scene / "label", *labels, scene):
-        masks = [path for path in pictures_in(folder) if not path.stem.endswith(_BESIDE)]
+        masks = [path for path in pictures_in(folder) if not path.stem.endswith(_NO_MASKS)]
         if masks:
             return tuple(Target(path.stem, path) for path in masks)
     return ()
+
+
+# The published means are of the ten scenes that come with the masks.
+LAYOUT = Layout("SPIn-NeRF", find_tasks, expected=10, published=(Published("MVSeg (SPIn-NeRF)", 90.9, 98.8),))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import cycle
 
 import numpy as np
 
@@ -12,21 +11,15 @@ from gaussian_trimmer.output.report import LABEL_NAMES
 from gaussian_trimmer.result import RowLabel, TrimResult
 
 DROPPED, FITTED = "dropped", "fitted"
-_COLOURS = {
-    "kept": "#9a9a9a", "pruned": "#d55e00", "recovered": "#00a070", "split_inside": "#2a78d0",
-    "split_outside": "#56b4e9", "filled": "#f0e442", DROPPED: "#c45fb0", FITTED: "#e69f00",
-}  # fmt: skip
-_OTHER_COLOURS = ("#8a5cd6", "#a0c020", "#ff9ec4", "#00c8c8", "#b08050", "#5060ff")
-"""For labels that have no colour of their own."""
-_MEANINGS = {
-    "kept": "in the object as it was selected",
-    "pruned": "was selected, and is now in the background",
-    "recovered": "was not selected, and is now in the object",
-    "split_inside": "the part of a split Gaussian that lies in the object",
-    "split_outside": "the part of a split Gaussian that lies in the background",
-    "filled": "new: goes on with the surface that the object stood on",
-    FITTED: "its numbers were fitted to the outline; counted above, too, and where it was kept in this colour",
-    DROPPED: "showed only once the object was gone, and was left out of both files",
+_COLOURS_AND_MEANINGS = {
+    "kept": ("#9a9a9a", "in the object as it was selected"),
+    "pruned": ("#d55e00", "was selected, and is now in the background"),
+    "recovered": ("#00a070", "was not selected, and is now in the object"),
+    "split_inside": ("#2a78d0", "a part of a Gaussian that was cut; it lies in the object"),
+    "split_outside": ("#56b4e9", "a part of a Gaussian that was cut; it lies in the background"),
+    "filled": ("#f0e442", "new: continues the surface that the object stood on"),
+    DROPPED: ("#c45fb0", "showed only once the object was gone, and was left out of both files"),
+    FITTED: ("#e69f00", "adjusted to the outline (also counted above); shown in this colour if kept"),
 }
 _DARKEST = 0.4
 """How bright a black Gaussian is drawn, relative to a white one of its colour."""
@@ -40,31 +33,17 @@ class Change:
     name: str
     colour: str
     """As in CSS."""
+    meaning: str
     count: int
     """Number of rows of the object and of the background."""
-    meaning: str
 
 
 def legend_of(result: TrimResult) -> list[Change]:
-    """What can happen to a Gaussian, and to how many it did; `kept` counts those of the object alone."""
-    ours = result.label[: len(result.object)]
+    """What can happen to a Gaussian, and to how many rows it did; `kept` counts those of the object alone."""
     counts = {name: result.count(number) for number, name in enumerate(LABEL_NAMES)}
-    counts[LABEL_NAMES[RowLabel.KEPT]] = int(np.count_nonzero(ours == RowLabel.KEPT))
+    counts["kept"] = int(np.count_nonzero(result.label[: len(result.object)] == RowLabel.KEPT))
     counts |= {DROPPED: len(result.dropped), FITTED: len(result.fitted)}
-    return [
-        Change(name, colour, counts[name], _MEANINGS.get(name, ""))
-        for name, colour in label_colours(tuple(counts)).items()
-    ]
-
-
-def label_colours(names: tuple[str, ...]) -> dict[str, str]:
-    """A colour for each name, as in CSS: names that are not known here get what other names do not have.
-
-    >>> label_colours(("pruned", "mended"))
-    {'pruned': '#d55e00', 'mended': '#8a5cd6'}
-    """
-    others = cycle(_OTHER_COLOURS)
-    return {name: _COLOURS.get(name) or next(others) for name in names}
+    return [Change(name, *_COLOURS_AND_MEANINGS[name], number) for name, number in counts.items()]
 
 
 def coloured_changes(result: TrimResult) -> Gaussians:
@@ -75,15 +54,14 @@ def coloured_changes(result: TrimResult) -> Gaussians:
     n, rows = len(result.object), result.background_rows
     ours, theirs = result.label[:n], result.label[n:]
     moved = np.flatnonzero(theirs[: len(rows)] != RowLabel.KEPT)
-    colours = label_colours((*LABEL_NAMES, DROPPED, FITTED))
-    palette = np.array([_rgb(colours[name]) for name in LABEL_NAMES], np.float32)
+    palette = np.array([_rgb(name) for name in LABEL_NAMES], np.float32)
     painted = palette[ours]
-    painted[result.fitted[ours[result.fitted] == RowLabel.KEPT]] = _rgb(colours[FITTED])
+    painted[result.fitted[ours[result.fitted] == RowLabel.KEPT]] = _rgb(FITTED)
     parts = [
         _painted(result.object, painted),
         _painted(result.scene.select(rows[moved]), palette[theirs[moved]]),
         _painted(result.appended, palette[theirs[len(rows) :]]),
-        _painted(result.scene.select(result.dropped), np.tile(_rgb(colours[DROPPED]), (len(result.dropped), 1))),
+        _painted(result.scene.select(result.dropped), np.tile(_rgb(DROPPED), (len(result.dropped), 1))),
     ]
     return concatenate(parts)
 
@@ -98,6 +76,7 @@ def _painted(gaussians: Gaussians, colours: FloatArray) -> Gaussians:
     )  # fmt: skip
 
 
-def _rgb(colour: str) -> FloatArray:
-    """Red, green and blue from 0 to 1 of "#rrggbb", (3,)."""
+def _rgb(name: str) -> FloatArray:
+    """Red, green and blue from 0 to 1 of what happened to a Gaussian, (3,)."""
+    colour = _COLOURS_AND_MEANINGS[name][0]
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], np.float32) / np.float32(255)

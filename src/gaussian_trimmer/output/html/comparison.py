@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
+
 from gaussian_trimmer.output.html.document import text
 from gaussian_trimmer.output.pictures import Picture
+
+_JPEG_QUALITY = 85
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +43,13 @@ class Pairing:
     """What to look for."""
 
 
-def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing], uris: Mapping[int, str]) -> str:
+def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing]) -> str:
     """Figures with a slider each, and a choice of what they compare if there are several pairings.
 
     Args:
         name: distinguishes the element from others of the page.
         figures: the figures, each with the pictures of all pairings; others are left out.
         pairings: what can be compared.
-        uris: address of each picture by its `id`.
     """
     choices = ""
     if len(pairings) > 1:
@@ -60,14 +64,14 @@ def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing]
         for i, pairing in enumerate(pairings)
         if pairing.note
     )
-    drawn = "".join(_figure(figure.only(pairings), pairings[0], uris) for figure in figures)
+    drawn = "".join(_figure(figure.only(pairings), pairings[0]) for figure in figures)
     return f'<div class="comparison">{choices}{notes}<div class="figures">{drawn}</div></div>'
 
 
-def _figure(figure: Figure, first: Pairing, uris: Mapping[int, str]) -> str:
+def _figure(figure: Figure, first: Pairing) -> str:
     height, width = next(iter(figure.pictures.values())).shape[:2]
     images = "".join(
-        f'<img src="{uris[id(picture)]}" alt="{text(f"{figure.caption}: {layer}")}" data-layer="{text(layer)}"'
+        f'<img src="{_data_uri(picture)}" alt="{text(f"{figure.caption}: {layer}")}" data-layer="{text(layer)}"'
         f' width="{width}" height="{height}" draggable="false"'
         f"{_side(layer, first)}>"
         for layer, picture in figure.pictures.items()
@@ -87,3 +91,10 @@ def _side(layer: str, pairing: Pairing) -> str:
     if layer == pairing.left:
         return ' class="left"'
     return ' class="right"' if layer == pairing.right else " hidden"
+
+
+def _data_uri(picture: Picture) -> str:
+    """An address that holds the picture itself."""
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    assert done, "OpenCV writes JPEG"
+    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode('ascii')}"

@@ -1,4 +1,4 @@
-"""`report.html`: a trim as one page, to be looked at, moved through and sent to others."""
+"""`report.html`: a trim, or one of several objects, as one page to look at and to send to others."""
 
 from __future__ import annotations
 
@@ -7,135 +7,160 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.io.writing import atomic_file
-from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.output.html.changes import Change, coloured_changes, legend_of
-from gaussian_trimmer.output.html.comparison import Figure, comparison
+from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
 from gaussian_trimmer.output.html.document import asset, document, text
 from gaussian_trimmer.output.html.layers import (
     BACKGROUND_PAIRINGS,
     CHANGE_PAIRINGS,
+    OBJECT,
+    REST,
+    SCENE,
+    SELECTION,
     VIEW_PAIRINGS,
     background_figures,
+    draw_figure,
     view_figures,
 )
 from gaussian_trimmer.output.html.tables import bars, flat, table
-from gaussian_trimmer.output.html.turntable import addresses, dial, ring_of_trim, turntable
+from gaussian_trimmer.output.pictures import nearby_rows
 from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
 
 REPORT = "report.html"
 """Name of the page among the results."""
-_LIMIT = 7_500_000
-"""Characters that all pictures together may have, so that the page stays below 8 MB."""
-_SECTIONS = (
-    ("views", "Before and after"), ("turn", "All around"), ("changes", "What was done"),
-    ("background", "The scene without the object"), ("errors", "Errors"), ("numbers", "Figures and settings"),
-)  # fmt: skip
+_MOST_OBJECTS = 24
 _NO_TRUTH = (
-    "Where the object is wrong cannot be said here: a trim does not know ground truth. Where there are masks of the "
-    "object, <code>gaussian-trimmer evaluate SCENE RESULT --masks DIR --cameras PATH --output DIR --html</code> draws "
-    "maps of errors."
+    "A trim does not know where it is wrong. If you have masks of the object, <code>gaussian-trimmer evaluate SCENE "
+    "RESULT --masks DIR --cameras PATH</code> measures the trim."
 )
+_NO_VIEW = "<p>No view was drawn: the inputs were found wrong before.</p>"
+_OBJECT_PAIRINGS = (Pairing("before and after", SELECTION, OBJECT), *BACKGROUND_PAIRINGS)
 
 
 def write_report_page(result: TrimResult, report: Mapping[str, Any], folder: Path) -> None:
-    """Write the page of a trim into an existing folder.
-
-    Args:
-        result: the trim.
-        report: what `describe` returns.
-        folder: where to write.
+    """Write the page of a trim, whose report `describe` gave, into an existing folder.
 
     Raises:
         InputError: the file cannot be written.
     """
-    with atomic_file(folder / REPORT) as part:
-        part.write_text(report_page(result, report), encoding="utf-8")
+    _write(report_page(result, report), folder)
+
+
+def write_objects_page(result: ObjectsResult, report: Mapping[str, Any], folder: Path) -> None:
+    """Write the page of several objects, whose report `describe_objects` gave, into an existing folder.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    _write(objects_page(result, report), folder)
 
 
 def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
-    """The page as HTML. Arguments are those of `write_report_page`."""
-    sides, changes = checked_sides(result), coloured_changes(result)
-    views, behind = view_figures(result, changes), background_figures(result)
-    ring = ring_of_trim(result, sides, changes)
-    uris = addresses([*views, *behind], [ring], _LIMIT)
-    parts = {
-        "views": _views(result, views, uris),
-        "turn": f'<div class="turning columns"><div>{turntable("turn", ring, uris)}</div><div>{_sides(result, sides)}'
-        "</div></div>",
-        "changes": _changes(result, report, views, uris),
-        "background": _background(result, behind, uris),
-        "errors": f"<p>{_NO_TRUTH}</p>",
-        "numbers": _numbers(report),
+    """The page of a trim as HTML."""
+    views = view_figures(result, coloured_changes(result))
+    names = [Path(str(name)).name for name in map(report["inputs"].get, ("scene", "selection")) if name]
+    title = (
+        f'{names[0]}, trimmed from "{names[1]}"' if len(names) == 2 else f"{names[0] if names else 'A scene'}, trimmed"
+    )
+    sections = {
+        "views": ("Before and after", _views(result, views)),
+        "changes": ("What was done", _changes(result, report, views)),
+        "background": ("The scene without the object", _background(result)),
+        "errors": ("Errors", f"<p>{_NO_TRUTH}</p>"),
+        "numbers": ("Figures and settings", _numbers(report)),
     }
-    links = "".join(f'<a href="#{name}">{title}</a>' for name, title in _SECTIONS)
-    sections = "".join(f'<section id="{name}"><h2>{title}</h2>{parts[name]}</section>' for name, title in _SECTIONS)
-    title = _title(report)
-    body = f"<header><h1>{text(title)}</h1>{_verdict(report)}<nav>{links}</nav></header><main>{sections}</main>"
+    return _page(title, _verdict(report, report["counts"]["object"]), sections)
+
+
+def objects_page(result: ObjectsResult, report: Mapping[str, Any]) -> str:
+    """The page of several objects as HTML: each before and after, in the scene and without it."""
+    shown = result.objects[:_MOST_OBJECTS]
+    scene = report["inputs"].get("scene")
+    few = f"<p>The first {len(shown)} of {len(result.objects)} objects are shown.</p>"
+    sections = {}
+    for part, entry in zip(shown, report["objects"], strict=False):
+        name = f"object-{part.id}"
+        figures = [_object_figure(result, part)] if part.view is not None else []
+        drawn = comparison(f"pairing-{name}", figures, _OBJECT_PAIRINGS) if figures else _NO_VIEW
+        sections[name] = (f"object {part.id}", _verdict(entry, entry["gaussians"]) + drawn)
+    sections["numbers"] = ("Figures", _counts_and_times(report))
+    title = f"{Path(str(scene)).name if scene else 'A scene'}: {len(result.objects)} objects, trimmed"
+    return _page(title, few if len(shown) < len(result.objects) else "", sections)
+
+
+def _write(page: str, folder: Path) -> None:
+    with atomic_file(folder / REPORT) as part:
+        part.write_text(page, encoding="utf-8")
+
+
+def _page(title: str, introduction: str, sections: Mapping[str, tuple[str, str]]) -> str:
+    """A page of sections: title and HTML by the name of each."""
+    links = "".join(f'<a href="#{name}">{heading}</a>' for name, (heading, _) in sections.items())
+    parts = "".join(
+        f'<section id="{name}"><h2>{heading}</h2>{body}</section>' for name, (heading, body) in sections.items()
+    )
+    body = f"<header><h1>{text(title)}</h1>{introduction}<nav>{links}</nav></header><main>{parts}</main>"
     return document(title, body, style=asset("report.css"), script=asset("report.js"))
 
 
-def _sides(result: TrimResult, sides: CheckedSides) -> str:
-    """What was checked."""
-    return (
-        f"<p>The sides from above, with the places of the views: {text(sides.sentence())}. What no accepted view shows "
-        f"was not judged.</p>{dial(result, sides)}"
-    )
-
-
-def _title(report: Mapping[str, Any]) -> str:
-    """What was trimmed, by the names of the files if they are known."""
-    given = [report["inputs"].get(name) for name in ("selection", "scene")]
-    names = [Path(str(name)).name for name in given if name]
-    return f"Trim of {' in '.join(names)}" if names else "A trim"
-
-
-def _verdict(report: Mapping[str, Any]) -> str:
+def _verdict(report: Mapping[str, Any], gaussians: int) -> str:
     """Whether it was trimmed, what came out, and what may be wrong."""
-    counts = report["counts"]
-    accepted = sum(view["accepted"] for view in report["views"])
     if report["refused"]:
         state = (
             f'<p class="verdict bad" role="alert"><strong>Not trimmed:</strong> {text(report["refused"])}. The object '
             "is the selection as it came.</p>"
         )
     else:
+        accepted = sum(view["accepted"] for view in report["views"])
         state = (
-            f'<p class="verdict"><strong>{counts["object"]:,} Gaussians</strong> of a selection of '
-            f"{counts['selected']:,}: {counts['pruned']:,} pruned, {counts['recovered']:,} recovered, "
-            f"{counts['dropped']:,} dropped that only the object hid. {accepted} of "
-            f"{len(report['views'])} views accepted; {text(report['checked']['sentence'])}.</p>"
+            f'<p class="verdict"><strong>{gaussians:,} Gaussians.</strong> {text(sentence_of(report["counts"]))}. '
+            f"{accepted} of {len(report['views'])} views accepted; {text(report['checked']['sentence'])}.</p>"
         )
     doubts = "".join(f"<li>{text(sentence)}</li>" for sentence in report["warnings"])
     return f'{state}<ul class="doubts" role="alert">{doubts}</ul>' if doubts else state
 
 
-def _views(result: TrimResult, figures: Sequence[Figure], uris: Mapping[int, str]) -> str:
+def sentence_of(counts: Mapping[str, int]) -> str:
+    """What became of the selected Gaussians.
+
+    >>> sentence_of({"selected": 9, "kept": 5, "cut": 1, "removed": 2, "left_out": 1, "recovered": 3})
+    'Of 9 selected, 5 kept, 1 cut, 2 removed, 1 left out; 3 more joined'
+    """
+    fates = ("kept", "cut", "removed", "left_out", "went_to_other_objects")
+    words = ", ".join(f"{counts[fate]:,} {fate.replace('_', ' ')}" for fate in fates if fate in counts)
+    return f"Of {counts['selected']:,} selected, {words}; {counts['recovered']:,} more joined"
+
+
+def _views(result: TrimResult, figures: Sequence[Figure]) -> str:
     if not figures:
-        return "<p>No view was drawn: the inputs were found wrong before.</p>"
+        return _NO_VIEW
     omitted = len(result.views) - len(figures)
     words = f"<p>{omitted} of {len(result.views)} views are not shown.</p>" if omitted else ""
-    return words + comparison("views-pairing", figures, VIEW_PAIRINGS, uris)
+    return words + comparison("views-pairing", figures, VIEW_PAIRINGS)
 
 
-def _background(result: TrimResult, figures: Sequence[Figure], uris: Mapping[int, str]) -> str:
+def _background(result: TrimResult) -> str:
     if len(result.source_index) == len(result.object):
         return "<p>Nothing is left: the file held the object alone, and nothing of it was cut off.</p>"
-    if not figures:
-        return "<p>No picture was drawn: the inputs were found wrong before.</p>"
-    return comparison("background-pairing", figures, BACKGROUND_PAIRINGS, uris)
+    figures = background_figures(result)
+    return comparison("background-pairing", figures, BACKGROUND_PAIRINGS) if figures else _NO_VIEW
 
 
-def _changes(result: TrimResult, report: Mapping[str, Any], figures: Sequence[Figure], uris: Mapping[int, str]) -> str:
-    """What the colours mean, how many Gaussians have them, and where they are."""
+def _changes(result: TrimResult, report: Mapping[str, Any], figures: Sequence[Figure]) -> str:
+    """What the colours mean, how many rows of the files have them, and where they are."""
     lines = "".join(map(_legend_row, legend_of(result)))
     floaters = report["counts"]["floaters"]
-    far = f" {floaters:,} of the pruned ones float far off, outside the pictures." if floaters else ""
+    far = f" {floaters:,} of those that were removed float far off, outside the pictures." if floaters else ""
     return (
-        "<p>These colours are also those of the object turning. The rest of the scene is left out, since it would hide "
-        f"much.{far}</p><table><tbody>{lines}</tbody></table>"
-        f"{comparison('changes-pairing', figures, CHANGE_PAIRINGS, uris) if figures else ''}"
+        f"<p>The untouched rest of the scene is left out, since it would hide much.{far}</p>"
+        f"<table><tbody>{lines}</tbody></table>"
+        f"{comparison('changes-pairing', figures, CHANGE_PAIRINGS) if figures else ''}"
     )
 
 
@@ -144,6 +169,14 @@ def _legend_row(change: Change) -> str:
         f'<tr{"" if change.count else " class=none"}><td><span class="swatch" style="background: {change.colour}">'
         f'</span></td><th scope="row">{text(change.name.replace("_", " "))}</th>'
         f'<td class="number">{change.count:,}</td><td>{text(change.meaning)}</td></tr>'
+    )
+
+
+def _counts_and_times(report: Mapping[str, Any]) -> str:
+    counts = [(name.replace("_", " "), number) for name, number in report["counts"].items()]
+    return (
+        f'<div class="columns"><div><h3>Gaussians</h3>{table((), counts)}</div>'
+        f"<div><h3>Time</h3>{bars(report['seconds'], 's')}</div></div>"
     )
 
 
@@ -156,17 +189,35 @@ def _numbers(report: Mapping[str, Any]) -> str:
     facts = [
         *((name, value) for name, value in flat(report["inputs"]) if value not in (None, [], (), {})),
         ("up vector", f"{direction} ({up['source']}, confidence {up['confidence']:.2f})"),
-        ("segmenter", report["segmenter"]), ("renderer", report["renderer"]), ("version", report["version"]),
-    ]  # fmt: skip
+        *((name, report[name]) for name in ("segmenter", "renderer", "version")),
+    ]
     views = [
         (i, view["name"], "accepted" if view["accepted"] else f"rejected: {view['reason']}")
         for i, view in enumerate(report["views"])
     ]
     return (
-        f'<div class="columns"><div><h3>Gaussians</h3>{table((), list(report["counts"].items()))}</div>'
-        f"<div><h3>Time</h3>{bars(report['seconds'], 's')}</div></div>"
-        f"<h3>Inputs</h3>{table((), facts)}"
+        f"{_counts_and_times(report)}<h3>Inputs</h3>{table((), facts)}"
         f"<h3>Views</h3>{table(('view', 'name', 'mask'), views)}"
         f"<details><summary>All settings, {changed} of them not the default</summary>"
         f"{table(('setting', 'value'), [row[:2] for row in settings], marked=[row[2] for row in settings])}</details>"
     )
+
+
+def _object_figure(result: ObjectsResult, part: TrimmedObject) -> Figure:
+    """One view of an object, before and after, in the scene and without all objects."""
+    assert part.view is not None
+    scene, outside = result.scene, result.outside_parts
+    near = nearby_rows(scene, np.arange(len(scene)), part.bounds)
+    parts = {
+        SELECTION: scene.select(part.selection),
+        OBJECT: part.gaussians,
+        SCENE: scene.select(near),
+        REST: concatenate(
+            [
+                scene.select(np.intersect1d(near, result.background_rows)),
+                outside.select(nearby_rows(outside, np.arange(len(outside)), part.bounds)),
+            ]
+        ),
+    }
+    figure = draw_figure(f"object {part.id}", part.view.view.camera, parts, result.used_renderer)
+    return Figure(figure.caption, figure.pictures, f"rejected: {part.view.rejected}" if part.view.rejected else "")

@@ -33,8 +33,19 @@ _HELP = (
 )
 
 
-def export_trim(result: TrimResult, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
-    """Write what a trim made as a page; see `TrimResult.export_viewer`."""
+def export_viewer(result: TrimResult, path: str | Path, part: str = "object", *, overwrite: bool = False) -> None:
+    """Write what a trim made as a page that draws it in any browser, without a server and without the network.
+
+    Args:
+        result: the trim.
+        path: name of the page, which ends with .html.
+        part: `object`, `background`, or `both`, of which the page can hide one.
+        overwrite: replace the file if it exists.
+
+    Raises:
+        InputError: there are more than a million Gaussians, or none; the file exists and `overwrite` is not set; or
+            it cannot be written.
+    """
     choices = {"object": ("object",), "background": ("background",), "both": ("object", "background")}
     if part not in choices:
         raise InputError(f"Unknown part '{part}' of a trim; available: {', '.join(choices)}.")

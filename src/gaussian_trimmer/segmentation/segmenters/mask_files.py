@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.io.images import decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
+from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.segmentation.segmenters import MaskSource
 from gaussian_trimmer.views import HALF_COVERAGE, View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_FILE_BYTES = 1 << 28
-_MAX_PICTURE_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)
@@ -142,9 +141,9 @@ def find_mask(folder: Path, camera: Camera, listing: _Listing | None = None) -> 
     Raises:
         InputError: there are several.
     """
-    if not camera.name:
+    picture = path_inside(folder, camera.name)
+    if picture is None:
         return None
-    picture = folder / camera.name
     names = {f"{stem}{suffix}" for stem in (picture.name, picture.stem) for suffix in _SUFFIXES}
     if listing is not None and not listing.may_have(picture.parent, names):
         return None
@@ -162,21 +161,22 @@ def _read(camera: Camera, folder: Path, mode: int) -> NDArray[Any]:
         data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)
     if header is None:
-        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+        raise _unreadable(path)
     # A picture that its camera turned on its side says its size before the turn; OpenCV turns it back.
     if sorted((header.width, header.height)) != sorted((camera.width, camera.height)):
         raise _wrong_size(path, header.width, header.height, camera)
-    if header.n_bytes > _MAX_PICTURE_BYTES:
-        raise InputError(
-            f"The mask '{path}' has {header.bits} bits in each of {header.width} x {header.height} pixels, too many to "
-            "decode; save masks with 8 bits of grey."
-        )
+    if header.n_pixels > MAX_PIXELS:
+        raise InputError(f"The mask '{path}' has {header.width} x {header.height} pixels, too many to decode.")
     picture = decoded_picture(data, mode)
     if picture is None:
-        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
+        raise _unreadable(path)
     if picture.shape[:2] != (camera.height, camera.width):
         raise _wrong_size(path, picture.shape[1], picture.shape[0], camera)
     return picture
+
+
+def _unreadable(path: Path) -> InputError:
+    return InputError(f"'{path}' is not a picture that can be read; masks are best saved as PNG.")
 
 
 def _wrong_size(path: Path, width: int, height: int, camera: Camera) -> InputError:

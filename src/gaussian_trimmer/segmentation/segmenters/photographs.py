@@ -1,6 +1,6 @@
-"""Any segmenter, shown the photographs that a scene was trained on in place of renderings of the scene.
+"""Any segmenter, shown the photographs that a scene was trained on instead of renderings of the scene.
 
-Photographs are sharper than any rendering, the more so where a scene has few and large Gaussians. Views must be those
+Photographs are sharper than any rendering, most of all where a scene has few and large Gaussians. Views must be those
 of training cameras, or crops of their pictures.
 """
 
@@ -12,19 +12,23 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.io.images import decoded_picture, picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
+from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters import MaskSource, Segmenter, description_of, mask_source_of
 from gaussian_trimmer.views import View
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _MAX_FILE_BYTES = 1 << 28
-_MAX_PICTURE_BYTES = 1 << 29
+_MAX_SIDE_PIXELS = 32_000
+"""OpenCV resamples pictures up to 32,767 pixels wide and high."""
+_MAX_BLURRED_SHRINK = 8.0
+"""Pixels of the photograph for one of the view, along an edge, up to which the photograph is blurred as it is."""
 _MAX_STRETCH = 0.02
 """Largest difference in proportions between a photograph and its camera's picture."""
 
@@ -73,7 +77,7 @@ class PhotoSegmenter:
     def _with_photo(self, view: View) -> View:
         original = self._originals.get(view.camera.name)
         if original is None or not view.camera.name:
-            raise InputError(f"The view '{view.camera.name}' is of no training camera, so it has no photograph.")
+            raise InputError(f"The view '{view.camera.name}' has no photograph, since it is not a training camera's.")
         return replace(view, picture=replace(view.picture, rgb=photo_of(view.camera, original, self._folder)))
 
 
@@ -97,7 +101,7 @@ def cameras_with_photos(cameras: Sequence[Camera], folder: Path) -> list[Camera]
 def photo_of(camera: Camera, original: Camera, folder: Path) -> FloatArray:
     """What a camera, or a crop of it, sees in the photograph of the original one, (H, W, 3) in [0, 1].
 
-    Photographs may be larger or smaller than the cameras say, but not of other proportions. Black beyond their edges.
+    A photograph may be larger or smaller than its camera says, but must have its proportions. Black beyond its edges.
 
     Raises:
         InputError: there is no photograph, or it cannot be used.
@@ -114,11 +118,22 @@ def photo_of(camera: Camera, original: Camera, folder: Path) -> FloatArray:
             f"{original.height}: other proportions, so they do not belong together."
         )
     # From pixels of the crop to pixels of the photograph, both counted from their corners.
-    back = np.diag([*scale, 1.0]) @ original.K @ np.linalg.inv(camera.K)
-    shrink = max(float(back[0, 0]), float(back[1, 1]), 1.0)
+    to_photo = np.diag([*scale, 1.0]) @ original.K @ np.linalg.inv(camera.K)
+    return _resampled(picture, to_photo, camera)
+
+
+def _resampled(picture: NDArray[np.uint8], to_photo: Float64Array, camera: Camera) -> FloatArray:
+    """The pixels of a crop, red first, in [0, 1]; 8 bits a channel until the end, since photographs are large."""
+    shrink = max(float(to_photo[0, 0]), float(to_photo[1, 1]), 1.0)
+    if shrink > _MAX_BLURRED_SHRINK:  # a wide blur takes long
+        factor = _MAX_BLURRED_SHRINK / shrink
+        height, width = (max(round(side * factor), 1) for side in picture.shape[:2])
+        to_photo = np.diag([width / picture.shape[1], height / picture.shape[0], 1.0]) @ to_photo
+        picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        shrink = _MAX_BLURRED_SHRINK
     if shrink > 1:
-        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.4 * shrink), np.float32)
-    centres = back @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.4 * shrink), np.uint8)
+    centres = to_photo @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     centres[:2, 2] -= 0.5
     found = cv2.warpAffine(
         picture, centres[:2], (camera.width, camera.height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -127,24 +142,27 @@ def photo_of(camera: Camera, original: Camera, folder: Path) -> FloatArray:
 
 
 def _find(folder: Path, camera: Camera) -> Path | None:
-    if not camera.name:
+    named = path_inside(folder, camera.name)
+    if named is None:
         return None
-    named = folder / camera.name
-    stem = named.with_suffix("") if named.suffix.lower() in _SUFFIXES else named
-    names = [named, *(stem.with_name(stem.name + suffix) for suffix in _SUFFIXES)]
-    return next((path for path in names if path.suffix.lower() in _SUFFIXES and is_file(path)), None)
+    stem = named.stem if named.suffix.lower() in _SUFFIXES else named.name
+    names = [named.name, *(stem + suffix for suffix in _SUFFIXES)]
+    paths = [named.parent / name for name in names if name.lower().endswith(_SUFFIXES)]
+    return next(filter(is_file, paths), None)
 
 
-def _read(path: Path) -> FloatArray:
-    """A picture as float32 in 0..255, blue first, (H, W, 3)."""
+def _read(path: Path) -> NDArray[np.uint8]:
+    """A picture (H, W, 3), blue first."""
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)
-    if header is not None and header.n_bytes > _MAX_PICTURE_BYTES:
-        raise InputError(f"The photograph '{path}' has {header.width} x {header.height} pixels, too many to decode.")
+    if header and (header.n_pixels > MAX_PIXELS or max(header.width, header.height) > _MAX_SIDE_PIXELS):
+        raise InputError(
+            f"The photograph '{path}' has {header.width} x {header.height} pixels, too many to decode; make it smaller."
+        )
     # As it is stored: cameras are those of the stored pixels, whatever a viewer is told to turn.
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = decoded_picture(data, flags) if header is not None else None
+    picture = decoded_picture(data, flags) if header else None
     if picture is None:
-        raise InputError(f"'{path}' is no picture that can be read.")
-    return np.asarray(picture, np.float32)
+        raise InputError(f"'{path}' is not a picture that can be read.")
+    return np.asarray(picture, np.uint8)

@@ -1,0 +1,194 @@
+"""What do the parts of the method bring? The paper's ablations, by the tool's own rules or by the paper's.
+
+    python benchmarks/ablations.py [ROOT] [--tables parts views splits] [--rules paper] [--sam-model DIR] [--output DIR]
+    python benchmarks/ablations.py NVOS --layout nvos --predictions results/SAGA --rules paper
+
+ROOT holds benchmark scenes, as those of quality.py, or is the folder of a published data set. Every table says whose
+rules it is by; the paper's figures, which are of SAGA on NVOS, stand only beside figures by the paper's rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from quality import DATA, TaskOptions, table_of
+from tyro.conf import Positional, arg
+from variants import VIEW_COUNTS, chosen_variants
+
+from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.commands.evaluate import RuleOptions
+from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
+from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, dataset_tasks, find_predictions
+from gaussian_trimmer.evaluation.layouts import LAYOUTS
+from gaussian_trimmer.evaluation.predictions import PredictionPatterns
+from gaussian_trimmer.evaluation.runs import Run, Task, Variant, measure
+from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
+from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
+from gaussian_trimmer.selection_files import SelectionOptions
+
+Rules = Literal["own", "paper"]
+Table = Literal["parts", "views", "splits"]
+TABLES: dict[Table, dict[str, str]] = {
+    "parts": {
+        "-no-virtual-cameras": "No VCP",
+        "-no-background": "No background augmentation",
+        "-neither": "No VCP and BA",
+        "": "Full GaussianTrimmer",
+    },
+    "views": {f"-views-{n}": f"{n} views" for n in VIEW_COUNTS},
+    "splits": {
+        "-principal-axis-split": "along the principal axis, eqs. 8 and 9",
+        "-sagd-split": "SAGD's single child",
+        "-plane-split": "by the plane of the outline",
+        "-no-split": "none",
+    },
+}
+"""Endings of variants, and what they are called in the tables."""
+TITLES: dict[Table, str] = {
+    "parts": "Virtual camera planning (VCP) and background augmentation (BA)",
+    "views": "Number of virtual views",
+    "splits": "Splitting rule",
+}
+WHOSE: dict[Rules, str] = {"own": "by the tool's own rules", "paper": "by the paper's rules"}
+PUBLISHED: dict[Table, tuple[tuple[str, str], dict[str, tuple[float, float]]]] = {
+    "parts": (
+        ("paper: mIoU (%)", "paper: mAcc (%)"),
+        {
+            "No VCP": (91.3, 98.3),
+            "No background augmentation": (91.5, 98.4),
+            "No VCP and BA": (91.3, 98.3),
+            "Full GaussianTrimmer": (92.1, 98.5),
+        },
+    ),
+    "views": (
+        ("paper: mIoU gain", "paper: s"),
+        {
+            "1 views": (0.8, 0.256),
+            "2 views": (0.9, 0.409),
+            "3 views": (1.0, 0.521),
+            "5 views": (1.2, 0.766),
+            "7 views": (1.2, 1.037),
+            "10 views": (1.2, 1.566),
+        },
+    ),
+}
+"""Headings and figures of the paper: SAGA on NVOS, 90.9 and 98.3 before trimming, with SAM2 on a GPU."""
+
+
+@dataclass(frozen=True)
+class Ablations:
+    """Measure trims without parts of the method, with other numbers of views, and with other splitting rules."""
+
+    root: Annotated[Positional[Path], arg(metavar="ROOT")] = DATA
+    """Folder with benchmark scenes, or of a published data set."""
+    tables: tuple[Table, ...] = ("parts", "views", "splits")
+    """Which tables."""
+    rules: Rules = "own"
+    """Whose settings are ablated: the tool's own, or the paper's."""
+    sam_model: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder with a model of the SAM family that segments the views."""
+    layout: Literal["benchmark", "nvos", "lerf-mask", "spin-nerf"] = "benchmark"
+    """What ROOT is."""
+    predictions: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Output folder of the method whose selections are trimmed, for a published data set."""
+    tasks: tuple[str, ...] = ()
+    """Only these tasks of a published data set."""
+    pixels: int = TrimConfig().plan.size
+    """Width of the virtual views."""
+    times: bool = False
+    """Let SAM encode the views of every trim anew; otherwise trims of one object share them, and seconds mislead."""
+    plot: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Picture of gain and latency by number of views."""
+    options: Annotated[TaskOptions, arg(name="")] = field(default_factory=TaskOptions)
+    judging: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
+    output: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
+
+    def run(self) -> None:
+        self.output.publish(self._measure, open_console(quiet=False))
+
+    def _measure(self) -> Findings:
+        judge, progress = self.judging.judge(), open_console(quiet=self.output.format != "table")
+        variants, runs = self._variants(), []
+        for task in self._tasks():
+            # A first trim that is not measured compiles and fills caches.
+            next(iter(variants.values())).trim(task, judge.renderer)
+            for run in measure(task, variants, judge, fidelity=False):
+                runs.append(run)
+                print_run(run, progress)
+                segmenter = variants[run.variant].segmenter
+                if self.times and isinstance(segmenter, SamSegmenter):
+                    segmenter.forget()
+        if not runs:
+            raise InputError(f"Nothing to measure in '{self.root}': it has no such objects and selections.")
+        if self.plot is not None:
+            draw_views(self._groups("views", runs), self.plot)
+        tables: dict[str, ScoreTable] = {}
+        for name in self.tables:
+            tables[name] = ablation_table(name, self.rules, self._groups(name, runs), [judge.describe()])
+        return Findings(tables, runs)
+
+    def _variants(self) -> dict[str, Variant]:
+        names = [self._name(ending) for table in self.tables for ending in TABLES[table]]
+        chosen = chosen_variants(tuple(dict.fromkeys(names)), self.sam_model)
+        return {
+            name: replace(v, config=replace(v.config, plan=replace(v.config.plan, size=self.pixels)))
+            for name, v in chosen.items()
+        }
+
+    def _name(self, ending: str) -> str:
+        """The variant of an ending: `default` and those without a prefix are the tool's own."""
+        base = "-".join([*(["paper"] if self.rules == "paper" else []), *(["sam"] if self.sam_model else [])])
+        return base + ending if base else ending.removeprefix("-") or "default"
+
+    def _groups(self, table: Table, runs: Sequence[Run]) -> dict[str, Sequence[Run]]:
+        return {
+            label: [run for run in runs if run.variant == self._name(ending)] for ending, label in TABLES[table].items()
+        }
+
+    def _tasks(self) -> Iterator[Task]:
+        if (self.layout == "benchmark") != (self.predictions is None):
+            raise InputError("Published data sets, and they alone, need a method's output: --predictions DIR.")
+        if self.predictions is None:
+            return self.options.tasks(self.root)
+        tasks = chosen_tasks(LAYOUTS[self.layout], self.root, self.tasks)
+        found = find_predictions(tasks, self.predictions, PredictionPatterns(), self.root)
+        return dataset_tasks(tasks, found, self.predictions.resolve().name, SelectionOptions())
+
+
+def ablation_table(name: Table, rules: Rules, groups: Mapping[str, Sequence[Run]], notes: Sequence[str]) -> ScoreTable:
+    """A row for each variant; beside it the paper's figures, if there are any and the rules are the paper's."""
+    table = table_of(f"{TITLES[name]}, {WHOSE[rules]}", groups, [*notes, f"trimmed {WHOSE[rules]}"])
+    if rules != "paper" or name not in PUBLISHED:
+        return table
+    headings, figures = PUBLISHED[name]
+    rows: list[list[Cell]] = [[*row, *figures[str(row[0])]] for row in table.rows]
+    source = "the paper's columns are of SAGA on NVOS, with SAM2 on a GPU"
+    return replace(table, columns=[*table.columns, *headings], rows=rows, notes=[*table.notes, source])
+
+
+def draw_views(groups: Mapping[str, Sequence[Run]], path: Path) -> None:
+    """Gain in IoU and latency by number of views."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.2, 3.2), layout="constrained")
+    left = figure.subplots()
+    right = left.twinx()
+    gains = [np.mean([run.gain() for run in runs]) for runs in groups.values()]
+    seconds = [np.median([run.seconds for run in runs]) for runs in groups.values()]
+    left.plot(VIEW_COUNTS, gains, marker="o", color="tab:blue")
+    right.plot(VIEW_COUNTS, seconds, marker="o", color="tab:orange")
+    left.set(xlabel="virtual views", xticks=VIEW_COUNTS)
+    left.set_ylabel("gain in IoU (points)", color="tab:blue")
+    right.set_ylabel("seconds", color="tab:orange")
+    figure.savefig(path, dpi=120)
+
+
+if __name__ == "__main__":
+    tyro.cli(Ablations).run()

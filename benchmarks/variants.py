@@ -1,0 +1,71 @@
+"""Ways of running the trimmer that are measured side by side: its own settings, the paper's, and ablations of both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from gaussian_trimmer.config import SplitConfig, TrimConfig, paper_config
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.runs import Variant
+from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, paper_sam
+
+VIEW_COUNTS = (1, 2, 3, 5, 7, 10)
+"""Numbers of virtual views that the paper compares."""
+REAL_VIEWS = 5
+"""Training cameras that stand in for virtual ones where these are ablated."""
+
+
+def variants() -> dict[str, Variant]:
+    """All variants that need no trained model, by name; `default` comes first."""
+    base = TrimConfig()
+    named = {
+        "default": Variant(),
+        "grabcut": Variant(segmenter="grabcut"),
+        "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
+        "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
+        "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
+    }
+    return named | _ablated("", Variant()) | _ablated("paper", Variant(paper_config(), PAPER_SEGMENTER))
+
+
+def sam_variants(model: Path) -> dict[str, Variant]:
+    """Variants whose views a trained model segments; the folder is that of `--sam.model`."""
+    ours = SamConfig(model=str(model))
+    paper = Variant(paper_config(), SamSegmenter(paper_sam(ours)))
+    named = {
+        "sam-alone": Variant(segmenter=SamSegmenter(replace(ours, fusion=False))),
+        "paper-sam-close": replace(paper, config=replace(paper.config, plan=TrimConfig().plan)),
+    }
+    return named | _ablated("sam", Variant(segmenter=SamSegmenter(ours))) | _ablated("paper-sam", paper)
+
+
+def _ablated(prefix: str, base: Variant) -> dict[str, Variant]:
+    """A variant, and what it becomes without one of its parts or with another one, by name."""
+
+    def changed(**settings: object) -> Variant:
+        return replace(base, config=replace(base.config, **settings))  # type: ignore[arg-type]
+
+    bare = changed(context_radius=0.0)
+    named = {
+        "no-virtual-cameras": replace(base, training_views=REAL_VIEWS),
+        "no-background": bare,
+        "neither": replace(bare, training_views=REAL_VIEWS),
+        "principal-axis-split": changed(split=SplitConfig("principal_axis")),
+        "sagd-split": changed(split=SplitConfig("sagd")),
+        "plane-split": changed(split=SplitConfig("plane")),
+        "no-split": changed(split=SplitConfig("none")),
+    }
+    named |= {f"views-{n}": changed(plan=replace(base.config.plan, views=n)) for n in VIEW_COUNTS}
+    return {prefix: base} | {f"{prefix}-{n}": v for n, v in named.items()} if prefix else named
+
+
+def chosen_variants(names: tuple[str, ...], sam_model: Path | None = None) -> dict[str, Variant]:
+    """The variants of these names; those with `sam` in their names need the model's folder."""
+    known = variants() | (sam_variants(sam_model) if sam_model else {})
+    for name in names:
+        if name not in known:
+            more = "" if sam_model else "; those of SAM need --sam-model"
+            raise InputError(f"Unknown variant '{name}'; available: {', '.join(known)}{more}.")
+    return {name: known[name] for name in names}

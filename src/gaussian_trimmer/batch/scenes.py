@@ -1,0 +1,112 @@
+"""Scenes with their items, and how much memory their trims take: an estimate from the size of the scene's file."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Container, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.batch.items import Item, scene_file
+from gaussian_trimmer.batch.storage import size_of
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.compressed_ply import is_compressed
+from gaussian_trimmer.formats.ply_table import read_header
+
+PROCESS_BYTES = 400 << 20
+"""What a worker takes without a scene: the interpreter, libraries, compiled kernels, pictures of views."""
+_BYTES_PER_SCENE_BYTE = 3.5
+"""What a trim takes at most, beside that, for each byte of the scene as arrays; measured, see docs/scale.md."""
+_EXPANSION = {
+    ".ply": 1.0,
+    ".compressed.ply": 4.0,
+    ".splat": 2.0,
+    ".ksplat": 4.0,
+    ".spz": 12.0,
+    ".sog": 48.0,
+    ".glb": 1.2,
+    "meta.json": 48.0,
+    ".ckpt": 1.0,
+}
+"""Bytes of a scene's arrays for each byte of its file, at most, in files as programs write them; a .glb with plain
+attributes."""
+_CONTAINER_LIMITS = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+@dataclass(frozen=True)
+class SceneItems:
+    """Items of one scene."""
+
+    scene: str
+    items: tuple[Item, ...]
+    need: float = 0.0
+    """Bytes of memory that a worker needs, beside `PROCESS_BYTES`, to trim objects of this scene."""
+
+    def without(self, names: Container[str]) -> SceneItems:
+        """The same without the items of these names."""
+        return replace(self, items=tuple(item for item in self.items if item.name not in names))
+
+    def parts(self, size: int) -> Iterator[SceneItems]:
+        """The items in parts of at most so many."""
+        for start in range(0, len(self.items), size):
+            yield replace(self, items=self.items[start : start + size])
+
+
+def by_scene(items: Sequence[Item]) -> list[SceneItems]:
+    """The items by scene, in the order of their first ones."""
+    groups: dict[str, list[Item]] = {}
+    for item in items:
+        groups.setdefault(item.scene, []).append(item)
+    return [SceneItems(scene, tuple(group), scene_need(scene)) for scene, group in groups.items()]
+
+
+def shard_of(scenes: Sequence[SceneItems], number: int, of: int) -> list[SceneItems]:
+    """The scenes of one of several machines, numbered from 1: each scene is on one, and all have about as many items.
+
+    >>> a, b = Item("a.ply", name="x"), Item("b.ply", name="y")
+    >>> scenes = [SceneItems("a.ply", (a, a, a)), SceneItems("b.ply", (b,)), SceneItems("c.ply", (b, b))]
+    >>> [entry.scene for entry in shard_of(scenes, 1, 2)], [entry.scene for entry in shard_of(scenes, 2, 2)]
+    (['a.ply'], ['b.ply', 'c.ply'])
+    """
+    loads = [(0, shard) for shard in range(of)]  # a heap
+    mine = set()
+    for position in sorted(range(len(scenes)), key=lambda i: -len(scenes[i].items)):
+        load, shard = loads[0]
+        heapq.heapreplace(loads, (load + len(scenes[position].items), shard))
+        if shard == number - 1:
+            mine.add(position)
+    return [entry for position, entry in enumerate(scenes) if position in mine]
+
+
+def scene_need(scene: str) -> float:
+    """Bytes of memory that a worker takes, beside `PROCESS_BYTES`, to trim objects of a scene; 0 if it is missing."""
+    with suppress(InputError, OSError):  # Whoever reads the scene will say what is wrong with it.
+        file = scene_file(scene)
+        suffix, size = formats.format_suffix(file), size_of(file)
+        if suffix == "meta.json":  # The Gaussians are in the textures beside it.
+            size = sum(path.stat().st_size for path in Path(file).parent.glob("*.webp")) or size
+        if suffix == ".ply" and Path(file).is_file() and is_compressed(read_header(Path(file))):
+            suffix = ".compressed.ply"
+        return _BYTES_PER_SCENE_BYTE * _EXPANSION[suffix] * size
+    return 0.0
+
+
+def free_bytes() -> float:
+    """Memory that is free on this machine and within the limits of its container; infinite where nobody says."""
+    found = []
+    try:
+        with Path("/proc/meminfo").open(encoding="ascii") as file:
+            found += [1024 * int(line.split()[1]) for line in file if line.startswith("MemAvailable:")]
+    except (OSError, ValueError):
+        if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+            found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    for limit, usage in _CONTAINER_LIMITS:
+        with suppress(OSError, ValueError):
+            found.append(int(Path(limit).read_text()) - int(Path(usage).read_text()))
+    return float(min(found, default=float("inf")))

@@ -1,0 +1,183 @@
+"""Selections in arrays: masks, labels, row numbers, and what OpenGaussian and FlashSplat save."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.selection_files.label_assignment import assign_labels
+from gaussian_trimmer.selection_files.object_ids import select_ids
+from gaussian_trimmer.selection_files.options import SelectionOptions, flag
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows
+
+CLUSTERS = "leaf_ind"
+"""OpenGaussian's array of cluster ids."""
+LABEL_NAMES = ("labels", "label", "ids", "instance", "instances")
+_MASK_NAMES = ("mask", "masks", "selection")
+_INDEX_NAMES = ("indices", "index", "rows")
+_LEAST_DISTINCT = 0.5
+"""Share of the numbers of a list that must be different; else they are labels of some other scene."""
+_LARGEST_WEIGHT = 1e30
+
+
+def is_two_valued(values: NDArray[Any]) -> bool:
+    """Whether all values are 0 or 1, or all 0 or 255.
+
+    >>> is_two_valued(np.array([0, 255, 0])), is_two_valued(np.array([0, 1, 255]))
+    (True, False)
+    """
+    return bool(((values == 0) | (values == 1)).all() or ((values == 0) | (values == 255)).all())
+
+
+def offers_mask(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file holds booleans, scores, or integers of two values that can only be a mask of n Gaussians."""
+    values = file.vector(options, *_MASK_NAMES)
+    if values is None or values.dtype.kind not in "biuf":
+        return False
+    if values.dtype.kind in "bf":
+        return True
+    # Two-valued integers of another length are a mask of another scene, unless they may be the row numbers 0 and 1.
+    return is_two_valued(values) and not options.object_id and (len(values) == n or len(values) > 2)
+
+
+def select_mask(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The mask, (N,): booleans, 0/1, 0/255, or scores above the threshold.
+
+    Raises:
+        InputError: there is no such array, its length is not N, or scores come without a threshold.
+    """
+    values = file.vector(options, *_MASK_NAMES)
+    if values is None:
+        raise InputError(f"'{file.path.name}' holds no one-dimensional array that could be a mask.")
+    if len(values) != len(gaussians):
+        raise InputError(
+            f"The mask in '{file.path.name}' has {len(values)} entries, but the scene has {len(gaussians)} Gaussians; "
+            "give the scene that the mask was made for."
+        )
+    if options.threshold is not None:
+        return np.asarray(values > options.threshold)
+    if values.dtype.kind == "b" or is_two_valued(values):
+        return np.asarray(values != 0)
+    raise InputError(
+        f"'{file.path.name}' holds scores from {values.min():g} to {values.max():g}; choose with {flag('threshold')} "
+        "above which a Gaussian is selected (0 takes the positive ones)."
+    )
+
+
+def offers_labels(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file holds n integers that are more than a mask, or an id is asked for."""
+    labels = file.vector(options, *LABEL_NAMES)
+    if labels is None or labels.dtype.kind not in "iu" or len(labels) != n:
+        return False
+    return bool(options.object_id) or not is_two_valued(labels)
+
+
+def select_labels(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians of the chosen ids, (N,).
+
+    Raises:
+        InputError: there is no such array, its length is not N, or the ids are not chosen or do not occur.
+    """
+    labels = file.vector(options, *LABEL_NAMES)
+    if labels is None or labels.dtype.kind not in "biu":
+        raise InputError(f"'{file.path.name}' holds no one-dimensional array of integers that could be labels.")
+    if len(labels) != len(gaussians):
+        raise InputError(
+            f"'{file.path.name}' holds {len(labels)} labels, but the scene has {len(gaussians)} Gaussians; give the "
+            "scene that the labels were made for."
+        )
+    return select_ids(labels, options.object_id, file.path)
+
+
+def offers_indices(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file holds integers whose number is not n, and which are no two-valued mask."""
+    rows = file.vector(options, *_INDEX_NAMES)
+    if rows is None or rows.dtype.kind not in "iu" or (len(rows) == n and not file.is_list):
+        return False
+    return not is_two_valued(rows) or len(rows) <= 2
+
+
+def select_indices(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The rows whose numbers, from 0, are listed, (N,).
+
+    Raises:
+        InputError: there is no such array, or it names a row twice or one that the scene does not have.
+    """
+    rows, n = file.vector(options, *_INDEX_NAMES), len(gaussians)
+    if rows is None or rows.dtype.kind not in "iu":
+        raise InputError(f"'{file.path.name}' holds no one-dimensional array of integers that could be row numbers.")
+    distinct = len(np.unique(rows))
+    if file.is_list and len(rows) > distinct >= _LEAST_DISTINCT * len(rows):
+        file.notes.append(f"{len(rows) - distinct} of {len(rows)} numbers stand there more than once")
+    elif distinct < len(rows):
+        raise InputError(
+            f"'{file.path.name}' holds {len(rows)} integers, some of them equal, for a scene of {n} Gaussians: a list "
+            "of row numbers names each row once, and labels or a mask have one entry a Gaussian."
+        )
+    if len(rows) and (rows.min() < 0 or rows.max() >= n):
+        wrong = rows.min() if rows.min() < 0 else rows.max()
+        raise InputError(
+            f"'{file.path.name}' lists row {wrong}, but the scene's {n} Gaussians have the row numbers 0 to {n - 1}."
+        )
+    return mask_of_rows(rows, n)
+
+
+def offers_clusters(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file has OpenGaussian's array of cluster ids beside others."""
+    return CLUSTERS in file.arrays and len(file.arrays) > 1 and options.property is None
+
+
+def select_clusters(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians of the chosen clusters of OpenGaussian's `cluster_lang.npz`, (N,).
+
+    Raises:
+        InputError: there is no such array, its length is not N, or the clusters are not chosen or do not occur.
+    """
+    leaves = file.arrays.get(CLUSTERS)
+    if leaves is None:
+        raise InputError(f"'{file.path.name}' has no array {CLUSTERS}; give OpenGaussian's cluster_lang.npz.")
+    if leaves.size != len(gaussians):
+        raise InputError(
+            f"'{file.path.name}' holds {leaves.size} cluster ids, but the scene has {len(gaussians)} Gaussians; give "
+            "the point cloud of the same training."
+        )
+    return select_ids(leaves.reshape(-1), options.object_id, file.path)
+
+
+def offers_flashsplat(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file holds two or more rows of n weights."""
+    weights = _weights(file)
+    return weights is not None and weights.shape[1] == n
+
+
+def select_flashsplat(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
+
+    FlashSplat's `view_num_*_objnum_*.pth` holds the blend weights of every Gaussian, summed by the label of the pixel;
+    row 0 is the background.
+
+    Raises:
+        InputError: there are no such weights for N Gaussians, or the objects are not chosen or have no Gaussians.
+    """
+    weights = _weights(file)
+    if weights is None or weights.shape[1] != len(gaussians):
+        shape = "" if weights is None else f" but {weights.shape}"
+        raise InputError(
+            f"'{file.path.name}' does not hold weights of shape (objects + 1, {len(gaussians)}){shape}; give the "
+            "scene that they were accumulated on."
+        )
+    if not (np.abs(weights) <= _LARGEST_WEIGHT).all():
+        raise InputError(f"'{file.path.name}' holds weights that are NaN, infinite or huge; accumulate them again.")
+    wanted = options.object_id or ((1,) if len(weights) == 2 else ())
+    return select_ids(assign_labels(weights.T, options.gamma), wanted, file.path)
+
+
+def _weights(file: SelectionFile) -> NDArray[Any] | None:
+    if len(file.arrays) != 1:
+        return None
+    weights = next(iter(file.arrays.values()))
+    return weights if weights.ndim == 2 and weights.dtype.kind == "f" and len(weights) >= 2 else None

@@ -1,0 +1,164 @@
+"""Selections by identity features: with the linear classifier that was trained on them, or like those of one Gaussian.
+
+Gaussian Grouping and OmniSeg3D-GS save 16 features a Gaussian as obj_dc_0 .. obj_dc_15, or as entry 7 of a
+checkpoint. `classifier.pth` is the state of a 1 x 1 convolution, weight (K, 16, 1, 1) and bias (K,); Unified-Lift's is
+a bare weight (256, 16).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.io.reading import LARGEST
+from gaussian_trimmer.selection_files.object_ids import check_ids
+from gaussian_trimmer.selection_files.options import SelectionOptions, flag
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows, open_selection
+from gaussian_trimmer.selection_files.splat_rows import identity_features
+
+PROBABILITY = 0.3
+"""Gaussian Grouping's threshold on the softmax."""
+SIMILARITY = 0.9
+"""Default threshold on (cos + 1) / 2, as in OmniSeg3D-GS's interface."""
+_FEATURES = 16
+_MAX_IDS = 1 << 12
+_PROBABILITIES_AT_ONCE = 1 << 22
+
+
+@dataclass(frozen=True, eq=False)
+class LinearClassifier:
+    """Logits of K object ids as a linear function of D features."""
+
+    weight: FloatArray
+    """(K, D)."""
+    bias: FloatArray
+    """(K,)."""
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found where it is used
+def classifier_of(file: SelectionFile) -> LinearClassifier | None:
+    """The classifier that a file holds, or None if it holds something else."""
+    if "weight" in file.arrays:
+        weight, bias = file.arrays["weight"], file.arrays.get("bias")
+    elif len(file.arrays) == 1:
+        weight, bias = next(iter(file.arrays.values())), None
+        if weight.shape[1:] != (_FEATURES,):
+            return None
+    else:
+        return None
+    if weight.dtype.kind != "f" or weight.ndim < 2 or weight.shape[2:] not in ((), (1,), (1, 1)):
+        return None
+    weight = np.asarray(weight.reshape(weight.shape[:2]), np.float32)
+    bias = np.zeros(len(weight), np.float32) if bias is None else np.asarray(bias, np.float32)
+    return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
+
+
+def offers_classifier(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file is a classifier, or holds features for which the options name one."""
+    return classifier_of(file) is not None or (file.has_features and options.classifier is not None)
+
+
+def select_classifier(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians that the classifier gives one of the chosen ids with a probability above the threshold, (N,).
+
+    Raises:
+        InputError: features or classifier are missing or do not fit each other, or the ids are not chosen or absent.
+    """
+    source = file if options.classifier is None else open_selection(options.classifier, len(gaussians))
+    classifier = classifier_of(source)
+    if classifier is None:
+        raise InputError(
+            f"'{source.path.name}' holds no classifier of identity features; give the method's classifier.pth with "
+            f"{flag('classifier')}."
+        )
+    if len(classifier.bias) > _MAX_IDS:
+        raise InputError(
+            f"'{source.path.name}' tells {len(classifier.bias)} ids apart; at most {_MAX_IDS} can be read."
+        )
+    if not all((np.abs(values) <= LARGEST).all() for values in (classifier.weight, classifier.bias)):
+        raise InputError(f"'{source.path.name}' holds weights that are NaN, infinite or huge; train again.")
+    features, rows = _features_and_rows(file, gaussians)
+    if features.shape[1] != classifier.weight.shape[1]:
+        raise InputError(
+            f"'{source.path.name}' classifies {classifier.weight.shape[1]} features, but a Gaussian has "
+            f"{features.shape[1]}; give the classifier of the same training."
+        )
+    threshold = PROBABILITY if options.threshold is None else options.threshold
+    ids = range(len(classifier.bias))
+    check_ids(options.object_id, ids, _count_likely(features, classifier, threshold), source.path)
+    return mask_of_rows(rows[_likely(features, classifier, threshold, options.object_id)], len(gaussians))
+
+
+def offers_similarity(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
+    """Whether the file holds features and a query Gaussian is given."""
+    return file.has_features and options.query_row is not None
+
+
+def select_similarity(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians for which (cos + 1) / 2 of their and the query's features is above the threshold, (N,).
+
+    A feature of length zero has the cosine 0 with every other.
+
+    Raises:
+        InputError: there are no features, no query is given, or it is no row of the scene and of the file.
+    """
+    features, rows = _features_and_rows(file, gaussians)
+    if options.query_row is None:
+        raise InputError(f"Name a Gaussian on the object by its row number with {flag('query_row')}.")
+    at = np.flatnonzero(rows == options.query_row)
+    if len(at) == 0:
+        raise InputError(
+            f"The query row {options.query_row} has no features in '{file.path.name}'; choose a row of the scene from "
+            f"0 to {len(gaussians) - 1} that the file holds."
+        )
+    unit = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), np.float32(1e-12))
+    scores = (unit @ unit[at[0]] + 1) / 2
+    threshold = SIMILARITY if options.threshold is None else options.threshold
+    return mask_of_rows(rows[scores > threshold], len(gaussians))
+
+
+def _features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatArray, IntArray]:
+    """Identity features (M, D) of the file, or else of the scene, with their scene rows (M,).
+
+    Raises:
+        InputError: neither has features, they are not finite, or the file's Gaussians are not the scene's.
+    """
+    own = file.features
+    features = identity_features(gaussians.extras) if own is None else own
+    if features is None:
+        raise InputError(
+            "The scene has no identity features obj_dc_0, obj_dc_1, ...; give the PLY that the method wrote as the "
+            "scene."
+        )
+    if not (np.abs(features) <= LARGEST).all():
+        raise InputError(
+            f"'{file.path.name}' is used with identity features that are NaN, infinite or huge; train again."
+        )
+    return features, np.arange(len(gaussians)) if own is None else file.scene_rows(gaussians)
+
+
+def _probabilities(features: FloatArray, classifier: LinearClassifier) -> Iterator[FloatArray]:
+    """Softmax over the ids, in chunks of rows (C, K)."""
+    rows_per_chunk = max(1, min(1 << 14, _PROBABILITIES_AT_ONCE // max(1, len(classifier.bias))))
+    for start in range(0, len(features), rows_per_chunk):
+        logits = features[start : start + rows_per_chunk] @ classifier.weight.T + classifier.bias
+        odds = np.exp(logits - logits.max(axis=1, keepdims=True))
+        yield odds / odds.sum(axis=1, keepdims=True)
+
+
+def _count_likely(features: FloatArray, classifier: LinearClassifier, threshold: float) -> list[int]:
+    counts = np.zeros(len(classifier.bias), np.int64)
+    for probabilities in _probabilities(features, classifier):
+        counts += (probabilities > threshold).sum(axis=0)
+    return [int(count) for count in counts]
+
+
+def _likely(features: FloatArray, classifier: LinearClassifier, threshold: float, ids: Sequence[int]) -> BoolArray:
+    chunks = [
+        (probabilities[:, list(ids)] > threshold).any(axis=1) for probabilities in _probabilities(features, classifier)
+    ]
+    return np.concatenate(chunks)

@@ -1,0 +1,37 @@
+"""How the tests share a machine: kernels are compiled once, before the workers start, and each worker has its cores."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+FILLS = ("drawing", "searching")
+"""Parts of `fill_kernels.py`, which are compiled side by side."""
+
+
+def pytest_configure(config):
+    """Fill the cache of kernels with two processes at a time, in the process that starts the workers."""
+    # Programs that tests start import the sources that are tested, and find their compiled kernels.
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(TESTS.parent / "src"), os.environ.get("PYTHONPATH", "")])
+    if is_worker(config) or not getattr(config.option, "numprocesses", None) or config.option.collectonly:
+        return
+    filling = [subprocess.Popen([sys.executable, TESTS / "fill_kernels.py", part]) for part in FILLS]
+    codes = [process.wait() for process in filling]
+    if any(codes):
+        raise pytest.UsageError("The kernels could not be compiled; what went wrong stands above.")
+
+
+def pytest_sessionstart(session):
+    """Give a worker its share of the cores: threads of two workers on one core wait for each other."""
+    if is_worker(session.config):
+        import numba
+
+        workers = session.config.workerinput["workercount"]
+        numba.set_num_threads(max(1, numba.config.NUMBA_NUM_THREADS // workers))
+
+
+def is_worker(config):
+    return hasattr(config, "workerinput")

@@ -1,0 +1,297 @@
+"""Files and folders of results appear whole or not at all, and replace what the program wrote and nothing else."""
+
+import errno
+import json
+import os
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.writing import atomic_file, atomic_folder, remove_leftovers
+
+OLD = {"object.splat": "old", "report.json": "old", "views/0": "old", "views/1": "old"}
+NEW = {"object.ply": "new", "report.json": "newer", "views/0": "new", "more/0": "new"}
+MINE = {"notes": "mine", "views/photo": "mine"}
+
+
+def fill(folder, files):
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def write(folder, files, kind="test", *, overwrite=True):
+    """One whole run."""
+    with atomic_folder(folder, kind, overwrite=overwrite) as results:
+        fill(results, files)
+
+
+def contents(folder):
+    """Texts of all files, except those of the manifest."""
+    paths = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in paths}
+
+
+def refused(folder, match, kind="test", **options):
+    with pytest.raises(InputError, match=match) as raised, atomic_folder(folder, kind, **options):
+        pytest.fail("the folder was opened")
+    assert "\n" not in str(raised.value)
+
+
+class TestFiles:
+    def test_file_replaces_the_old_one_at_the_end(self, tmp_path):
+        path = tmp_path / ("f" * 255)
+        path.write_text("old")
+        with atomic_file(path) as part:
+            part.write_text("new")
+            assert path.read_text() == "old"
+        assert contents(tmp_path) == {path.name: "new"}
+
+    @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+    def test_nothing_is_left_of_a_failure(self, tmp_path, error):
+        fill(tmp_path, {"file": "old"})
+        with pytest.raises(error), atomic_file(tmp_path / "file") as part:
+            part.write_text("new")
+            raise error
+        assert contents(tmp_path) == {"file": "old"}
+
+    def test_targets_that_are_no_files_are_refused(self, tmp_path):
+        fill(tmp_path, {"precious": "mine"})
+        (tmp_path / "link").symlink_to(tmp_path / "precious")
+        (tmp_path / "folder").mkdir()
+        for target in (tmp_path / "link", tmp_path / "folder", Path(os.devnull)):
+            with pytest.raises(InputError, match="not a regular file"), atomic_file(target):
+                pytest.fail("the file was opened")
+        with pytest.raises(InputError, match=r"Cannot write .*nowhere"), atomic_file(tmp_path / "nowhere" / "file"):
+            pytest.fail("the file was opened")
+        assert contents(tmp_path) == {"precious": "mine", "link": "mine"}
+
+
+class TestNewFolders:
+    def test_results_appear_at_the_end_with_their_parents(self, tmp_path):
+        target = tmp_path / "a" / ("n" * 255)
+        with atomic_folder(target, "test") as results:
+            fill(results, {"one": "1", "views/0": "four"})
+            assert [path.name for path in target.iterdir() if not path.name.startswith(".")] == []
+        assert sorted(path.name for path in target.iterdir()) == ["manifest.json", "one", "views"]
+        assert json.loads((target / "manifest.json").read_text())["files"] == {"one": 1, "views/0": 4}
+
+    @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+    def test_nothing_is_left_of_a_failure(self, tmp_path, error):
+        with pytest.raises(error), atomic_folder(tmp_path / "a" / "b", "test") as results:
+            fill(results, {"one": "1"})
+            raise error
+        assert list(tmp_path.iterdir()) == []
+
+    def test_an_empty_folder_is_used_and_a_full_one_refused(self, tmp_path):
+        inode = tmp_path.stat().st_ino
+        write(tmp_path, NEW, overwrite=False)
+        assert (contents(tmp_path), tmp_path.stat().st_ino) == (NEW, inode)
+        refused(tmp_path, r"not empty.*--overwrite")
+
+    def test_targets_that_cannot_be_folders(self, tmp_path):
+        fill(tmp_path, {"results": "a file"})
+        refused(tmp_path / "results", "is a file; choose another", overwrite=True)
+        refused(tmp_path / "results" / "below", "would lie in .* a file; choose another")
+        assert contents(tmp_path) == {"results": "a file"}
+
+    @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a file system that takes no files")
+    @pytest.mark.parametrize("place", ["/proc/results", "/proc/self"])
+    def test_file_systems_that_take_no_files_are_named(self, place):
+        refused(Path(place), f"Cannot write to '{place}'.*choose another folder", overwrite=True)
+
+    @pytest.mark.skipif(os.name != "posix", reason="elsewhere the working directory cannot be removed")
+    def test_a_deleted_working_directory_is_named(self, tmp_path, monkeypatch):
+        (tmp_path / "gone").mkdir()
+        monkeypatch.chdir(tmp_path / "gone")
+        (tmp_path / "gone").rmdir()
+        refused(Path("out"), "Cannot write to 'out'.*choose another folder")
+
+
+class TestOverwriting:
+    def test_earlier_results_go_and_the_rest_stays(self, tmp_path):
+        write(tmp_path, {**OLD, "gone/0": "old"})
+        fill(tmp_path, MINE)
+        write(tmp_path, NEW)
+        assert contents(tmp_path) == {**NEW, **MINE}
+        assert not (tmp_path / "gone").exists()
+
+    def test_a_result_that_the_user_changed_is_the_users(self, tmp_path):
+        write(tmp_path, OLD)
+        fill(tmp_path, {"report.json": "edited", "views/1": "edited"})
+        with pytest.raises(InputError, match="has changed since"):
+            write(tmp_path, NEW)
+        assert contents(tmp_path) == {**OLD, "report.json": "edited", "views/1": "edited"}
+        (tmp_path / "report.json").unlink()
+        write(tmp_path, NEW)
+        assert contents(tmp_path) == {**NEW, "views/1": "edited"}
+
+    @pytest.mark.parametrize("name", ["report.json", "views/0", "manifest.json"])
+    def test_files_of_the_user_that_are_in_the_way_stay(self, tmp_path, name):
+        fill(tmp_path, {name: "mine"})
+        with pytest.raises(InputError, match=rf"{name}' is in the way of a result.*choose another"):
+            write(tmp_path, NEW)
+        assert (tmp_path / name).read_text() == "mine"
+        assert len([path for path in tmp_path.rglob("*") if path.is_file()]) == 1
+
+    def test_what_is_in_the_way_is_found_at_once_where_names_are_known(self, tmp_path):
+        fill(tmp_path, {"views/07.png": "mine"})
+        refused(tmp_path, "07.png' is in the way", names=["object.ply", "views/[0-9][0-9].png"], overwrite=True)
+
+    def test_what_comes_meanwhile_stays(self, tmp_path):
+        with pytest.raises(InputError, match="in the way"), atomic_folder(tmp_path, "test") as results:
+            fill(results, NEW)
+            fill(tmp_path, {"object.ply": "mine"})
+        assert contents(tmp_path) == {"object.ply": "mine"}
+
+    def test_links_lead_nowhere(self, tmp_path):
+        out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+        write(out, {"views/0": "old"})
+        (out / "views").rename(elsewhere)
+        (out / "views").symlink_to(elsewhere)
+        with pytest.raises(InputError, match="is a symbolic link"):
+            write(out, {"views/0": "new"})
+        write(out, {"one": "new"})
+        (out / "two").symlink_to(elsewhere / "nothing")
+        with pytest.raises(InputError, match="in the way"):
+            write(out, {"two": "new"})
+        assert contents(elsewhere) == {"0": "old"}
+
+    def test_results_of_another_kind_are_not_replaced(self, tmp_path):
+        write(tmp_path, OLD, "trim")
+        refused(tmp_path, "results of 'trim', which 'views' does not replace", "views", overwrite=True)
+
+    @pytest.mark.parametrize(
+        "name", ["../mine", "{}/mine", "views/../../mine", "C:mine", "", ".", "a\0b", "manifest.json"]
+    )
+    def test_a_manifest_cannot_name_files_elsewhere(self, tmp_path, name):
+        out = tmp_path / "out"
+        fill(tmp_path, {"mine": "mine"})
+        write(out, {"one": "old"})
+        manifest = json.loads((out / "manifest.json").read_text())
+        manifest["files"] = {name.format(tmp_path): 4, "one": 3}
+        (out / "manifest.json").write_text(json.dumps(manifest))
+        write(out, {"two": "new"})
+        assert contents(tmp_path) == {"mine": "mine", "out/two": "new"}
+
+    @pytest.mark.parametrize(
+        "text", ["", "[]", "{}", pytest.param("[" * 100_000, id="deep"), '{"program": "gaussian-trimmer", "files": []}']
+    )
+    def test_a_damaged_manifest_is_a_file_of_the_users(self, tmp_path, text):
+        write(tmp_path, {"one": "old"})
+        (tmp_path / "manifest.json").write_text(text)
+        with pytest.raises(InputError, match="is in the way"):
+            write(tmp_path, {"two": "new"})
+        assert contents(tmp_path) == {"one": "old"}
+
+    def test_an_input_is_never_replaced(self, tmp_path):
+        out = tmp_path / "out"
+        write(out, OLD)
+        (tmp_path / "link").symlink_to(out / "object.splat")
+        for given in (out / "object.splat", tmp_path / "link", out / "views"):
+            refused(out, "is an input of this run", inputs=[given], overwrite=True)
+        fill(out, {"scene": "mine"})
+        with atomic_folder(out, "test", inputs=[out / "scene", tmp_path / "missing"], overwrite=True) as results:
+            fill(results, NEW)
+        assert contents(out) == {**NEW, "scene": "mine"}
+
+
+class TestFailedSwaps:
+    @pytest.fixture
+    def fail_at(self, monkeypatch):
+        """Makes the k-th renaming fail, and with `lasting` all that follow; gives the number of renamings so far."""
+        rename = os.rename
+
+        def install(k, error, *, lasting=False):
+            calls = []
+
+            def failing(*arguments, **options):
+                calls.append(arguments)
+                if len(calls) == k or (lasting and len(calls) > k):
+                    raise error
+                return rename(*arguments, **options)
+
+            monkeypatch.setattr(os, "rename", failing)
+            return calls
+
+        yield install
+
+    @pytest.mark.parametrize("earlier", [{}, OLD])
+    @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+    def test_a_failure_at_any_step_gives_everything_back(self, tmp_path, fail_at, monkeypatch, earlier, error):
+        for k in count(1):
+            folder = tmp_path / str(k)
+            if earlier:
+                write(folder, earlier)
+                fill(folder, MINE)
+            before = contents(tmp_path)
+            calls = fail_at(k, error)
+            try:
+                write(folder, NEW)
+            except (InputError, KeyboardInterrupt) as raised:
+                assert isinstance(raised, type(error)) or "No space left on device" in str(raised)
+            monkeypatch.undo()
+            if len(calls) < k:
+                break
+            assert contents(tmp_path) == before
+            assert list(tmp_path.rglob(".*")) == []
+            assert earlier or not folder.exists()
+        assert k == len(earlier) + bool(earlier) + len(NEW) + 2  # each file and each manifest moved once
+        assert contents(folder) == ({**NEW, **MINE} if earlier else NEW)
+
+    def test_what_cannot_be_moved_back_now_is_moved_back_by_the_next_run(self, tmp_path, fail_at, monkeypatch):
+        for k in range(2, 11):
+            folder = tmp_path / str(k)
+            write(folder, OLD)
+            fail_at(k, PermissionError(13, "Permission denied"), lasting=True)
+            with pytest.raises(InputError, match=r"cannot be moved back: Permission denied.*\.part/old"):
+                write(folder, NEW)
+            monkeypatch.undo()
+            assert contents(folder) != OLD
+            remove_leftovers(folder)
+            assert contents(folder) == OLD
+
+
+class TestOtherRuns:
+    @pytest.mark.parametrize("earlier", [{}, OLD])
+    def test_a_second_run_into_a_folder_is_refused_and_the_first_goes_on(self, tmp_path, earlier):
+        folder = tmp_path / "a" / "b"
+        if earlier:
+            write(folder, earlier)
+        with atomic_folder(folder, "test", overwrite=True) as results:
+            fill(results, NEW)
+            refused(folder, r"Another run is writing.*\.gaussian-trimmer\.lock", overwrite=True)
+            remove_leftovers(folder)
+            write(tmp_path / "other", OLD)
+        assert contents(folder) == NEW
+        write(folder, OLD)
+        assert contents(tmp_path) == {f"{name}/{file}": "old" for name in ("a/b", "other") for file in OLD}
+
+    def test_leftovers_of_dead_runs_are_removed_and_young_files_are_not(self, tmp_path):
+        fill(
+            tmp_path,
+            {".gaussian-trimmer.part/new/one": "1", ".gaussian-trimmer-0.part": "", ".gaussian-trimmer-1.part": ""},
+        )
+        os.utime(tmp_path / ".gaussian-trimmer-0.part", (0, 0))
+        remove_leftovers(tmp_path)
+        assert contents(tmp_path) == {".gaussian-trimmer-1.part": ""}
+
+    def test_the_folder_of_a_killed_run_counts_as_empty(self, tmp_path):
+        fill(tmp_path, {".gaussian-trimmer.part/new/one": "1", ".gaussian-trimmer.lock": ""})
+        write(tmp_path, NEW, overwrite=False)
+        assert contents(tmp_path) == NEW
+
+    def test_links_in_place_of_what_a_dead_run_left_are_not_followed(self, tmp_path):
+        precious, out = tmp_path / "precious", tmp_path / "out"
+        write(precious, {"mine": "mine"})
+        out.mkdir()
+        (out / ".gaussian-trimmer.part").symlink_to(precious)
+        refused(out, "is a symbolic link")
+        (out / ".gaussian-trimmer.part").unlink()
+        fill(out, {".gaussian-trimmer.part/new/manifest.json": (precious / "manifest.json").read_text()})
+        (out / ".gaussian-trimmer.part" / "old").symlink_to(precious)
+        write(out, NEW)
+        assert contents(out) == NEW
+        assert contents(precious) == {"mine": "mine"}
