@@ -23,7 +23,7 @@ LAYERS = (
     BASE,
     ("geometry",),
     ("rendering",),
-    ("views",),
+    ("views", "scope"),
     FILES,
     STAGES,
     ("config",),

@@ -157,7 +157,7 @@ def test_the_paper_preset_is_that_of_trim(segmenter, monkeypatch):
         ("--views 3 --fill", {"plan": {"views": 3}, "fill": True}),
         ("--label-crf.no-enabled", {"label_crf": {"enabled": False}}),
         ("--up 0 0 -1 --plan.fill=0.5", {"up": (0.0, 0.0, -1.0), "plan": {"fill": 0.5}}),
-        ("--split.at_support_plane.no-enabled", {"split": {"at_support_plane": {"enabled": False}}}),
+        ("--label_crf.support_plane.no-enabled", {"label_crf": {"support_plane": {"enabled": False}}}),
     ],
 )
 def test_options_are_those_of_trim(words, settings):

@@ -6,7 +6,9 @@ import sys
 
 import numba
 import pytest
+import toy
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.geometry.compiling import CACHE
 
 
@@ -14,6 +16,19 @@ def test_kernels_are_kept_here():
     assert CACHE
 
 
+@pytest.mark.parametrize("threads", ["0", "-2", "many"])
+def test_a_number_of_threads_that_is_none_is_one_sentence(threads, tmp_path):
+    formats.write(toy.ball_on_floor()[0], tmp_path / "scene.ply")
+    done = subprocess.run(
+        [sys.executable, "-m", "gaussian_trimmer", "info", str(tmp_path / "scene.ply")],
+        env={**os.environ, "NUMBA_NUM_THREADS": threads}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"NUMBA_NUM_THREADS={threads}" in done.stderr
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(
     not hasattr(numba.config, "CACHE_LOCATOR_CLASSES"), reason="This Numba cannot be told to find no folder."
 )

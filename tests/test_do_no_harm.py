@@ -30,7 +30,7 @@ def test_a_trim_that_would_leave_little_is_refused_and_the_selection_returned():
 
 def test_a_trim_that_leaves_most_of_it_stands():
     scene, truth = ball_on_floor()
-    assert trim(scene, truth, config=small_config(split=WHOLE)).refused == ""
+    assert trim(scene, truth, config=small_config(split=WHOLE)).refused is None
 
 
 @pytest.mark.parametrize("value", [-0.1, float("nan")])

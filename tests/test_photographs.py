@@ -12,6 +12,7 @@ from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos, photo_of
+from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteSegmenter
 from gaussian_trimmer.views import View
 
 WIDTH, HEIGHT = 120, 90
@@ -94,6 +95,8 @@ def test_segmenters_see_the_photograph_and_all_else_is_left_as_it_was(folder):
     assert seen[0].object_prior is prior
     assert (seen[0].depth == 3).all()
     assert "photographs" in segmenter.describe()
+    assert segmenter.mask_source == "photographs"
+    assert PhotoSegmenter(SilhouetteSegmenter(), folder, [CAMERA]).mask_source == "labels"
     with pytest.raises(InputError, match="not a training camera"):
         segmenter.segment([replace(view, camera=replace(view.camera, name=""))])
 

@@ -27,6 +27,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.trim import (
     BoundaryConfig,
@@ -69,7 +70,7 @@ def splitting_config(rule):
 @pytest.mark.parametrize("kind", SELECTIONS)
 def test_rough_selections_of_the_ball_are_mended(kind):
     result = trimmed(kind)
-    assert result.refused == ""
+    assert result.refused is None
     assert jaccard(object_rows(result), TRUTH) > max(0.96, jaccard(SELECTIONS[kind], TRUTH) + 0.01)
 
 
@@ -78,7 +79,7 @@ def test_both_pieces_of_a_selection_are_kept(apart, n_second):
     second = moved(SCENE.select(np.flatnonzero(TRUTH)[:n_second]), np.eye(3), 1.0, (apart, 0, 0))
     truth = np.append(TRUTH, np.ones(n_second, np.bool_))
     result = trim(concatenate([SCENE, second]), truth, config=small_config(split=WHOLE))
-    assert (result.refused, result.floaters) == ("", 0)
+    assert (result.refused, result.floaters) == (None, 0)
     assert object_rows(result)[len(SCENE) :].mean() > 0.98
     assert jaccard(object_rows(result), truth) > 0.97
 
@@ -117,6 +118,29 @@ def test_the_report_of_a_run():
     assert result.background is result.background
 
 
+def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene():
+    cameras, _ = plan_cameras(SCENE.select(TRUTH), UP, PlanConfig(size=96))
+    opacities = {}
+    for source in (None, "labels", "renderings", "photographs", "given"):
+        segmenter = TightMasks()
+        if source:
+            segmenter.mask_source = source
+        result = trim(SCENE, TRUTH, config=small_config(refine="fit"), segmenter=segmenter, view_cameras=cameras)
+        assert len(result.fitted)
+        opacities[source] = result.object.opacity_logits.tolist()
+    assert opacities[None] == opacities["labels"] == opacities["renderings"]
+    assert opacities["photographs"] == opacities["given"] != opacities[None]
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.3])
+def test_looking_again_from_the_same_places_changes_nothing(depth):
+    scene, truth = ball_on_floor(0, 1500)
+    selection = eroded(scene, truth, depth)
+    cameras, _ = plan_cameras(scene.select(selection), UP, PlanConfig(size=48))
+    once, often = (trim(scene, selection, config=small_config(), view_cameras=cameras * n) for n in (1, 12))
+    np.testing.assert_array_equal(often.object_mask, once.object_mask)
+
+
 def test_permuting_the_scene_permutes_the_answer():
     order = np.random.default_rng(7).permutation(len(SCENE))
     result = trim(SCENE.select(order), SPECKLED[order], config=small_config(split=WHOLE))
@@ -151,7 +175,7 @@ def test_a_moved_scene_gives_the_same_object(scale, shift, turn):
 def test_an_object_without_its_scene_stays_whole():
     ball = SCENE.select(TRUTH)
     result = trim(ball, np.ones(len(ball), np.bool_), config=small_config(split=WHOLE))
-    assert result.refused == ""
+    assert result.refused is None
     assert len(result.object) > 0.98 * len(ball)
     assert len(result.object) + len(result.background) == len(ball)
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.decomposition.fit_target import coverage_target, resized_mask
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.refinement import RefineConfig, refine
-from gaussian_trimmer.decomposition.soft_coverage import coverage_target, resized_mask
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.planning.virtual_cameras import small_views_around
+from gaussian_trimmer.planning.camera_rings import Lens, ring
 from gaussian_trimmer.rendering.gradients import draw
 
 _BOUNDS = Bounds(axes=np.eye(3), centre=np.zeros(3), half_extents=np.ones(3))
@@ -32,6 +32,13 @@ def _sphere(n: int, radius: float, scale: float, colour: float, seed: int = 0) -
 
 def _views(size: int = 96) -> list[Camera]:
     return small_views_around(_BOUNDS, 4, (10.0, 45.0), size)
+
+
+def small_views_around(bounds: Bounds, count: int, pitches_degrees: tuple[float, ...], size: int) -> list[Camera]:
+    """Views from the full circle at several heights, each turned by half a step from the last."""
+    places = [(2 * np.pi * (np.arange(count) + i / 2) / count, np.radians(p)) for i, p in enumerate(pitches_degrees)]
+    lens = Lens(size, np.radians(60), 0.01 * bounds.radius)
+    return [camera for place in places for camera in ring(bounds.centre, bounds.axes, 4.2, *place, lens)]
 
 
 def _true_masks(cameras: list[Camera]) -> list[np.ndarray]:
@@ -155,17 +162,17 @@ def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:
     )  # fmt: skip
     haze = _sphere(40, 0.6, 0.2, 0.4)
     left = refine(wire, haze, cameras, None, 1.0, _CONFIG)
-    assert "three pixels wide" in left.left and not left.fitted.any() and left.object is wire
+    assert "three pixels wide" in left.skipped_because and not left.fitted.any() and left.object is wire
     fitted = refine(wire, haze, cameras, None, 1.0, RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1))
-    assert fitted.left == "" and fitted.fitted.any()
+    assert fitted.skipped_because is None and fitted.fitted.any()
 
 
 def test_an_object_that_other_things_hide_is_left_alone() -> None:
     ball, cameras = _sphere(2000, 0.8, 0.05, 1.0), _views()
     wall = _sphere(3000, 2.0, 0.2, -1.0)  # between the object and all views
     hidden = refine(ball, wall, cameras, None, 1.0, _CONFIG)
-    assert "hidden" in hidden.left and not hidden.fitted.any()
-    assert refine(ball, wall, cameras, None, 1.0, RefineConfig(steps=2, max_hidden=1.0)).left == ""
+    assert "hidden" in hidden.skipped_because and not hidden.fitted.any()
+    assert refine(ball, wall, cameras, None, 1.0, RefineConfig(steps=2, max_hidden=1.0)).skipped_because is None
 
 
 def test_an_object_whose_outline_is_drawn_by_others_is_left_alone() -> None:
@@ -173,9 +180,9 @@ def test_an_object_whose_outline_is_drawn_by_others_is_left_alone() -> None:
     missing = (ball.means[:, 0] > 0.3) & (rng.random(3000) < 0.7)
     inner, others = ball.select(~missing), ball.select(missing)
     holey = refine(inner, others, cameras, None, 1.0, _CONFIG)
-    assert "take away" in holey.left and not holey.fitted.any()
-    assert refine(inner, others, cameras, None, 1.0, RefineConfig(steps=2, max_lost=1.0)).left == ""
-    assert refine(ball, others.select(np.zeros(0, int)), cameras, None, 1.0, _CONFIG).left == ""
+    assert "take away" in holey.skipped_because and not holey.fitted.any()
+    assert refine(inner, others, cameras, None, 1.0, RefineConfig(steps=2, max_lost=1.0)).skipped_because is None
+    assert refine(ball, others.select(np.zeros(0, int)), cameras, None, 1.0, _CONFIG).skipped_because is None
 
 
 @pytest.mark.parametrize("n", [0, 1])

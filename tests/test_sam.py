@@ -346,6 +346,14 @@ def test_folders_without_a_model_are_refused(tmp_path):
     assert "'decoder'" in refused(tmp_path)
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="This system has no pipes with names.")
+def test_only_regular_files_are_models(tmp_path):
+    for name in ("encoder.onnx", "decoder.onnx"):
+        os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match=r"has no \.onnx or \.ort file with 'encoder' in its name"):
+        OnnxSam(tmp_path)
+
+
 def test_several_models_in_one_folder_are_refused(tmp_path):
     save_tiny_sam(tmp_path, "sam")
     (tmp_path / "encoder_int8.onnx").write_bytes((tmp_path / "encoder.onnx").read_bytes())

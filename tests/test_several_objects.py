@@ -11,7 +11,7 @@ from command_line import SMALL, run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, SplitConfig
+from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.result import RowLabel
@@ -91,9 +91,48 @@ def test_split_gaussians_have_one_owner():
     check_complementary(result)
 
 
-def test_no_object_is_refused():
-    with pytest.raises(InputError, match="no object to trim"):
-        trim_objects(SCENE, {})
+def test_outlines_are_fitted_once_contested_gaussians_have_an_owner():
+    """What was fitted alone and then lost a part is another outline than the one that was fitted."""
+    halves = [ROUGH[3] & (SCENE.means[:, 0] * side < 0.3) for side in (1, -1)]
+    config = replace(CONFIG, refine="fit", refinement=RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1))
+    contested = trim_objects(SCENE, halves, config=config)
+    loser = max(contested.objects, key=lambda part: part.given_up)
+    assert loser.given_up > 20
+    assert len(loser.fitted)
+    assert loser.report["counts"]["object"] == len(loser.gaussians)
+
+
+@pytest.mark.parametrize(
+    ("objects", "ids", "names"),
+    [
+        ([ROUGH[3], ROUGH[7]], [1, 2], ["1", "2"]),
+        ({"red": ROUGH[3], "blue": ROUGH[7]}, [1, 2], ["red", "blue"]),
+        ({np.int64(9): ROUGH[3]}, [9], ["9"]),
+    ],
+)
+def test_objects_may_have_names_or_neither(objects, ids, names):
+    result = trim_objects(SCENE, objects, config=CONFIG, views=3, up="z")
+    assert [part.id for part in result.objects] == ids
+    assert [part.name for part in result.objects] == names
+    assert set(np.unique(result.labels)) == {0, *ids}
+    assert all(len(part.report["views"]) == 3 for part in result.objects)
+
+
+@pytest.mark.parametrize(
+    ("objects", "more", "sentence"),
+    [
+        ({}, {}, "no object to trim"),
+        ([], {}, "no object to trim"),
+        (np.zeros(3), {}, "The objects are a ndarray"),
+        (ROUGH, {"config": "paper"}, "The config is a str"),
+        (ROUGH, {"up": "w"}, "The up vector is 'w'"),
+        (ROUGH, {"views": 0}, "plan.views is 0"),
+        ({1: ROUGH[3][:-1]}, {}, "booleans are needed"),
+    ],
+)
+def test_arguments_that_cannot_be_used_are_named(objects, more, sentence):
+    with pytest.raises(InputError, match=sentence):
+        trim_objects(SCENE, objects, **more)
 
 
 @pytest.fixture(scope="module")

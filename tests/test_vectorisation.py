@@ -17,6 +17,7 @@ from scenes import front_camera, random_scene
 from gaussian_trimmer.rendering import numba_cpu, numba_kernels
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.skipif(
         platform.machine().lower() not in ("x86_64", "amd64"),
         reason=f"The instructions counted are those of x86-64, not of {platform.machine()}.",

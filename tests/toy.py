@@ -107,7 +107,7 @@ def accepted_view(camera, mask):
     """An accepted view of which only camera and mask are used."""
     blank = np.zeros(mask.shape, np.float32)
     black = Rendering(np.zeros((*mask.shape, 3), np.float32), blank, blank)
-    return TrimmedView(View(camera, black, blank, blank, blank, bounding_box(mask)), mask, "")
+    return TrimmedView(View(camera, black, blank, blank, blank, bounding_box(mask)), mask, None)
 
 
 class EmptyMasks:

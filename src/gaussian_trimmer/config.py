@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
-from gaussian_trimmer.decomposition.contact import SupportPlaneSplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.decomposition.refinement import RefineConfig
+from gaussian_trimmer.decomposition.splitting import SplitConfig
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
@@ -16,23 +16,22 @@ from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_opti
 from gaussian_trimmer.settings import Range, Vector, check_settings
 
 __all__ = [
-    "CONTEXT_RADIUS", "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig",
-    "RefineConfig", "SplitConfig", "SupportPlaneSplitConfig", "TrimConfig", "check_config", "paper_config",
+    "CONTEXT_RADIUS",
+    "AcceptanceConfig",
+    "BoundaryConfig",
+    "EvidenceConfig",
+    "LabelCrfConfig",
+    "PlanConfig",
+    "RefineConfig",
+    "SplitConfig",
+    "TrimConfig",
+    "check_config",
+    "paper_config",
     "with_paper_preset",
-]  # fmt: skip
+]
 
 CONTEXT_RADIUS = 1.8
 """Radius around the object's centre, in object radii, within which other Gaussians are rendered with the object."""
-
-
-@dataclass(frozen=True)
-class SplitConfig:
-    """What is done with Gaussians that straddle the boundary."""
-
-    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
-    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
-    child; `none`: no Gaussian is split."""
-    at_support_plane: SupportPlaneSplitConfig = field(default_factory=SupportPlaneSplitConfig)
 
 
 @dataclass(frozen=True)

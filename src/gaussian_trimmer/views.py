@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,15 @@ from gaussian_trimmer.rendering import Rendering
 
 HALF = 0.5
 """A pixel belongs to the object where the object's alpha, or its share of the picture, is above this."""
+
+HALF_COVERAGE = 127
+"""Coverage of a pixel from 0 to 255 above which it belongs to a mask."""
+
+OCCLUDER_DISTANCE = 0.1
+"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+
+REFERENCE_PIXELS = 5 * 512 * 512
+"""Pixels of the default views. Thresholds on summed blend weights hold for these, whatever views there are."""
 
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
@@ -70,8 +80,31 @@ class TrimmedView:
     view: View
     mask: BoolArray
     """The segmenter's mask, (H, W)."""
-    rejected: str
-    """Why the mask was rejected; empty if it was accepted."""
+    rejected: str | None
+    """Why the mask was rejected; None if it was accepted."""
+
+
+def without_pictures(trimmed: TrimmedView) -> TrimmedView:
+    """The camera of a view and what became of its mask, in little memory: all arrays are empty."""
+    blank, view = np.zeros((0, 0), np.float32), trimmed.view
+    picture = Rendering(np.zeros((0, 0, 3), np.float32), blank, blank)
+    return TrimmedView(View(view.camera, picture, blank, blank, blank, view.box), blank > 0, trimmed.rejected)
+
+
+def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:
+    """Blend weights summed over some of a set of views, in pixels of five views of 512 x 512.
+
+    Args:
+        weights: the sums, in pixels of these views, of any shape.
+        cameras: the cameras of the whole set.
+    """
+    pixels = sum(camera.height * camera.width for camera in cameras)
+    return np.asarray(weights * np.float32(REFERENCE_PIXELS / pixels))
+
+
+def mask_overlap(first: BoolArray, second: BoolArray) -> float:
+    """Intersection over union of two masks (H, W); 0 if both are empty."""
+    return int(np.count_nonzero(first & second)) / max(int(np.count_nonzero(first | second)), 1)
 
 
 def bounding_box(mask: BoolArray, margin: int = 0) -> Box:

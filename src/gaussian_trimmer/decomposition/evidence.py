@@ -2,7 +2,8 @@
 
 Centres mislead: a Gaussian whose centre lies inside a mask may show mostly outside of it. What counts here is the blend
 weight that a Gaussian has inside and outside the masks, summed over the views. The sums do not depend on the order of
-views or Gaussians.
+views or Gaussians. They are in pixels of five views of 512 x 512, so that thresholds hold for any number and size of
+views.
 """
 
 from __future__ import annotations
@@ -14,15 +15,19 @@ import numpy as np
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.settings import Share, Weight
 
-_SEEN = 1e-3
-"""Blend weight in pixels, summed over the views, above which a Gaussian counts as seen."""
-_UNDECIDED = 0.5
+OUTSIDE, INSIDE, HIDDEN = range(3)
+"""Columns of blend weights (N, 3): outside the masks, inside them, and outside them where something nearer hides."""
+_MIN_SEEN_PIXELS = 1e-3
+"""Blend weight above which a Gaussian counts as seen."""
+_CLEARLY_SEEN_PIXELS = 1.0
+"""The same for one that the views may take from the object against its label."""
+_UNDECIDED_SHARE = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
 _VISIBLE_WEIGHT = 3.0
 """Weight of the share inside the masks of a Gaussian of which the scene hides nothing, relative to its label."""
-_LARGE = 0.25
+_LARGE_WIDTH_RADII = 0.25
 """Largest standard deviation, in object radii, from which on that weight grows; at twice this it is doubled."""
-_MOSTLY_OUTSIDE = 0.6
+_LARGE_HALO_SHARE = 0.6
 """Share of its blend weight outside the masks from which on a Gaussian as large as that is none of the object."""
 
 
@@ -63,10 +68,10 @@ def classify_gaussians(
         config: thresholds.
     """
     total = inside + outside
-    share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED), where=total > 0)
-    label = np.where(coarse, probability, _UNDECIDED * probability)
-    support = share - _UNDECIDED + config.prior * (label - _UNDECIDED)
-    supported = np.where(total > _SEEN, support, label - _UNDECIDED) > 0
+    share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED_SHARE), where=total > 0)
+    label = np.where(coarse, probability, _UNDECIDED_SHARE * probability)
+    support = share - _UNDECIDED_SHARE + config.prior * (label - _UNDECIDED_SHARE)
+    supported = np.where(total > _MIN_SEEN_PIXELS, support, label - _UNDECIDED_SHARE) > 0
     return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
 
 
@@ -91,10 +96,10 @@ def find_halo(
         free_standing: what lies above the plane that the object stands on, (N,).
         config: thresholds.
     """
-    uncovered = np.maximum(isolated[:, 0] + np.where(free_standing, 0, isolated[:, 2]) - outside, 0)
-    total = uncovered + isolated[:, 1]
-    limit = np.where(inside + outside > _SEEN, config.isolated_limit, config.hidden_limit)
-    return np.asarray((total > _SEEN) & (uncovered > limit * total) & (uncovered > inside))
+    uncovered = np.maximum(isolated[:, OUTSIDE] + np.where(free_standing, 0, isolated[:, HIDDEN]) - outside, 0)
+    total = uncovered + isolated[:, INSIDE]
+    limit = np.where(inside + outside > _MIN_SEEN_PIXELS, config.isolated_limit, config.hidden_limit)
+    return np.asarray((total > _MIN_SEEN_PIXELS) & (uncovered > limit * total) & (uncovered > inside))
 
 
 def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray) -> BoolArray:
@@ -109,15 +114,15 @@ def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray
         inside: blend weight inside the masks in the views of the whole scene, (N,).
         widths: largest standard deviation of each Gaussian, in object radii, (N,).
     """
-    outside = isolated[:, 0] + isolated[:, 2]
-    mostly = (outside > _SEEN) & (outside > _MOSTLY_OUTSIDE * (outside + isolated[:, 1]))
-    return np.asarray((widths > _LARGE) & mostly & (outside > inside))
+    outside = isolated[:, OUTSIDE] + isolated[:, HIDDEN]
+    mostly = (outside > _MIN_SEEN_PIXELS) & (outside > _LARGE_HALO_SHARE * (outside + isolated[:, INSIDE]))
+    return np.asarray((widths > _LARGE_WIDTH_RADII) & mostly & (outside > inside))
 
 
-def find_outsiders(
+def contradicted_by_views(
     isolated: FloatArray, inside: FloatArray, outside: FloatArray, probability: FloatArray, widths: FloatArray
 ) -> BoolArray:
-    """Which Gaussians the scene shows so openly and so far outside the masks that no label can keep them, (N,).
+    """Which Gaussians the scene shows so clearly outside the masks that no label can keep them, (N,).
 
     A label that was corrected with certainty outweighs the masks in `classify_gaussians`, as it should where a view
     sees little of a Gaussian. One that is in full view, and the more so a large one, is what the views show.
@@ -131,6 +136,8 @@ def find_outsiders(
     """
     seen, whole = inside + outside, isolated.sum(axis=1)
     visible = np.minimum(1, np.divide(seen, whole, out=np.zeros_like(seen), where=whole > 0))
-    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED), where=seen > 0)
-    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE, 1, 2)
-    return np.asarray((seen > 1) & (weight * (_UNDECIDED - share) > probability - _UNDECIDED))
+    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED_SHARE), where=seen > 0)
+    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE_WIDTH_RADII, 1, 2)
+    return np.asarray(
+        (seen > _CLEARLY_SEEN_PIXELS) & (weight * (_UNDECIDED_SHARE - share) > probability - _UNDECIDED_SHARE)
+    )

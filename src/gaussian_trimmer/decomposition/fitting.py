@@ -17,27 +17,27 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
 from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
 
-_VIEWS_A_STEP = 2
-_ROUNDING = 0.1
+_VIEWS_PER_STEP = 2
+_HUBER_WIDTH = 0.1
 """Difference at a pixel from which on it counts in proportion rather than by its square, so that pixels that no
 Gaussian can mend do not govern the fit."""
-_INVISIBLE = 1 / 255
+_INVISIBLE_DIFFERENCE = 1 / 255
 """Difference at a pixel that counts as none."""
-_MEMORY, _SQUARE_MEMORY = 0.8, 0.95
+_MEAN_DECAY, _SQUARE_DECAY = 0.8, 0.95
 """What of the mean gradient, and of its mean square, one step hands on to the next."""
-_LAST_STEP = 0.1
+_LAST_STEP_SHARE = 0.1
 """Length of the last step relative to the first."""
-_UNCERTAIN = 0.3
+_NOISE_GRADIENT_PIXELS = 0.3
 """Gradient in pixels that counts as nothing to go by: what the views hardly show moves by less than a step."""
-_HOLD = 0.3
+_PRIOR_WEIGHT = 0.3
 """Weight of the squares of all parameters against the pixels of one view."""
-_RATES = np.array([1] * 9 + [2] + [1] * 3, np.float32)
+_PARAMETER_STEPS = np.array([1] * 9 + [2] + [1] * 3, np.float32)
 """Length of a step by parameter, relative to each other."""
-_LARGEST_MOVE = 2.0
+_MAX_MOVE_DEVIATIONS = 2.0
 """Farthest that a centre goes, in standard deviations."""
-_LEAST_SCALE, _LARGEST_SCALE = -1.2, 0.4
+_MIN_LOG_SCALE_CHANGE, _MAX_LOG_SCALE_CHANGE = -1.2, 0.4
 """Logarithms of the factors by which a scale may change: a Gaussian becomes at most five times as elongated."""
-_LARGEST_LOGIT = 6.0
+_MAX_LOGIT_CHANGE = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,27 +74,29 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
     current = gaussians
     for step in range(steps):
         gradient = np.zeros_like(change)
-        for k in range(_VIEWS_A_STEP):
-            gradient += _gradient(current, moving, targets[order[(_VIEWS_A_STEP * step + k) % len(order)]])[rows]
-        gradient /= _VIEWS_A_STEP
+        for k in range(_VIEWS_PER_STEP):
+            gradient += _gradient(current, moving, targets[order[(_VIEWS_PER_STEP * step + k) % len(order)]])[rows]
+        gradient /= _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
-        gradient += np.float32(_HOLD) * change
-        mean = _MEMORY * mean + (1 - _MEMORY) * gradient
-        square = _SQUARE_MEMORY * square + (1 - _SQUARE_MEMORY) * gradient**2
-        direction = mean / (1 - _MEMORY ** (step + 1))
-        length = np.sqrt(square / (1 - _SQUARE_MEMORY ** (step + 1))) + np.float32(_UNCERTAIN)
-        shrinking = 1 - (1 - _LAST_STEP) * step / steps
-        change -= np.float32(rate * shrinking) * _RATES * direction / length
-        change[:, :3] = np.clip(change[:, :3], -_LARGEST_MOVE, _LARGEST_MOVE)
-        change[:, 3:6] = np.clip(change[:, 3:6], _LEAST_SCALE, _LARGEST_SCALE)
-        change[:, 9] = np.clip(change[:, 9], -_LARGEST_LOGIT, _LARGEST_LOGIT)
+        gradient += np.float32(_PRIOR_WEIGHT) * change
+        mean = _MEAN_DECAY * mean + (1 - _MEAN_DECAY) * gradient
+        square = _SQUARE_DECAY * square + (1 - _SQUARE_DECAY) * gradient**2
+        direction = mean / (1 - _MEAN_DECAY ** (step + 1))
+        length = np.sqrt(square / (1 - _SQUARE_DECAY ** (step + 1))) + np.float32(_NOISE_GRADIENT_PIXELS)
+        shrinking = 1 - (1 - _LAST_STEP_SHARE) * step / steps
+        change -= np.float32(rate * shrinking) * _PARAMETER_STEPS * direction / length
+        change[:, :3] = np.clip(change[:, :3], -_MAX_MOVE_DEVIATIONS, _MAX_MOVE_DEVIATIONS)
+        change[:, 3:6] = np.clip(change[:, 3:6], _MIN_LOG_SCALE_CHANGE, _MAX_LOG_SCALE_CHANGE)
+        change[:, 9] = np.clip(change[:, 9], -_MAX_LOGIT_CHANGE, _MAX_LOGIT_CHANGE)
         current = changed(gaussians, rows, change, axes)
     return current
 
 
 def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
     drawing = draw(gaussians, target.camera)
-    return gradients(drawing, slopes_towards(drawing, target.picture, target.weight, _ROUNDING, _INVISIBLE), moving)
+    return gradients(
+        drawing, slopes_towards(drawing, target.picture, target.weight, _HUBER_WIDTH, _INVISIBLE_DIFFERENCE), moving
+    )
 
 
 def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: FloatArray) -> Gaussians:

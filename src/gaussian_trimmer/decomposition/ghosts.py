@@ -23,40 +23,41 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.views import HALF, bounding_box
 
-_ROUNDS = 3
+_MAX_ROUNDS = 3
 """What a ghost has hidden shows when it is gone, and may be another ghost."""
-_MIN_SHOWN = 2e-6
+_MIN_SHOWN_SHARE = 2e-6
 """Smallest blend weight in the background alone, as a share of the views' pixels, of what can be noticed."""
-_HIDDEN = 0.2
+_MAX_VISIBLE_SHARE = 0.2
 """Largest blend weight in the whole scene, relative to that in the background alone."""
-_INSIDE = 0.8
+_MIN_INSIDE_SHARE = 0.8
 """Smallest share of the blend weight in the background alone within the object's silhouettes."""
-_RIM_HIDDEN, _RIM_INSIDE = 0.5, 0.5
+_RIM_MAX_VISIBLE_SHARE, _RIM_MIN_INSIDE_SHARE = 0.5, 0.5
 """The same for those in the ground whose colours are not the ground's: a charred ring lies half under the object."""
-_MARGIN = 0.1
+_BOUNDS_MARGIN_RADII = 0.1
 """Margin around the object's bounds, in object radii."""
-_DEVIATION = 2.0
+_FOREIGN_DEVIATIONS = 2.0
 """Distance of a ghost's colour from those of the ground, in their standard deviations, in some channel."""
-_MIN_SPREAD = 0.06
+_MIN_COLOUR_SPREAD = 0.06
 """Least standard deviation of the ground's colours in each channel."""
-_GROUND_REACH = 1.5
+_GROUND_REACH_RADII = 1.5
 """Horizontal distance within which Gaussians near the support plane give the ground's colours, in object radii."""
-_MIN_GROUND = 10
-_SEEN = 0.5
+_MIN_GROUND_GAUSSIANS = 10
+_GROUND_VISIBLE_SHARE = 0.5
 """Share of what it shows in the background alone that a Gaussian of the ground shows in the scene, at the least."""
 _CRUMB_NEIGHBOURS = 12
-_CRUMB_SHARE = 0.75
+_CRUMB_NEIGHBOUR_SHARE = 0.75
 """Share of the nearest Gaussians of a crumb that are the object's or ghosts, at the least."""
-_CRUMB_INSIDE = 0.9
-_CRUMBS = 0.01
+_CRUMB_INSIDE_SHARE = 0.9
+_MAX_CRUMB_WEIGHT_SHARE = 0.01
 """Largest blend weight of all crumbs in the scene, relative to the object's; more is no crumb."""
-_HARMLESS = 0.02
+_MAX_JOINING_SHARE = 0.02
 """Largest blend weight in the object, relative to that in the background alone, of a ghost that joins the object."""
-_MIN_PSNR = 45.0
+_MIN_PSNR_DB = 45.0
 """Smallest PSNR in dB of object and background together against the scene, in every view."""
-_TRIALS = 4
+_BISECTIONS = 4
 """Trials to find how many ghosts can go until that holds."""
 
 
@@ -71,9 +72,13 @@ class Cleaning:
 
 
 def clean_background(
-    gaussians: Gaussians, keep: BoolArray, bounds: Bounds, plane: SupportPlane | None, cameras: Sequence[Camera],
+    gaussians: Gaussians,
+    keep: BoolArray,
+    bounds: Bounds,
+    plane: SupportPlane | None,
+    cameras: Sequence[Camera],
     renderer: Renderer,
-) -> Cleaning:  # fmt: skip
+) -> Cleaning:
     """Which Gaussians of the background are only there because the object hid them, or are scraps of it.
 
     Args:
@@ -93,54 +98,56 @@ def clean_background(
     # Whether something is hidden is asked in all views; what it shows then, in every other one of them.
     cameras, silhouettes, share = cameras[::2], silhouettes[::2], len(cameras[::2]) / len(cameras)
     seen *= np.float32(share)
-    where = _Place(gaussians, keep, keep, seen.sum(axis=1), bounds, plane)
+    where = _ObjectRegion(gaussians, keep, keep, seen.sum(axis=1), bounds, plane)
     ghosts, shown = _find_ghosts(gaussians, keep, seen, where, cameras, silhouettes, renderer)
     crumbs = _find_crumbs(gaussians, keep, ghosts, seen, where)
     joins = crumbs
     if ghosts.any():
         both = _weights(gaussians, keep | ghosts | crumbs, cameras, silhouettes, renderer).sum(axis=1)
         # What lies in the ground would show below the object, where no view looks.
-        joins = crumbs | (ghosts & where.above & (both <= _HARMLESS * shown))
+        joins = crumbs | (ghosts & where.above & (both <= _MAX_JOINING_SHARE * shown))
     return Cleaning(joins, _droppable(gaussians, ghosts & ~joins, seen.sum(axis=1), shown, cameras, renderer))
 
 
 def hidden_by_several(
-    gaussians: Gaussians, keep: BoolArray, own: BoolArray, bounds: Bounds,
-    find_plane: Callable[[FloatArray], SupportPlane | None], cameras: Sequence[Camera], renderer: Renderer,
-) -> BoolArray:  # fmt: skip
-    """Which Gaussians of the scene without several objects are only there because one of them hid them, (N,).
+    scope: Scope, members: BoolArray, find_plane: Callable[[FloatArray], SupportPlane | None], renderer: Renderer
+) -> BoolArray:
+    """Which Gaussians of the scene without several objects are only there because one of them hid them, (L,).
 
     What joins an object in `clean_background` stays where it is, so that objects do not depend on each other.
 
     Args:
-        gaussians: the object and the Gaussians around it, N of them.
-        keep: which of them are of any object, whole or in part, (N,).
-        own: which of them are of this one, (N,).
-        bounds: its bounds; their third axis is up.
-        find_plane: gives the plane that it stands on, if there is one, by the blend weight that each Gaussian has in
-            the views, (N,).
-        cameras: small views of it from all sides and heights.
+        scope: one object, which is selected, the Gaussians around it, and small views of its place.
+        members: which Gaussians are of any object, whole or in part, (L,).
+        find_plane: gives the plane that the object stands on, if there is one, by the blend weight that each Gaussian
+            has in the views, (L,).
         renderer: draws scene, background and object by themselves.
     """
-    if keep.all() or not own.any() or not cameras:
-        return np.zeros(len(keep), np.bool_)
+    gaussians, own, cameras = scope.local, scope.selected, scope.cameras
+    if members.all() or not own.any() or not cameras:
+        return np.zeros(len(members), np.bool_)
     silhouettes = _silhouettes(gaussians.select(own), cameras, renderer)
-    seen = _weights(gaussians, np.ones(len(keep), np.bool_), cameras, silhouettes, renderer)
+    seen = _weights(gaussians, np.ones(len(members), np.bool_), cameras, silhouettes, renderer)
     visible = seen.sum(axis=1)
-    where = _Place(gaussians, keep, own, visible, bounds, find_plane(visible))
-    ghosts, shown = _find_ghosts(gaussians, keep, seen, where, cameras, silhouettes, renderer)
+    where = _ObjectRegion(gaussians, members, own, visible, scope.bounds, find_plane(visible))
+    ghosts, shown = _find_ghosts(gaussians, members, seen, where, cameras, silhouettes, renderer)
     return _droppable(gaussians, ghosts, visible, shown, cameras, renderer)
 
 
-class _Place:
+class _ObjectRegion:
     """Where the Gaussians lie relative to the object and the ground that it stands on."""
 
     def __init__(
-        self, gaussians: Gaussians, keep: BoolArray, own: BoolArray, seen: FloatArray, bounds: Bounds,
+        self,
+        gaussians: Gaussians,
+        keep: BoolArray,
+        own: BoolArray,
+        seen: FloatArray,
+        bounds: Bounds,
         plane: SupportPlane | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         local = (gaussians.means - bounds.centre) @ bounds.axes.T
-        margin = _MARGIN * bounds.radius
+        margin = _BOUNDS_MARGIN_RADII * bounds.radius
         beside = (np.abs(local[:, :2]) <= bounds.half_extents[:2] + margin).all(axis=1)
         # The bounds are robust ones, so a thin top rises above them.
         top = max(bounds.half_extents[2], float(local[own, 2].max(initial=0.0))) + margin
@@ -152,35 +159,44 @@ class _Place:
         around = np.zeros(len(keep), np.bool_)
         if plane is not None:
             distance = np.hypot(local[:, 0], local[:, 1]) / bounds.radius
-            around = ~keep & plane.on_surface & (distance < _GROUND_REACH)
+            around = ~keep & plane.on_surface & (distance < _GROUND_REACH_RADII)
         self.colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc.astype(np.float64), 0, 1)
         self._ground, self._weights = around, seen
 
     def foreign(self, shown: FloatArray) -> BoolArray:
         """Which ones have other colours than the visible ground around the object, (N,)."""
-        known = self._ground & (self._weights > _SEEN * shown) & (self._weights > 0)
-        if known.sum() < _MIN_GROUND:
+        known = self._ground & (self._weights > _GROUND_VISIBLE_SHARE * shown) & (self._weights > 0)
+        if known.sum() < _MIN_GROUND_GAUSSIANS:
             return np.zeros(len(known), np.bool_)
         weights = self._weights[known].astype(np.float64)
         mean = np.average(self.colours[known], axis=0, weights=weights)
         spread = np.sqrt(np.average((self.colours[known] - mean) ** 2, axis=0, weights=weights))
-        return np.asarray((np.abs(self.colours - mean) > _DEVIATION * np.maximum(spread, _MIN_SPREAD)).any(axis=1))
+        return np.asarray(
+            (np.abs(self.colours - mean) > _FOREIGN_DEVIATIONS * np.maximum(spread, _MIN_COLOUR_SPREAD)).any(axis=1)
+        )
 
 
 def _find_ghosts(
-    gaussians: Gaussians, keep: BoolArray, seen: FloatArray, where: _Place, cameras: Sequence[Camera],
-    silhouettes: Sequence[BoolArray], renderer: Renderer,
-) -> tuple[BoolArray, FloatArray]:  # fmt: skip
+    gaussians: Gaussians,
+    keep: BoolArray,
+    seen: FloatArray,
+    where: _ObjectRegion,
+    cameras: Sequence[Camera],
+    silhouettes: Sequence[BoolArray],
+    renderer: Renderer,
+) -> tuple[BoolArray, FloatArray]:
     """Which Gaussians are ghosts, and the most that each Gaussian showed in the background alone, (N,) each."""
     ghosts, most = np.zeros(len(keep), np.bool_), np.zeros(len(keep), np.float32)
-    noticed = _MIN_SHOWN * sum(camera.width * camera.height for camera in cameras)
-    for _ in range(_ROUNDS):
+    noticed = _MIN_SHOWN_SHARE * sum(camera.width * camera.height for camera in cameras)
+    for _ in range(_MAX_ROUNDS):
         alone = _weights(gaussians, ~(keep | ghosts), cameras, silhouettes, renderer)
         shown = alone.sum(axis=1)
         most = np.maximum(most, shown)
         visible = seen.sum(axis=1)
-        floating = where.above & (visible <= _HIDDEN * shown) & (alone[:, 1] >= _INSIDE * shown)
-        charred = where.below & (visible <= _RIM_HIDDEN * shown) & (alone[:, 1] >= _RIM_INSIDE * shown)
+        floating = where.above & (visible <= _MAX_VISIBLE_SHARE * shown) & (alone[:, 1] >= _MIN_INSIDE_SHARE * shown)
+        charred = (
+            where.below & (visible <= _RIM_MAX_VISIBLE_SHARE * shown) & (alone[:, 1] >= _RIM_MIN_INSIDE_SHARE * shown)
+        )
         found = (shown > noticed) & (floating | (charred & where.foreign(shown)))
         if not found.any():
             break
@@ -189,20 +205,20 @@ def _find_ghosts(
 
 
 def _find_crumbs(
-    gaussians: Gaussians, keep: BoolArray, ghosts: BoolArray, seen: FloatArray, where: _Place
+    gaussians: Gaussians, keep: BoolArray, ghosts: BoolArray, seen: FloatArray, where: _ObjectRegion
 ) -> BoolArray:
     """Visible scraps of the object among the background, (N,)."""
     total = seen.sum(axis=1)
-    possible = np.flatnonzero(~keep & ~ghosts & where.above & (total > 0) & (seen[:, 1] >= _CRUMB_INSIDE * total))
+    possible = np.flatnonzero(~keep & ~ghosts & where.above & (total > 0) & (seen[:, 1] >= _CRUMB_INSIDE_SHARE * total))
     crumbs = np.zeros(len(keep), np.bool_)
     if not len(possible):
         return crumbs
     _, near = nearest(gaussians.means, gaussians.means[possible], min(_CRUMB_NEIGHBOURS + 1, len(keep)))
     others = near != possible[:, None]
-    ours = ((keep | ghosts)[near] & others).sum(axis=1) >= _CRUMB_SHARE * others.sum(axis=1)
+    ours = ((keep | ghosts)[near] & others).sum(axis=1) >= _CRUMB_NEIGHBOUR_SHARE * others.sum(axis=1)
     rows = possible[ours]
     rows = rows[np.argsort(total[rows], kind="stable")]
-    crumbs[rows[np.cumsum(total[rows]) <= _CRUMBS * total[keep].sum()]] = True
+    crumbs[rows[np.cumsum(total[rows]) <= _MAX_CRUMB_WEIGHT_SHARE * total[keep].sum()]] = True
     return crumbs
 
 
@@ -211,9 +227,12 @@ def _silhouettes(isolated: Gaussians, cameras: Sequence[Camera], renderer: Rende
 
 
 def _weights(
-    gaussians: Gaussians, part: BoolArray, cameras: Sequence[Camera], silhouettes: Sequence[BoolArray],
+    gaussians: Gaussians,
+    part: BoolArray,
+    cameras: Sequence[Camera],
+    silhouettes: Sequence[BoolArray],
     renderer: Renderer,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Blend weight outside and inside the silhouettes over all views, where only a part is drawn, (N, 2)."""
     total, drawn = np.zeros((len(part), 2), np.float32), gaussians if part.all() else gaussians.select(part)
     for camera, silhouette in zip(cameras, silhouettes, strict=True):
@@ -237,9 +256,13 @@ def _part_that_shows(gaussians: Gaussians, camera: Camera, renderer: Renderer) -
 
 
 def _droppable(
-    gaussians: Gaussians, ghosts: BoolArray, visible: FloatArray, shown: FloatArray, cameras: Sequence[Camera],
+    gaussians: Gaussians,
+    ghosts: BoolArray,
+    visible: FloatArray,
+    shown: FloatArray,
+    cameras: Sequence[Camera],
     renderer: Renderer,
-) -> BoolArray:  # fmt: skip
+) -> BoolArray:
     """The ghosts without which the whole scene still looks as it did, (N,).
 
     Those go first that cost the scene least for what they spoil of the background: the error grows with the square of
@@ -262,7 +285,7 @@ def _droppable(
         for place, (part, pixels, pictures) in enumerate(before):
             difference = pictures - _over_black_and_white(rest, part, renderer)
             error = np.sum(difference**2, axis=(1, 2, 3), dtype=np.float64).max() / (3 * pixels)
-            if error > 10 ** (-_MIN_PSNR / 10):
+            if error > 10 ** (-_MIN_PSNR_DB / 10):
                 before.insert(0, before.pop(place))  # what shows it here will show it again
                 return False
         return True
@@ -270,7 +293,7 @@ def _droppable(
     if looks_the_same(len(rows)):
         return ghosts
     fine, spoiled = 0, len(rows)
-    for _ in range(_TRIALS):
+    for _ in range(_BISECTIONS):
         middle = (fine + spoiled) // 2
         fine, spoiled = (middle, spoiled) if looks_the_same(middle) else (fine, middle)
     return without(fine)

@@ -16,19 +16,19 @@ from typing import Annotated
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.decomposition.fit_target import coverage_target, thin_share
 from gaussian_trimmer.decomposition.fitting import Target, fit
-from gaussian_trimmer.decomposition.soft_coverage import coverage_target, thin_share
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.rendering.gradients import Drawing, draw
 from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import HALF
 
-_SHOWN = 0.02
+_MIN_WRONG_PIXELS = 0.02
 """Blend weight of a wrong pixel in each view, in pixels, from which on a Gaussian is worth the fit."""
-_CUTS = 2
+_MAX_CUTS = 2
 """Times that a Gaussian may be cut in two."""
-_RATE = 0.1
+_FIRST_STEP = 0.1
 """Length of the first step of a fit."""
 _REFERENCE_PIXELS = 256 * 256
 """Pixels of a view for which thresholds on blend weights hold."""
@@ -71,8 +71,8 @@ class Refined:
     """Which of them are parts of a Gaussian that was split, (M,)."""
     fitted: BoolArray
     """Which of them are not as they were, (M,)."""
-    left: str = ""
-    """Why nothing was fitted, if the views do not tell enough; else empty."""
+    skipped_because: str | None = None
+    """Why nothing was fitted, if the views do not tell enough."""
 
 
 def refine(
@@ -106,21 +106,21 @@ def refine(
     for alone, target in zip(drawings, targets, strict=True):
         wrong += _wrong_weight(alone, target)
     pieces, parent = inner, np.arange(len(inner))
-    for _ in range(_CUTS):
+    for _ in range(_MAX_CUTS):
         coarse = _worth_it(wrong, len(targets), config) & (wrong[:, 0] > config.cut_above * len(targets))
         if not coarse.any():
             break
         pieces, parent = _cut(pieces, parent, coarse)
         wrong = np.sum([_wrong_weight(draw(pieces, target.camera), target) for target in targets], axis=0)
     moving = _worth_it(wrong, len(targets), config)
-    pieces = _sound(fit(pieces, moving, targets, config.steps, _RATE), pieces)
+    pieces = _sound(fit(pieces, moving, targets, config.steps, _FIRST_STEP), pieces)
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
 
 
-def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: RefineConfig) -> str:
-    """Why coverage that follows from labels cannot be trusted; empty if it can."""
+def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: RefineConfig) -> str | None:
+    """Why coverage that follows from labels cannot be trusted; None if it can."""
     shown, hidden, lost = 0, 0, 0
     for alone, target in zip(drawings, targets, strict=True):
         silhouette, counts = alone.image[3] > HALF, target.weight[3] > 0
@@ -131,7 +131,7 @@ def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: Refin
         return f"{100 * hidden / shown:.0f} % of the object is hidden in the fit's views"
     if lost > config.max_lost * shown:
         return f"the fit would take away {100 * lost / shown:.1f} % of the object's silhouettes"
-    return ""
+    return None
 
 
 def _unchanged(inner: Gaussians, reason: str) -> Refined:
@@ -148,7 +148,7 @@ def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
 
 def _worth_it(wrong: FloatArray, views: int, config: RefineConfig) -> BoolArray:
     """Which Gaussians show so much at wrong pixels that they are fitted, (N,)."""
-    return np.asarray((wrong[:, 0] > config.wrong_share * wrong[:, 1]) & (wrong[:, 0] > _SHOWN * views))
+    return np.asarray((wrong[:, 0] > config.wrong_share * wrong[:, 1]) & (wrong[:, 0] > _MIN_WRONG_PIXELS * views))
 
 
 def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussians, IntArray]:

@@ -17,26 +17,26 @@ from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views import HALF
 
-_ROUNDS = 3
+_MAX_ROUNDS = 3
 """What hangs below may hide more of its kind."""
-_REACH = 2.0
+_REACH_DEVIATIONS = 2.0
 """Standard deviations that a Gaussian is taken to reach down."""
-_DEEP = 2.0
+_DEEP_THICKNESSES = 2.0
 """Depth below the middle of the plane, relative to half of its thickness, from which on that is deep."""
-_MOST = 0.1
+_MAX_REACHING_SHARE = 0.1
 """Share of an object's Gaussians that may reach into the ground; where more do, the object does not stand on it."""
-_MIN_SHOWN = 1e-3
-"""Blend weight in pixels, summed over the views, below which nothing is noticed."""
+_MIN_SHOWN_PIXELS = 2e-4
+"""Mean blend weight in the views, in pixels, below which nothing is noticed."""
 
 
 def reaching_into_ground(gaussians: Gaussians, keep: BoolArray, bounds: Bounds, plane: SupportPlane) -> BoolArray:
     """Which Gaussians of an object (N,) reach deep below the plane that it stands on, (N,); none if it stands in it."""
     up, part = bounds.axes[2], gaussians.select(keep)
     deviations = np.sqrt(np.einsum("i,nij,j->n", up, part.covariances(), up))
-    lowest = (part.means - bounds.centre) @ up - _REACH * deviations
-    deep = lowest < (plane.height - _DEEP * plane.thickness) * bounds.radius
+    lowest = (part.means - bounds.centre) @ up - _REACH_DEVIATIONS * deviations
+    deep = lowest < (plane.height - _DEEP_THICKNESSES * plane.thickness) * bounds.radius
     reaching = keep.copy()
-    reaching[keep] = deep & (np.count_nonzero(deep) <= _MOST * len(deep))
+    reaching[keep] = deep & (np.count_nonzero(deep) <= _MAX_REACHING_SHARE * len(deep))
     return reaching
 
 
@@ -61,11 +61,12 @@ def find_underside(
     labelled = _coloured(gaussians, keep)
     visible = [renderer.render(labelled, camera).rgb[..., 0] > HALF for camera in cameras]
     seen_outside, seen_inside = _weights(labelled, cameras, visible, renderer)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         rows = np.flatnonzero(keep & ~hanging)
         outside, inside = _weights(gaussians.select(rows), cameras, visible, renderer)
         uncovered = outside - seen_outside[rows]
-        found = in_ground[rows] & (uncovered > _MIN_SHOWN) & (uncovered > np.maximum(inside, seen_inside[rows]))
+        noticed = uncovered > _MIN_SHOWN_PIXELS * len(cameras)
+        found = in_ground[rows] & noticed & (uncovered > np.maximum(inside, seen_inside[rows]))
         if not found.any():
             break
         hanging[rows[found]] = True

@@ -6,7 +6,7 @@ import threading
 
 import numba
 
-KERNELS = threading.Lock()
+KERNEL_LOCK = threading.Lock()
 """Held while a parallel kernel runs: Numba's fallback threading layer aborts the process on concurrent entry."""
 
 

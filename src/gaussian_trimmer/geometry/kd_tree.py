@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import CACHE, KERNELS
+from gaussian_trimmer.geometry.compiling import CACHE, KERNEL_LOCK
 
 _LEAF = 16
 _TOGETHER = 64  # Queries that share their scratch memory.
@@ -31,7 +31,7 @@ def nearest(
     order, axes, splits, edges = _build(points)
     queries = np.ascontiguousarray(queries, np.float32)
     leaves, numbers = _leaves(points, order, edges)
-    with KERNELS:
+    with KERNEL_LOCK:
         squared, found = _search(leaves, numbers, axes, splits, queries, k, reach * reach)
     return squared, found
 

@@ -20,9 +20,7 @@ _FREE, _ROOT, _ORPHAN = -1, -2, -3
 _jit = numba.njit(cache=CACHE, nogil=True)
 
 
-def min_cut(
-    unaries: NDArray[np.floating], edges: IntArray, weights: NDArray[np.floating]
-) -> BoolArray:  # fmt: skip
+def min_cut(unaries: NDArray[np.floating], edges: IntArray, weights: NDArray[np.floating]) -> BoolArray:
     """Which nodes of a graph are object in the labelling of least cost, (N,).
 
     The cost is the sum of positive unary terms over background nodes, of the absolute values of negative ones over

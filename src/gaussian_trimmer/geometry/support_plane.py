@@ -18,11 +18,11 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.settings import Range, Share
 
-_SURROUNDINGS = 1.5
+_SURROUNDINGS_RADII = 1.5
 """Horizontal distance from the object's centre within which the plane is searched, in object radii."""
-_FOOT_DISTANCE = 0.4
+_FOOT_DISTANCE_RADII = 0.4
 """Vertical distance from the object's foot within which the plane is searched, in object radii."""
-_BIN = 0.02
+_BIN_RADII = 0.02
 """Height of the histogram's bins, in object radii."""
 _FOOT_QUANTILE = 0.02
 """Quantile of the object's heights that is taken for its foot, so that single floaters do not count."""
@@ -88,14 +88,14 @@ def find_support_plane(
     """
     local = (positions - bounds.centre / bounds.radius) @ bounds.axes.T
     height = local[:, 2]
-    around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _SURROUNDINGS)
+    around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _SURROUNDINGS_RADII)
     total = weights[around].sum()
     if not config.enabled or total <= 0 or not selection.any():
         return None
     foot = np.quantile(height[selection], _FOOT_QUANTILE)
-    lowest, highest = foot - _FOOT_DISTANCE, foot + _FOOT_DISTANCE + _BIN
-    layer = densest_layer(height[around], weights[around], float(lowest), float(highest), _BIN)
-    level = weights[around & (np.abs(height - foot) < _FOOT_DISTANCE)].sum()
+    lowest, highest = foot - _FOOT_DISTANCE_RADII, foot + _FOOT_DISTANCE_RADII + _BIN_RADII
+    layer = densest_layer(height[around], weights[around], float(lowest), float(highest), _BIN_RADII)
+    level = weights[around & (np.abs(height - foot) < _FOOT_DISTANCE_RADII)].sum()
     if layer is None or layer[1] < max(config.min_share * level, config.min_share_of_all * total, _MIN_WEIGHT):
         return None
     shown = weights[selection]

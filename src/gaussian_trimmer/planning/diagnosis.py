@@ -18,25 +18,27 @@ from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
 
 _NEIGHBOURS = 8
-_ASKED = 500
+_SAMPLE_SIZE = 500
 """Selected Gaussians whose neighbours are looked at, spread over the selection."""
-_SCENE_SAMPLE = 20_000
+_SCENE_SAMPLE_SIZE = 20_000
 _MIN_SELECTED = 100
 """Selected Gaussians that a sample of the scene holds at the least, if there are so many."""
 _MIN_JUDGED = 20
 """Fewer selected Gaussians than this can lie anywhere."""
-_SCATTERED = 0.3
+_MIN_AGREEMENT = 0.3
 """Agreement of neighbours below which a selection is no object. Of selections of objects, thin and broken ones among
 them, the least is 0.58; rows in another order, also where both orders follow the space, reach 0.2."""
-_COARSE_STEP = 0.5
+_MAX_STEP_WIDTHS = 0.5
 """Step between single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
+_MOST_OF_SCENE = 0.5
+"""Share of a scene's Gaussians from which on a selection may be the background by mistake."""
 _MAX_TILT_DEGREES = 30.0
-_MIN_GROUND = 0.2
+_MIN_GROUND_CONFIDENCE = 0.2
 """Confidence in a ground plane from which on it can disagree with an up vector."""
 
 
-def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cameras: Sequence[Camera]) -> str:
-    """Why the object cannot be trimmed with what was given, a clause without a full stop; empty if it can.
+def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cameras: Sequence[Camera]) -> str | None:
+    """Why the object cannot be trimmed with what was given, a clause without a full stop; None if it can.
 
     Args:
         scene: all N Gaussians.
@@ -47,8 +49,21 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
     return _lost_places(scene, selection) or _scatter(scene, selection) or _blind_cameras(cameras, bounds)
 
 
-def doubts_about_up(scene: Gaussians, selection: BoolArray, up: UpVector) -> str:
-    """What speaks against the up vector, a sentence; empty if nothing does.
+def selection_warning(selection: BoolArray) -> str | None:
+    """What speaks against a selection (N,) of most of a scene, a sentence; None if nothing does."""
+    share = float(selection.mean())
+    if share <= _MOST_OF_SCENE:
+        return None
+    if selection.all():
+        return "The selection holds the whole scene, so nothing is around the object that it could be told from."
+    return (
+        f"The selection holds {100 * share:.0f} % of the scene's Gaussians; if it is inverted, select what it leaves "
+        "out instead."
+    )
+
+
+def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | None:
+    """What speaks against the up vector, a sentence; None if nothing does.
 
     Args:
         scene: all N Gaussians.
@@ -56,13 +71,13 @@ def doubts_about_up(scene: Gaussians, selection: BoolArray, up: UpVector) -> str
         up: the vector, and how it is known.
     """
     if up.source not in KNOWN_SOURCES:
-        return ""
+        return None
     ground = up_from_ground_plane(scene, selection)
-    if ground is None or ground.confidence < _MIN_GROUND:
-        return ""
+    if ground is None or ground.confidence < _MIN_GROUND_CONFIDENCE:
+        return None
     tilt = np.degrees(np.arccos(np.clip(up.direction @ ground.direction, -1, 1)))
     if tilt <= _MAX_TILT_DEGREES:
-        return ""
+        return None
     given, found = (
         " ".join(f"{value + 0.0:.2f}" for value in np.round(v, 2)) for v in (up.direction, ground.direction)
     )
@@ -81,24 +96,24 @@ def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
         scene: N Gaussians, not all of them selected.
         selection: the coarse object, (N,).
     """
-    step = max(1, min(len(scene) // _SCENE_SAMPLE, int(selection.sum()) // _MIN_SELECTED))
+    step = max(1, min(len(scene) // _SCENE_SAMPLE_SIZE, int(selection.sum()) // _MIN_SELECTED))
     # Every n-th of either side, so that an order of rows in which every n-th is selected does no harm.
     rows = np.sort(np.concatenate([np.flatnonzero(selection)[::step], np.flatnonzero(~selection)[::step]]))
     means, chosen = scene.means[rows], selection[rows]
     asked = np.flatnonzero(chosen)
-    asked = asked[np.linspace(0, len(asked) - 1, min(_ASKED, len(asked))).astype(np.int64)]
+    asked = asked[np.linspace(0, len(asked) - 1, min(_SAMPLE_SIZE, len(asked))).astype(np.int64)]
     _, near = nearest(means, means[asked], min(_NEIGHBOURS + 1, len(means)))
     others = near != asked[:, None]
     share, chance = np.count_nonzero(chosen[near] & others) / np.count_nonzero(others), float(chosen.mean())
     return (share - chance) / (1 - chance)
 
 
-def _scatter(scene: Gaussians, selection: BoolArray) -> str:
+def _scatter(scene: Gaussians, selection: BoolArray) -> str | None:
     if selection.all() or selection.sum() < _MIN_JUDGED or len(scene) <= 2 * _NEIGHBOURS:
-        return ""
+        return None
     agreement = neighbour_agreement(scene, selection)
-    if agreement >= _SCATTERED:
-        return ""
+    if agreement >= _MIN_AGREEMENT:
+        return None
     return (
         f"the {selection.sum():,} selected Gaussians are scattered over the scene (neighbours agree by "
         f"{agreement:.2f}, where 1 is a solid object and 0 is chance), as when a selection was made for the same "
@@ -106,9 +121,9 @@ def _scatter(scene: Gaussians, selection: BoolArray) -> str:
     )
 
 
-def _blind_cameras(cameras: Sequence[Camera], bounds: Bounds) -> str:
+def _blind_cameras(cameras: Sequence[Camera], bounds: Bounds) -> str | None:
     if not cameras or cameras_that_see(cameras, bounds):
-        return ""
+        return None
     centre = " ".join(f"{value:.4g}" for value in bounds.centre)
     return (
         f"none of the {len(cameras)} training cameras has the object, around {centre}, in its picture; give the "
@@ -116,14 +131,14 @@ def _blind_cameras(cameras: Sequence[Camera], bounds: Bounds) -> str:
     )
 
 
-def _lost_places(scene: Gaussians, selection: BoolArray) -> str:
+def _lost_places(scene: Gaussians, selection: BoolArray) -> str | None:
     """What single precision has made of coordinates as those of maps, which have their origin far away."""
     centres = scene.means[selection]
     middle = np.median(centres, axis=0)
     step = float(np.spacing(np.abs(middle).max()))
     width = float(np.exp(np.median(scene.log_scales[selection].max(axis=1))))
-    if step <= _COARSE_STEP * width:
-        return ""
+    if step <= _MAX_STEP_WIDTHS * width:
+        return None
     place = " ".join(f"{value:.0f}" for value in middle)
     return (
         f"the selected Gaussians lie around {place}, where coordinates in single precision are {step:.3g} apart, and "

@@ -10,7 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import Bounds
 
-_FULL_CIRCLE_GAP = np.radians(100)
+FULL_CIRCLE_GAP = np.radians(100)
 """Training cameras without a wider gap between their yaws stand all around the object."""
 _MIN_SPAN = np.radians(20)
 """Smallest span of yaws: one camera, or several close together, saw nearly as much from a little to either side."""
@@ -45,7 +45,7 @@ def observed_angles(cameras: Sequence[Camera], bounds: Bounds, wished_pitch: flo
     yaws = np.sort(np.arctan2(aside[:, 1], aside[:, 0]))
     gaps = np.diff(np.append(yaws, yaws[0] + 2 * np.pi))
     widest = int(np.argmax(gaps))
-    if gaps[widest] <= _FULL_CIRCLE_GAP:
+    if gaps[widest] <= FULL_CIRCLE_GAP:
         return 0.0, 2 * np.pi, pitch
     first, span = float(yaws[(widest + 1) % len(gaps)]), float(2 * np.pi - gaps[widest])
     if span < _MIN_SPAN:

@@ -10,7 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
-from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.observed_angles import FULL_CIRCLE_GAP, cameras_that_see
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 _FOV_DEGREES = 20.0
@@ -25,8 +25,6 @@ _GAP_PITCH_MARGIN = 10.0
 there."""
 _TRAINING_PITCH_MARGIN = 25.0
 """How much farther up and down than the training cameras the views may look from, in degrees."""
-_LARGEST_YAW_GAP = np.radians(100)
-"""Views without a wider gap between their yaws stand all around the object."""
 _SINGLE_VIEW_SPAN = np.radians(30)
 """Span of yaws around a single view."""
 _CLOSE_UP_MARGIN = 0.15
@@ -45,15 +43,15 @@ def views_at_heights(
         count: number of views, spread over four heights.
         size: width and height in pixels.
     """
-    yaws, pitches = _angles(planned, bounds)
-    first, span = _arc(yaws)
+    yaws, pitches = angles_around(planned, bounds)
+    first, span = observed_arc(yaws)
     pitch = float(np.degrees(np.median(pitches)))
     low, high = (
         (_MIN_PITCH, _MAX_PITCH) if span >= 2 * np.pi else (pitch - _GAP_PITCH_MARGIN, pitch + _GAP_PITCH_MARGIN)
     )
     seen = cameras_that_see(training, bounds)
     if seen:
-        lowest, highest = np.degrees(np.percentile(_angles(seen, bounds)[1], [2, 98]))
+        lowest, highest = np.degrees(np.percentile(angles_around(seen, bounds)[1], [2, 98]))
         low, high = (
             max(lowest - _TRAINING_PITCH_MARGIN, -_MAX_PITCH),
             min(highest + _TRAINING_PITCH_MARGIN, _MAX_PITCH),
@@ -86,20 +84,20 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
     return part.resized(min(1.0, size / max(part.width, part.height))), (slice(y0, y1), slice(x0, x1))
 
 
-def _angles(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Float64Array]:
+def angles_around(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Float64Array]:
     """Yaws and pitches of cameras around the object, in radians, (V,) each."""
     offsets = (np.array([camera.centre for camera in cameras]) - bounds.centre) @ bounds.axes.T
     return np.arctan2(offsets[:, 1], offsets[:, 0]), np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
 
 
-def _arc(yaws: Float64Array) -> tuple[float, float]:
+def observed_arc(yaws: Float64Array) -> tuple[float, float]:
     """First yaw and span of the arc that evenly spread views stand for, in radians; the full circle if they do."""
     if len(yaws) == 1:
         return float(yaws[0]) - _SINGLE_VIEW_SPAN / 2, float(_SINGLE_VIEW_SPAN)
     ordered = np.sort(yaws)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
     widest = int(np.argmax(gaps))
-    if gaps[widest] <= max(_LARGEST_YAW_GAP, 1.5 * 2 * np.pi / len(yaws)):
+    if gaps[widest] <= max(FULL_CIRCLE_GAP, 1.5 * 2 * np.pi / len(yaws)):
         return float(ordered[0]), float(2 * np.pi)
     between = 2 * np.pi - gaps[widest]
     step = between / (len(yaws) - 1)

@@ -22,15 +22,15 @@ _MIN_AGREEMENT = 0.5
 """Smallest length of the mean of the cameras' unit up axes at which it is used."""
 
 # Ground plane
-_SAMPLE = 20_000
-_SCORED = 4_000
-_OBJECT_SAMPLE = 1_000
+_SAMPLE_SIZE = 20_000
+_SCORED_POINTS = 4_000
+_OBJECT_SAMPLE_SIZE = 1_000
 _HYPOTHESES = 2_000
 _PLANES_AT_ONCE = 64
 _POINTS_AT_ONCE = 1 << 14
-_THICKNESS = 0.01
+_THICKNESS_RADII = 0.01
 """Distance of inliers from the plane, relative to the robust radius of what is searched."""
-_REACHES = (3.0, 6.0, 12.0, np.inf)
+_REACHES_RADII = (3.0, 6.0, 12.0, np.inf)
 """The object's support plane is searched within so many robust radii of it, farther out only if there is none nearer:
 below a part of an object there is none."""
 _MIN_SHARE = 0.15
@@ -38,7 +38,7 @@ _MIN_SHARE = 0.15
 _MIN_NEAR_SHARE, _MIN_SLANTED_SHARE = 0.2, 0.3
 """The same close to the object, where farther ones may be better, and farther out for planes that do not lie along the
 axes, where more is no ground."""
-_LYING = 0.1
+_LYING_DISTANCE_RADII = 0.1
 """Median distance from the plane, in robust radii of the object, up to which an object lies in it: a rug, a board."""
 _MIN_POINTS = 50
 _AXIS_BONUS = 1.25
@@ -133,23 +133,23 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
     """
     rng, everything = np.random.default_rng(0), np.ones(len(gaussians), np.bool_)
     if object_rows is None or not object_rows.any():
-        return _up_from_points(_draw(gaussians, everything, _SAMPLE, rng), None, _MIN_SHARE, _MIN_NEAR_SHARE, rng)
-    object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE, rng)
+        return _up_from_points(_draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_NEAR_SHARE, rng)
+    object_points = _draw(gaussians, object_rows, _OBJECT_SAMPLE_SIZE, rng)
     distances, searched = _distances(gaussians.means, np.median(object_points, axis=0)), 0
     radius = float(np.quantile(distances[object_rows], 0.9))
-    for reach in _REACHES:
+    for reach in _REACHES_RADII:
         near = ~object_rows & (distances < reach * radius)
         if not near.any() or np.count_nonzero(near) == searched:
             continue
-        least = (_MIN_NEAR_SHARE, _MIN_NEAR_SHARE) if reach == _REACHES[0] else (_MIN_SHARE, _MIN_SLANTED_SHARE)
-        found = _up_from_points(_draw(gaussians, near, _SAMPLE, rng), object_points, *least, rng)
+        least = (_MIN_NEAR_SHARE, _MIN_NEAR_SHARE) if reach == _REACHES_RADII[0] else (_MIN_SHARE, _MIN_SLANTED_SHARE)
+        found = _up_from_points(_draw(gaussians, near, _SAMPLE_SIZE, rng), object_points, *least, rng)
         if found is not None:
             return found
         searched = int(np.count_nonzero(near))
     if object_rows.all():
         return None
     # The object may be the ground itself.
-    return _up_from_points(_draw(gaussians, everything, _SAMPLE, rng), None, _MIN_SHARE, _MIN_SLANTED_SHARE, rng)
+    return _up_from_points(_draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_SLANTED_SHARE, rng)
 
 
 def _up_from_points(
@@ -162,7 +162,7 @@ def _up_from_points(
     """Normal of the plane that most points lie on, if enough do."""
     if len(points) < _MIN_POINTS:
         return None
-    tolerance = _THICKNESS * _robust_radius(points)
+    tolerance = _THICKNESS_RADII * _robust_radius(points)
     plane = _best_plane(points, object_points, tolerance, rng) if tolerance > 0 else None
     if plane is None:
         return None
@@ -184,7 +184,7 @@ def _stands_above(plane: _Plane, others: Float64Array, object_points: Float64Arr
     heights = others
     if object_points is not None:
         standing = plane.heights(object_points)
-        if np.median(abs(standing)) > _LYING * _robust_radius(object_points):
+        if np.median(abs(standing)) > _LYING_DISTANCE_RADII * _robust_radius(object_points):
             heights = standing
     return bool((heights > 0).sum() >= (heights < 0).sum())
 
@@ -228,7 +228,7 @@ def _best_plane(
     normals, offsets = _planes_through_points(points, tolerance, rng)
     if len(normals) == 0:
         return None
-    shares = _inlier_shares(normals, offsets, points[:_SCORED], tolerance)
+    shares = _inlier_shares(normals, offsets, points[:_SCORED_POINTS], tolerance)
     order = np.argsort(-shares, kind="stable")
     best, highest = int(order[0]), -1.0
     for start in range(0, len(order), _PLANES_AT_ONCE):

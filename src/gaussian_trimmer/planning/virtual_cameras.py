@@ -73,23 +73,6 @@ def plan_cameras(
     return ring(centre, axes, distance, yaws, pitch, Lens(config.size, fov, NEAR_RADII * bounds.radius)), bounds
 
 
-def small_views_around(bounds: Bounds, count: int, pitches_degrees: Sequence[float], size: int) -> list[Camera]:
-    """Small views of an object from the full circle at several heights, each turned by half a step from the last.
-
-    Args:
-        bounds: the object's bounds, which the views frame.
-        count: number of views at each height.
-        pitches_degrees: the heights, as angles above the horizon.
-        size: width and height of the views in pixels.
-    """
-    fov, fill, cameras = float(np.radians(PlanConfig.fov_degrees)), PlanConfig.fill, []
-    for i, pitch in enumerate(np.radians(pitches_degrees)):
-        yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
-        distance = framing_distance(bounds, yaws, pitch, fov, fill)
-        cameras += ring(bounds.centre, bounds.axes, distance, yaws, pitch, Lens(size, fov, NEAR_RADII * bounds.radius))
-    return cameras
-
-
 def small_views_from(cameras: Sequence[Camera], bounds: Bounds, pitch_degrees: float, size: int) -> list[Camera]:
     """Small views of an object from the yaws and distances of other cameras, all at one height.
 

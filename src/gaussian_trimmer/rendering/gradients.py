@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.geometry.compiling import KERNELS
+from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
 from gaussian_trimmer.rendering import gradient_kernels as kernels
 from gaussian_trimmer.rendering.numba_cpu import Projection, blend_view, lens_of, project_view, whole_tiles
 
@@ -86,7 +86,7 @@ def slopes_towards(
     Returns:
         For colour and alpha of all pixels of whole tiles, (4, H', W').
     """
-    with KERNELS:
+    with KERNEL_LOCK:
         return np.asarray(
             kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding), np.float32(invisible))
         )
@@ -109,20 +109,36 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     moves = moving[projection.rows]
     sums = np.zeros((len(projection.rows), kernels.N_SUMS), np.float32)
     for tiles in projection.parts(camera, kernels.N_SUMS):
-        with KERNELS:
+        with KERNEL_LOCK:
             pairs, busy = kernels.differentiate_tiles(
-                projection.splats, projection.colours, moves, tiles.starts, tiles.lists, tiles.spans, tiles.first,
-                camera.width, camera.height, drawing.padded, padded,
-            )  # fmt: skip
+                projection.splats,
+                projection.colours,
+                moves,
+                tiles.starts,
+                tiles.lists,
+                tiles.spans,
+                tiles.first,
+                camera.width,
+                camera.height,
+                drawing.padded,
+                padded,
+            )
             kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, busy, sums)
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)
     lens, limits = lens_of(camera)
-    with KERNELS:
+    with KERNEL_LOCK:
         derivatives[rows] = kernels.gather(
-            gaussians.means[rows], gaussians.log_scales[rows], gaussians.quaternions[rows],
-            gaussians.opacity_logits[rows], np.ascontiguousarray(camera.world_to_camera), lens, limits,
-            projection.splats[chosen], projection.colours[chosen], sums[chosen],
-        )  # fmt: skip
+            gaussians.means[rows],
+            gaussians.log_scales[rows],
+            gaussians.quaternions[rows],
+            gaussians.opacity_logits[rows],
+            np.ascontiguousarray(camera.world_to_camera),
+            lens,
+            limits,
+            projection.splats[chosen],
+            projection.colours[chosen],
+            sums[chosen],
+        )
     return derivatives

@@ -23,9 +23,16 @@ _PAIRS_AT_ONCE = 1 << 25
 def top_by_kernel(gsplat: Any, projection: Projection, camera: Camera, pixels: Tensor, k: int) -> tuple[Tensor, Tensor]:
     """The k largest blend weights at pixels, given by their flat numbers (P,): splats (P, k) and weights (P, k)."""
     ids, weights = gsplat.rasterize_top_contributing_gaussian_ids(
-        projection.means, projection.conics, projection.opacities, projection.tile_starts, projection.tile_lists,
-        camera.width, camera.height, projection.tile, k,
-    )  # fmt: skip
+        projection.means,
+        projection.conics,
+        projection.opacities,
+        projection.tile_starts,
+        projection.tile_lists,
+        camera.width,
+        camera.height,
+        projection.tile,
+        k,
+    )
     # The kernel lists them from near to far.
     return _largest_first(ids.reshape(-1, k)[pixels].long(), weights.reshape(-1, k)[pixels], k)
 
@@ -65,9 +72,18 @@ def _contributions(
     light = projection.means.new_zeros((1, camera.height, camera.width))
     light.view(-1)[pixels] = 1
     ids, flat, _ = gsplat.rasterize_to_indices_in_range(
-        0, _TO_THE_LAST, light, projection.means, projection.conics, projection.opacities, camera.width, camera.height,
-        projection.tile, projection.tile_starts, projection.tile_lists,
-    )  # fmt: skip
+        0,
+        _TO_THE_LAST,
+        light,
+        projection.means,
+        projection.conics,
+        projection.opacities,
+        camera.width,
+        camera.height,
+        projection.tile,
+        projection.tile_starts,
+        projection.tile_lists,
+    )
     ids, flat = ids.long(), flat.long()
     mean_x, mean_y = projection.means[0, ids].unbind(1)
     dx, dy = flat % camera.width + 0.5 - mean_x, flat // camera.width + 0.5 - mean_y

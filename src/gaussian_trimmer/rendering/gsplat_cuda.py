@@ -207,9 +207,17 @@ class GsplatRenderer:
     ) -> tuple[Tensor, Tensor]:
         """Blended values (1, M, C) before a background (1, C), as (H, W, C), and alpha, (H, W)."""
         image, alpha = self._gsplat.rasterize_to_pixels(
-            projection.means, projection.conics, values, projection.opacities, camera.width, camera.height,
-            projection.tile, projection.tile_starts, projection.tile_lists, backgrounds=background,
-        )  # fmt: skip
+            projection.means,
+            projection.conics,
+            values,
+            projection.opacities,
+            camera.width,
+            camera.height,
+            projection.tile,
+            projection.tile_starts,
+            projection.tile_lists,
+            backgrounds=background,
+        )
         return image[0], alpha[0, ..., 0]
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
@@ -230,11 +238,24 @@ class GsplatRenderer:
             self._check_pairs(drawn, scales, view, K, camera)
             # packed=False: the ids of packed splats would not be rows of the scene.
             image, alpha, info = self._gsplat.rasterization(
-                drawn.means, drawn.quaternions, scales, drawn.opacities, drawn.coefficients, view, K, camera.width,
-                camera.height, sh_degree=gaussians.sh_degree, render_mode="RGB+ED", near_plane=camera.near,
-                far_plane=LARGEST_VALUE, eps2d=LOW_PASS_VARIANCE, rasterize_mode="classic", packed=False,
+                drawn.means,
+                drawn.quaternions,
+                scales,
+                drawn.opacities,
+                drawn.coefficients,
+                view,
+                K,
+                camera.width,
+                camera.height,
+                sh_degree=gaussians.sh_degree,
+                render_mode="RGB+ED",
+                near_plane=camera.near,
+                far_plane=LARGEST_VALUE,
+                eps2d=LOW_PASS_VARIANCE,
+                rasterize_mode="classic",
+                packed=False,
                 tile_size=self._tile,
-            )  # fmt: skip
+            )
         names = ("means2d", "conics", "opacities", "isect_offsets", "flatten_ids")
         projection = Projection(self._tile, *(info[name] for name in names))
         drawn.projections[id(camera)] = camera, projection
@@ -257,13 +278,23 @@ class GsplatRenderer:
         """
         tiles = self._torch.tensor(
             [-(-camera.width // self._tile), -(-camera.height // self._tile)], device=self._device
-        )  # fmt: skip
+        )
         if len(drawn.means) * int(tiles.prod()) <= _COUNTED_FIRST:
             return
         radii, centres = self._gsplat.fully_fused_projection(
-            drawn.means, None, drawn.quaternions, scales, view, K, camera.width, camera.height,
-            eps2d=LOW_PASS_VARIANCE, near_plane=camera.near, far_plane=LARGEST_VALUE, opacities=drawn.opacities,
-        )[:2]  # fmt: skip
+            drawn.means,
+            None,
+            drawn.quaternions,
+            scales,
+            view,
+            K,
+            camera.width,
+            camera.height,
+            eps2d=LOW_PASS_VARIANCE,
+            near_plane=camera.near,
+            far_plane=LARGEST_VALUE,
+            opacities=drawn.opacities,
+        )[:2]
         shown = (radii > 0).all(dim=-1)
         radii, centres = radii[shown].double(), centres[shown].double()
         low = ((centres - radii) / self._tile).floor().clamp(min=0)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.compiling import KERNELS
+from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import (
     TILE,
@@ -95,7 +95,7 @@ class Projection:
         starts = self.tile_starts[first : last + 1] - begin
         if self.tiles is not None:
             return Tiles(first, starts, self.tiles.lists[begin:end], self.tiles.spans[begin:end])
-        with KERNELS:
+        with KERNEL_LOCK:
             return Tiles(first, starts, *bin_gaussians(self.splats, camera.width, camera.height, starts, first))
 
     def scattered(self, sums: FloatArray, n: int) -> FloatArray:
@@ -150,11 +150,18 @@ class NumbaRenderer:
         projection = self._projection(gaussians, camera)
         ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
         for tiles in projection.parts(camera):
-            with KERNELS:
+            with KERNEL_LOCK:
                 top_of_pixels(
-                    projection.splats, tiles.starts, tiles.lists, tiles.spans, tiles.first, camera.width, pixels, ids,
+                    projection.splats,
+                    tiles.starts,
+                    tiles.lists,
+                    tiles.spans,
+                    tiles.first,
+                    camera.width,
+                    pixels,
+                    ids,
                     weights,
-                )  # fmt: skip
+                )
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
@@ -185,12 +192,19 @@ class NumbaRenderer:
 def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None = None) -> Projection:
     """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given."""
     lens, limits = lens_of(camera)
-    with KERNELS:
+    with KERNEL_LOCK:
         splats, colours, drawn = project(
-            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,
-            gaussians.sh_dc, gaussians.sh_rest, np.ascontiguousarray(camera.world_to_camera), camera.centre, lens,
+            gaussians.means,
+            gaussians.log_scales,
+            gaussians.quaternions,
+            gaussians.opacity_logits,
+            gaussians.sh_dc,
+            gaussians.sh_rest,
+            np.ascontiguousarray(camera.world_to_camera),
+            camera.centre,
+            lens,
             limits,
-        )  # fmt: skip
+        )
         # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
         candidates = np.flatnonzero(drawn)
         keys = colours[candidates, 3].view(np.uint32).astype(np.uint64) << np.uint64(32) | candidates.astype(np.uint64)
@@ -214,10 +228,14 @@ def lens_of(camera: Camera) -> tuple[Float64Array, Float64Array]:
     margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
-        limits = np.array([
-            (-margin[0] - cx) / fx, (camera.width + margin[0] - cx) / fx,
-            (-margin[1] - cy) / fy, (camera.height + margin[1] - cy) / fy,
-        ])  # fmt: skip
+        limits = np.array(
+            [
+                (-margin[0] - cx) / fx,
+                (camera.width + margin[0] - cx) / fx,
+                (-margin[1] - cy) / fy,
+                (camera.height + margin[1] - cy) / fy,
+            ]
+        )
     return np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near]), limits
 
 
@@ -238,11 +256,19 @@ def blend_view(
     image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
     sums = np.zeros((len(projection.rows), len(labels)), np.float32)
     for tiles in projection.parts(camera, len(labels)):
-        with KERNELS:
+        with KERNEL_LOCK:
             pairs = blend_tiles(
-                projection.splats, values, tiles.starts, tiles.lists, tiles.spans, tiles.first, camera.width,
-                camera.height, labels, image,
-            )  # fmt: skip
+                projection.splats,
+                values,
+                tiles.starts,
+                tiles.lists,
+                tiles.spans,
+                tiles.first,
+                camera.width,
+                camera.height,
+                labels,
+                image,
+            )
             sum_pairs(pairs, tiles.lists, sums)
     return image, sums
 

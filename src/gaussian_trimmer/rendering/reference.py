@@ -62,9 +62,11 @@ class ReferenceRenderer:
         depth = np.divide(weighted_depth, alpha, out=np.zeros_like(alpha), where=alpha > 0)
         everywhere = np.zeros((camera.height, camera.width), np.uint8)
         return Rendering(
-            rgb.astype(np.float32), alpha[..., 0].astype(np.float32), depth[..., 0].astype(np.float32),
+            rgb.astype(np.float32),
+            alpha[..., 0].astype(np.float32),
+            depth[..., 0].astype(np.float32),
             self.blend_weights(gaussians, camera, everywhere, 1)[:, 0] if weights else np.zeros(0, np.float32),
-        )  # fmt: skip
+        )
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
         """Sum over Gaussians of alpha_i T_i values_i at each pixel, for any values (N, C), as (H, W, C)."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.settings import Range, Share
-from gaussian_trimmer.views import TrimmedView, View
+from gaussian_trimmer.views import TrimmedView, View, mask_overlap
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
     for view, mask in zip(views, masks, strict=True):
         silhouette = view.silhouette
         size = int(np.count_nonzero(silhouette))
-        overlap = int(np.count_nonzero(mask & silhouette)) / max(int(np.count_nonzero(mask | silhouette)), 1)
-        reason = ""
+        overlap = mask_overlap(mask, silhouette)
+        reason = None
         if size < config.min_silhouette:
             reason = f"the object is expected in only {size} pixels"
         elif overlap < config.min_overlap:
@@ -45,22 +45,22 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
     return checked
 
 
-def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str:
-    """Why the views do not suffice to change the coarse selection; empty if they do."""
+def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str | None:
+    """Why the views do not suffice to change the coarse selection; None if they do."""
     accepted = [trimmed.view for trimmed in views if not trimmed.rejected]
     if len(accepted) >= max(1.0, config.min_views * len(views)):
         hidden = float(np.mean([view.hidden_share for view in accepted]))
         if hidden > config.max_hidden:
             return f"something nearer hides {hidden:.2f} of the object in the views; {config.max_hidden} is allowed"
-        return ""
+        return None
     reasons = "; ".join(sorted({view.rejected for view in views if view.rejected}))
     return f"only {len(accepted)} of {len(views)} views were accepted ({reasons})"
 
 
 def excessive_loss(
     coarse: BoolArray, keep: BoolArray, visible: FloatArray, alone: FloatArray, config: AcceptanceConfig
-) -> str:
-    """Why an object that keeps too little of the selection is refused; empty if it keeps enough.
+) -> str | None:
+    """Why an object that keeps too little of the selection is refused; None if it keeps enough.
 
     Args:
         coarse: the coarse selection, (N,).
@@ -76,5 +76,5 @@ def excessive_loss(
         float(shown[kept].sum() / shown.sum()) if shown.sum() > 0 else 1.0 for shown in (visible[coarse], alone)
     )
     if remaining >= config.min_remaining:
-        return ""
+        return None
     return f"only {remaining:.2f} of what the selection shows would remain; {config.min_remaining} is needed"

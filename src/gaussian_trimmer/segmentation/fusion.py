@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views import View, mask_overlap
 
 _CONFIDENCE_WEIGHT = 0.32
 """Weight of the mask's mean logit in a region, which counts up to `_MAX_LOGIT`."""
@@ -66,7 +66,7 @@ def fuse_with_silhouettes(
         masks (H, W), one for each view, and how many of the segmenter's masks were set aside as of something else.
     """
     masks = [logit > 0 for logit in logits]
-    trusted = [_overlap(m, s) >= _MIN_OVERLAP for m, s in zip(masks, silhouettes, strict=True)]
+    trusted = [mask_overlap(m, s) >= _MIN_OVERLAP for m, s in zip(masks, silhouettes, strict=True)]
     elsewhere = _shares_elsewhere(views, masks, trusted, gaussians, renderer)
     fused = []
     for number, silhouette in enumerate(silhouettes):
@@ -139,7 +139,3 @@ def _shares_elsewhere(
         share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > _SEEN)
         shares.append(renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0])
     return shares
-
-
-def _overlap(a: BoolArray, b: BoolArray) -> float:
-    return int(np.count_nonzero(a & b)) / max(int(np.count_nonzero(a | b)), 1)

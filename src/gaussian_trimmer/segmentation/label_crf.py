@@ -26,24 +26,24 @@ from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_sup
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 from gaussian_trimmer.settings import Range, Weight
 
-_BINS = 32
+_BINS_PER_CHANNEL = 32
 """Bins of the colour histograms in each channel."""
 # Blurring by one bin's standard deviation, cut at three, as a matrix.
-_STEPS = np.arange(_BINS) - np.arange(_BINS)[:, None]
+_STEPS = np.arange(_BINS_PER_CHANNEL) - np.arange(_BINS_PER_CHANNEL)[:, None]
 _BLUR = np.where(np.abs(_STEPS) <= 3, np.exp(-0.5 * _STEPS.astype(np.float64) ** 2), 0.0)
 _EMPTY_BIN = 1e-5
 """Added to the histograms, so that colours that occur on one side only have a finite likelihood ratio."""
-_MIN_WEIGHT = 0.05
+_MIN_SEEN_PIXELS = 0.05
 """Visible weight above which a Gaussian counts as seen."""
-_MAX_WEIGHT = 20.0
+_FULL_WEIGHT_PIXELS = 20.0
 """Visible weight from which on a neighbour counts no more than others."""
 _MAJORITY_OF = 17
 """Number of nearest Gaussians, itself among them, whose labels decide on which side of the boundary one lies."""
 _MAX_COLOUR_EVIDENCE = 2.0
 """Limit of the colour models' log-likelihood ratio."""
-_CHANCE = 0.5
+_CHANCE_ACCURACY = 0.5
 """Accuracy of the colour models at which their weight is zero."""
-_FULL_GAIN = 0.45
+_FULL_ACCURACY_GAIN = 0.45
 """Accuracy beyond chance from which on their weight is full."""
 _MAX_DISTANCES = 1.5
 """Number of boundary distances from which on trust in the coarse label no longer grows."""
@@ -107,7 +107,7 @@ def correct_labels(
     hidden in the table below would come along with it.
     """
     probability = selection.astype(np.float32)
-    seen = np.flatnonzero(visible > _MIN_WEIGHT)
+    seen = np.flatnonzero(visible > _MIN_SEEN_PIXELS)
     labels = selection[seen]
     if not config.enabled or labels.all() or not labels.any():
         return probability
@@ -120,7 +120,7 @@ def correct_labels(
         if labels.all() or not labels.any():
             break
     probability[seen] = corrected
-    hidden = np.flatnonzero(visible <= _MIN_WEIGHT)
+    hidden = np.flatnonzero(visible <= _MIN_SEEN_PIXELS)
     _, near = nearest(
         positions, gaussians.means[hidden] / np.float32(bounds.radius), min(config.k_hidden_neighbours, len(seen))
     )
@@ -136,7 +136,7 @@ class _Crf:
         self, positions: FloatArray, colours: FloatArray, weights: Float64Array, bounds: Bounds, config: LabelCrfConfig
     ) -> None:
         self.positions, self.weights, self.bounds, self.config = positions, weights, bounds, config
-        capped = np.minimum(weights, _MAX_WEIGHT)
+        capped = np.minimum(weights, _FULL_WEIGHT_PIXELS)
         features = np.concatenate([positions / config.position_sigma, colours / config.colour_sigma], axis=1)
         squared, self.alike = _others(features, config.k_neighbours)
         kernel = np.exp(-0.5 * squared) * capped[self.alike]
@@ -144,8 +144,8 @@ class _Crf:
         squared, self.near = nearest(positions, positions, min(_MAJORITY_OF, len(positions)))
         self.spacing = np.sqrt(squared[:, min(1, squared.shape[1] - 1)])
         self.near_weights = capped[self.near]
-        bins = np.minimum((colours * _BINS).astype(np.int64), _BINS - 1)
-        self.colour_bins = (bins[:, 0] * _BINS + bins[:, 1]) * _BINS + bins[:, 2]
+        bins = np.minimum((colours * _BINS_PER_CHANNEL).astype(np.int64), _BINS_PER_CHANNEL - 1)
+        self.colour_bins = (bins[:, 0] * _BINS_PER_CHANNEL + bins[:, 1]) * _BINS_PER_CHANNEL + bins[:, 2]
 
     def infer(self, labels: BoolArray) -> FloatArray:
         """One round of mean-field inference from labels (S,), as probabilities (S,)."""
@@ -153,7 +153,7 @@ class _Crf:
         signs = np.where(labels, 1.0, -1.0).astype(np.float32)
         unary = self._trust(labels, signs)
         _, separation = self._colour_evidence(labels.astype(np.float64))
-        colour_weight = config.colour * float(np.clip((separation - _CHANCE) / _FULL_GAIN, 0, 1)) ** 2
+        colour_weight = config.colour * float(np.clip((separation - _CHANCE_ACCURACY) / _FULL_ACCURACY_GAIN, 0, 1)) ** 2
         mean = np.sign(unary)  # So that attached pieces start on the object's side.
         for _ in range(config.iterations):
             evidence, _ = self._colour_evidence(0.5 * (mean + 1.0))
@@ -211,7 +211,7 @@ def _others(features: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]
 
 def _blurred_histogram(bins: NDArray[np.int64], weights: Float64Array) -> Float64Array:
     """Normalised colour histogram, blurred by one bin's standard deviation, flat."""
-    counts = np.bincount(bins, weights, _BINS**3).reshape((_BINS,) * 3)
+    counts = np.bincount(bins, weights, _BINS_PER_CHANNEL**3).reshape((_BINS_PER_CHANNEL,) * 3)
     for _ in range(3):  # The last axis is blurred and comes first, so that after three times all are in order again.
         counts = np.tensordot(_BLUR, counts, axes=(1, 2))
     return np.asarray((counts / max(counts.sum(), 1e-12)).reshape(-1))

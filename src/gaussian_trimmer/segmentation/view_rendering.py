@@ -3,18 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.gaussians import FloatArray
 from gaussian_trimmer.rendering import Renderer, Rendering
-from gaussian_trimmer.views import HALF, View, bounding_box
+from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE, View, bounding_box, to_reference
 
-OCCLUDER_DISTANCE = 0.1
-"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
-_REFERENCE_PIXELS = 5 * 512 * 512
-"""Pixels of the default views: thresholds on visible weight hold for these, whatever views there are."""
+
+@dataclass(frozen=True, eq=False)
+class SceneRenderings:
+    """What the cameras of a scope see, with the blend weights of its L Gaussians, of which S are selected."""
+
+    pictures: Sequence[Rendering]
+    """The object and the Gaussians around it."""
+    isolated: Sequence[Rendering]
+    """The selected object alone."""
+    visible: FloatArray
+    """Blend weight of each Gaussian in the pictures, in pixels of five views of 512 x 512, (L,)."""
+    visible_alone: FloatArray
+    """The same of each selected one where nothing else is drawn, (S,)."""
+
+
+def render_scope(scope: Scope, renderer: Renderer) -> SceneRenderings:
+    """Draw a scope and the selected object in it for each of its cameras."""
+    pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
+    selected = scope.local.select(scope.selected)
+    isolated = [renderer.render(selected, camera, weights=True) for camera in scope.cameras]
+    visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
+    return SceneRenderings(pictures, isolated, visible, alone)
 
 
 def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
@@ -24,33 +44,27 @@ def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> 
         weights: blend weights in each view, in pixels of that view, (N,) each.
         cameras: the cameras of the views.
     """
-    pixels = sum(camera.height * camera.width for camera in cameras)
-    return np.asarray(np.sum(weights, axis=0) * np.float32(_REFERENCE_PIXELS / pixels))
+    return to_reference(np.sum(weights, axis=0), cameras)
 
 
 def complete_views(
-    pictures: Sequence[Rendering], isolated: Sequence[Rendering], local: Gaussians, coarse: BoolArray,
-    probability: FloatArray, cameras: Sequence[Camera], radius: float, renderer: Renderer,
-) -> list[View]:  # fmt: skip
-    """What the segmenter is given for each camera.
+    scope: Scope, renderings: SceneRenderings, probability: FloatArray, renderer: Renderer
+) -> list[View]:
+    """What the segmenter is given for each camera of a scope.
 
     Args:
-        pictures: what the cameras see.
-        isolated: what they see of the coarse object in isolation.
-        local: the coarse object and the Gaussians around it, N of them.
-        coarse: which of them are the coarse object, (N,).
-        probability: their corrected labels, (N,).
-        cameras: the cameras of the views.
-        radius: the object's radius.
+        scope: the object and the Gaussians around it, L of them.
+        renderings: what its cameras see.
+        probability: the corrected labels, (L,).
         renderer: draws the labels.
     """
-    shares = np.stack([coarse.astype(np.float32), probability], axis=1)
+    shares = np.stack([scope.selected.astype(np.float32), probability], axis=1)
     views = []
-    for camera, picture, alone in zip(cameras, pictures, isolated, strict=True):
-        shown = renderer.blend_values(local, camera, shares)
-        visible, prior = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
+    for camera, picture, alone in zip(scope.cameras, renderings.pictures, renderings.isolated, strict=True):
+        shown = renderer.blend_values(scope.local, camera, shares)
+        visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
         whole = alone.alpha > HALF
-        nearer = (picture.depth > 0) & (picture.depth < alone.depth - OCCLUDER_DISTANCE * radius)
+        nearer = (picture.depth > 0) & (picture.depth < alone.depth - OCCLUDER_DISTANCE * scope.bounds.radius)
         hidden = whole & (visible <= HALF) & nearer
-        views.append(View(camera, picture, alone.alpha, visible, prior, bounding_box(whole), hidden))
+        views.append(View(camera, picture, alone.alpha, visible, expected, bounding_box(whole), hidden))
     return views

@@ -1,1 +1,1 @@
-"""The steps of a trim, each of which calls what it needs of the three stages; `pipeline` puts them in order."""
+"""The way of one trim: its task, its scope, its stages in order, and what follows the decision."""

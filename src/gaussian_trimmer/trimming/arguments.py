@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
-from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.limits import check_magnitudes
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -34,6 +35,7 @@ def check_scene(scene: Any, cameras: Any) -> None:
             f"The cameras are a {type(cameras).__name__}; give a CameraSet, from gaussian_trimmer.read_cameras(path), "
             "or use view_cameras for cameras to look from."
         )
+    check_magnitudes(scene)
 
 
 def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
@@ -149,7 +151,9 @@ def settings(
         _check_view_cameras(view_cameras, views)
     if views is not None:
         config = replace(config, plan=replace(config.plan, views=_number_of_views(views)))
-    return config if up is None else replace(config, up=vector_of_up(up))
+    config = config if up is None else replace(config, up=vector_of_up(up))
+    check_config(config)
+    return config
 
 
 def _check_view_cameras(view_cameras: Any, views: Any) -> None:

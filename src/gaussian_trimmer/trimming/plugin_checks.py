@@ -16,9 +16,8 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer, Rendering
 from gaussian_trimmer.segmentation.segmenters import Segmenter
-from gaussian_trimmer.views import View
+from gaussian_trimmer.views import HALF_COVERAGE, View
 
-_HALF_COVERAGE = 127
 _RENDERER_METHODS = ("render", "blend_values", "blend_weights", "top_contributors")
 
 
@@ -146,12 +145,12 @@ def _as_booleans(name: str, masks: Sequence[NDArray[Any]]) -> list[BoolArray]:
     numbers = [mask for mask in masks if mask.dtype != np.bool_]
     lowest = min((int(mask.min(initial=0)) for mask in numbers), default=0)
     highest = max((int(mask.max(initial=0)) for mask in numbers), default=0)
-    if lowest < 0 or 1 < highest <= _HALF_COVERAGE or highest > 255:
+    if lowest < 0 or 1 < highest <= HALF_COVERAGE or highest > 255:
         raise InputError(
             f"The segmenter '{name}' gave masks of whole numbers from {lowest} to {highest}; 0 and 1, or coverage from "
             "0 to 255, are needed."
         )
-    threshold = 0 if highest <= 1 else _HALF_COVERAGE
+    threshold = 0 if highest <= 1 else HALF_COVERAGE
     return [mask if mask.dtype == np.bool_ else np.asarray(mask > threshold) for mask in masks]
 
 

@@ -1,13 +1,9 @@
-"""The trimmer: plan cameras, render views, correct labels, segment, weigh the evidence, split at the boundary."""
+"""The trimmer: plan cameras, render views, correct labels, segment, weigh the evidence, split, clean and fit."""
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,34 +17,74 @@ from gaussian_trimmer.config import (
     PlanConfig,
     SplitConfig,
     TrimConfig,
-    check_config,
     paper_config,
 )
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.geometry.limits import check_magnitudes
-from gaussian_trimmer.planning.diagnosis import doubts_about_up, find_wrong_input
+from gaussian_trimmer.decomposition.membership import (
+    find_members,
+    prune_halo,
+    prune_underside,
+    weigh_isolated,
+    weigh_scene,
+)
+from gaussian_trimmer.decomposition.splitting import Decomposition, split_boundary
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.planning.virtual_cameras import small_views_from
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of, get_segmenter
-from gaussian_trimmer.segmentation.view_rendering import complete_views, visible_weight
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of
+from gaussian_trimmer.segmentation.view_rendering import complete_views, render_scope
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
-from gaussian_trimmer.trimming.boundary import decompose
-from gaussian_trimmer.trimming.finishing import Rows, assemble, clean, fill, refine_boundary, with_filled
-from gaussian_trimmer.trimming.plugin_checks import CheckedRenderer, CheckedSegmenter
+from gaussian_trimmer.trimming.assembly import Assembly, assemble, left_as_it_was
+from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
+from gaussian_trimmer.trimming.completion import clean, fill, fit_outline
 from gaussian_trimmer.trimming.scope import plan_scope
+from gaussian_trimmer.trimming.task import PlugIns, Task
 from gaussian_trimmer.views import TrimmedView
 
 __all__ = [
-    "AcceptanceConfig", "BoundaryConfig", "EvidenceConfig", "LabelCrfConfig", "PlanConfig", "RowLabel", "SplitConfig",
-    "TrimConfig", "TrimResult", "TrimmedView", "paper_config", "trim",
-]  # fmt: skip
+    "AcceptanceConfig",
+    "BoundaryConfig",
+    "EvidenceConfig",
+    "LabelCrfConfig",
+    "PlanConfig",
+    "RowLabel",
+    "SplitConfig",
+    "TrimConfig",
+    "TrimResult",
+    "TrimmedView",
+    "paper_config",
+    "trim",
+]
 
+_LOW_VIEW_PITCH_DEGREES = 8.0
+"""Pitch of the small views that look for what hangs below the object."""
+_LOW_VIEW_PIXELS = 160
+"""Their width and height."""
 _NOT_FILLED = "No flat surface with a hole was found below the object, so nothing was filled."
-Progress = Callable[[str], None]
-_LOG = logging.getLogger("gaussian_trimmer")
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What belongs to the object, before anything is fitted and put together."""
+
+    scope: Scope
+    up: UpVector
+    warnings: tuple[str, ...]
+    views: tuple[TrimmedView, ...] = ()
+    """All views, accepted or not; none if an input was found wrong."""
+    visible: FloatArray | None = None
+    """Blend weight of each Gaussian of the scope in the views, (L,)."""
+    parts: Decomposition | None = None
+    """What the object gets; None if the selection is left as it was."""
+    refused: str | None = None
+    """Why it is left as it was."""
+    given_up: BoolArray | None = None
+    """Gaussians of the scene that other objects got, (N,)."""
 
 
 def trim(
@@ -91,128 +127,133 @@ def trim(
             caller's gives something else than its contract says.
     """
     check_scene(scene, cameras)
-    config = settings(config, views, up, view_cameras)
-    check_config(config)
-    check_magnitudes(scene)
-    excluded = mask_of_excluded(selection, excluded, len(scene))
-    selection = mask_of_selection(selection, len(scene))
-    return trim_checked(
-        scene, selection, excluded, config, renderer, segmenter, cameras, view_cameras=view_cameras, progress=progress
+    task = Task(
+        scene,
+        mask_of_selection(selection, len(scene)),
+        mask_of_excluded(selection, excluded, len(scene)),
+        settings(config, views, up, view_cameras),
+        PlugIns.of(renderer, segmenter),
+        cameras,
+        view_cameras,
     )
+    clock = Clock(progress)
+    decision, dropped = decide(task, clock), np.zeros(0, np.int64)
+    if decision.parts is not None and task.config.background == "clean":
+        with clock("clean"):
+            decision, dropped = cleaned(task, decision)
+    return finish(task, decision, dropped, clock)
 
 
-@dataclass(frozen=True)
-class KnownUp:
-    """The up vector of a scene, which several of its objects have in common."""
-
-    up: UpVector
-    doubt: str
-    """What speaks against it, a sentence; empty if nothing does."""
-
-
-def trim_checked(
-    scene: Gaussians, selection: BoolArray, excluded: BoolArray, config: TrimConfig, renderer: Renderer | str,
-    segmenter: Segmenter | str, cameras: CameraSet | None, *, view_cameras: Sequence[Camera] | None = None,
-    known_up: KnownUp | None = None, progress: Progress = lambda stage: None,
-) -> TrimResult:  # fmt: skip
-    """`trim` after its arguments were checked; `known_up` is not looked for again."""
-    given_renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
-    given_segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
-    renderer, segmenter = CheckedRenderer(given_renderer), CheckedSegmenter(given_segmenter)
-    clock = _Clock(_logged(progress))
-    known = training_cameras(cameras)
+def decide(task: Task, clock: Clock) -> Decision:
+    """Decide which Gaussians belong to the object: the stages up to splitting."""
+    config, renderer = task.config, task.renderer
     with clock("plan"):
-        up = known_up.up if known_up else find_up(scene, cameras, config.up, selection)
-        scope = plan_scope(scene, selection, excluded & ~selection, up, config, cameras, view_cameras)
-        wrong = find_wrong_input(scene, selection, scope.bounds, known)
-        doubt = known_up.doubt if known_up else "" if wrong else doubts_about_up(scene, selection, up)
-
-    def result(rows: Rows, refused: str | None = None, views: Sequence[TrimmedView] = (), **more: Any) -> TrimResult:
-        floaters = int(selection.sum() - scope.coarse.sum()) if views else 0
-        return TrimResult(
-            scene=scene, object=rows[0], outside_parts=rows[1], source_index=rows[2], label=rows[3], up=up,
-            bounds=scope.bounds, views=tuple(views), floaters=floaters, refused=refused, seconds=clock.seconds,
-            renderer=renderer.name, segmenter=segmenter.name, segmenter_description=description_of(given_segmenter),
-            selection=selection, config=config, used_renderer=given_renderer, cameras=tuple(known), **more,
-        )  # fmt: skip
-
-    if wrong:
-        _LOG.info("not trimmed: %s", wrong)
-        return result(assemble(scene, selection, scope.rows, None, np.zeros(0, np.int64)), wrong)
+        plan = _plan(task)
+    scope = plan.scope
+    if plan.refused:
+        return plan
     with clock("render"):
-        pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
-        selected = scope.local.select(scope.coarse)
-        isolated = [renderer.render(selected, camera, weights=True) for camera in scope.cameras]
-        visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
+        renderings = render_scope(scope, renderer)
     with clock("correct"):
-        probability = correct_labels(scope.local, scope.coarse, visible, scope.bounds, config.label_crf)
+        probability = correct_labels(scope.local, scope.selected, renderings.visible, scope.bounds, config.label_crf)
         probability[scope.excluded] = 0
     with clock("render"):
-        unsegmented = complete_views(
-            pictures, isolated, scope.local, scope.coarse, probability, scope.cameras, scope.bounds.radius, renderer
-        )
-    if hasattr(given_segmenter, "report_to"):
-        given_segmenter.report_to(lambda part: progress(f"segment {part}"))
+        unsegmented = complete_views(scope, renderings, probability, renderer)
+    task.plug_ins.report_parts_to(lambda part: clock.part(f"segment {part}"))
     with clock("segment"):
-        trimmed = check_masks(
-            unsegmented, segmenter.segment_with(unsegmented, scope.local, renderer), config.acceptance
-        )
-    accepted = [view for view in trimmed if not view.rejected]
-    refused = rejection(trimmed, config.acceptance)
-    warnings = [doubt] if doubt else []
-    dropped = fitted = np.zeros(0, np.int64)
-    if not refused:
-        parts = decompose(scope, probability, accepted, renderer, config, clock)
-        refused = excessive_loss(scope.coarse, parts.keep, visible, alone, config.acceptance)
+        masks = task.plug_ins.segmenter.segment_with(unsegmented, scope.local, renderer)
+        views = check_masks(unsegmented, masks, config.acceptance)
+    plan = replace(plan, views=tuple(views), visible=renderings.visible)
+    refused = rejection(views, config.acceptance)
     if refused:
-        with clock("assemble"):
-            rows = assemble(scene, selection, scope.rows, None, dropped)
-        _LOG.info("not trimmed: %s", refused)
-        return result(rows, refused, trimmed, warnings=tuple(warnings))
-    if config.background == "clean":
-        with clock("clean"):
-            parts, dropped = clean(scope, parts, visible, renderer, config)
+        return replace(plan, refused=refused)
+    parts = _decompose(task, scope, probability, [view for view in views if not view.rejected], clock)
+    refused = excessive_loss(
+        scope.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
+    )
+    return replace(plan, refused=refused, parts=None if refused else parts)
+
+
+def _plan(task: Task) -> Decision:
+    """Where to look from; refused if an input is wrong."""
+    up = task.known_up.up if task.known_up else find_up(task.scene, task.cameras, task.config.up, task.selection)
+    scope = plan_scope(task, up.direction)
+    wrong = find_wrong_input(task.scene, task.selection, scope.bounds, training_cameras(task.cameras))
+    if task.known_up:
+        doubt = task.known_up.warning
+    else:
+        doubt = None if wrong else up_warning(task.scene, task.selection, up)
+    found = (selection_warning(task.selection), doubt)
+    return Decision(scope, up, tuple(warning for warning in found if warning), refused=wrong)
+
+
+def _decompose(
+    task: Task, scope: Scope, probability: FloatArray, accepted: Sequence[TrimmedView], clock: Clock
+) -> Decomposition:
+    """Evidence from the views of the whole scene, evidence from the object in isolation, and splits."""
+    config, renderer = task.config, task.renderer
+    with clock("weigh"):
+        evidence = weigh_scene(scope, probability, accepted, renderer, config.evidence)
+        members = find_members(scope, evidence, config.evidence)
+    with clock("prune"):
+        isolated = weigh_isolated(scope, members, accepted, renderer)
+        if config.evidence.second_evidence:
+            plane = scope.support_plane(members, evidence.inside + evidence.outside, config.label_crf.support_plane)
+            members = prune_halo(scope, isolated, evidence, plane, config.evidence)
+            if plane is not None:
+                low = small_views_from(scope.cameras, scope.bounds, _LOW_VIEW_PITCH_DEGREES, _LOW_VIEW_PIXELS)
+                members = prune_underside(scope, members, plane, low, renderer)
+    with clock("split"):
+        return split_boundary(isolated, members, accepted, renderer, config.boundary, config.split)
+
+
+def cleaned(task: Task, decision: Decision) -> tuple[Decision, IntArray]:
+    """The decision with what the background must not have, and the rows of the scene that nobody gets."""
+    assert decision.parts is not None and decision.visible is not None
+    parts, dropped = clean(decision.scope, decision.parts, decision.visible, task.renderer, task.config)
+    return replace(decision, parts=parts), dropped
+
+
+def finish(task: Task, decision: Decision, dropped: IntArray, clock: Clock) -> TrimResult:
+    """Put object and background together, with the object's outline fitted and the hole below it filled if asked."""
+    config, scope, parts, warnings = task.config, decision.scope, decision.parts, list(decision.warnings)
+    if parts is None:
+        LOG.info("not trimmed: %s", decision.refused)
+        kept = task.selection if decision.given_up is None else task.selection & ~decision.given_up
+        return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock, warnings)
     with clock("assemble"):
-        rows = assemble(scene, selection, scope.rows, parts, dropped)
-    not_fitted, filled = "", None
+        assembly = assemble(task.scene, task.selection, scope.rows, parts, dropped)
     if config.refine == "fit":
         with clock("refine"):
-            # Masks of renders know no outline better than the labels do; those of photographs may.
-            seen, trust = (accepted, segmenter.name != DEFAULT_SEGMENTER) if view_cameras else ([], False)
-            rows, fitted, not_fitted = refine_boundary(scope, rows, dropped, seen, trust, known, config)
-            _LOG.info("fitted %d of the object's rows%s", len(fitted), f": {not_fitted}" if not_fitted else "")
-    if config.fill:
+            accepted = [view for view in decision.views if not view.rejected]
+            assembly = fit_outline(task, scope, assembly, accepted)
+        LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
+    if config.fill and decision.visible is not None:
         with clock("fill"):
-            filled = fill(scope, parts, dropped, visible, renderer, config)
-            rows = (*rows[:2], *with_filled(rows[2], rows[3], len(filled)))
+            filled = fill(scope, parts, dropped, decision.visible, task.renderer, config)
+            assembly = assembly.with_filled(filled)
         warnings += [] if len(filled) else [_NOT_FILLED]
-    _LOG.info("object of %d Gaussians from a selection of %d", len(rows[0]), np.count_nonzero(selection))
-    return result(
-        rows, views=trimmed, dropped=dropped, filled=filled, fitted=fitted, not_fitted=not_fitted,
+    LOG.info("object of %d Gaussians from a selection of %d", len(assembly.object), task.selection.sum())
+    return _result(task, decision, assembly, clock, warnings)
+
+
+def _result(task: Task, decision: Decision, assembly: Assembly, clock: Clock, warnings: Sequence[str]) -> TrimResult:
+    plug_ins, n_floaters = task.plug_ins, int(task.selection.sum() - decision.scope.selected.sum())
+    return TrimResult(
+        scene=task.scene,
+        **vars(assembly),
+        up=decision.up,
+        bounds=decision.scope.bounds,
+        views=decision.views,
+        floaters=n_floaters if decision.views else 0,
+        refused=decision.refused,
+        seconds=clock.seconds,
+        renderer=task.renderer.name,
+        segmenter=plug_ins.segmenter.name,
+        segmenter_description=description_of(plug_ins.given_segmenter),
+        selection=task.selection,
+        config=task.config,
+        used_renderer=plug_ins.given_renderer,
+        cameras=tuple(training_cameras(task.cameras)),
         warnings=tuple(warnings),
-    )  # fmt: skip
-
-
-def _logged(progress: Progress) -> Progress:
-    """`progress`, which also tells the log."""
-
-    def report(stage: str) -> None:
-        _LOG.info("stage: %s", stage)
-        progress(stage)
-
-    return report
-
-
-class _Clock:
-    """Adds up the time that each stage takes, over all its parts, and announces each part when it begins."""
-
-    def __init__(self, progress: Progress) -> None:
-        self.seconds: dict[str, float] = {}
-        self._progress = progress
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        self._progress(stage)
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+    )

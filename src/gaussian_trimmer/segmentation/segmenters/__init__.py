@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import field, make_dataclass, replace
 from importlib import import_module
-from typing import Any, Protocol, cast
+from typing import Any, Literal, Protocol, cast
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.views import View
+
+MaskSource = Literal["labels", "renderings", "photographs", "given"]
 
 
 class Segmenter(Protocol):
@@ -21,6 +23,10 @@ class Segmenter(Protocol):
     slow segmenter a function to call while it works, with "2 of 5" when the second of five views begins.
     `segment_together(views, gaussians, renderer)` is called in place of `segment`, if it is there, by the trimmer: it
     also gets the Gaussians that the views show, so that masks of different views can be held against each other.
+
+    The attribute `mask_source` is optional too and says what the masks are drawn from: "labels" corrected in 3D,
+    "renderings" of the scene (the default), "photographs", or "given" by the user. The object's outline is fitted only
+    to masks that know more of it than the scene does: the last two.
     """
 
     name: str
@@ -81,6 +87,16 @@ def segmenter_with(name: str, options: Any) -> Segmenter:
 def description_of(segmenter: Segmenter) -> str:
     """What a segmenter says of itself for the report: its name, or more."""
     return str(segmenter.describe()) if hasattr(segmenter, "describe") else segmenter.name
+
+
+def mask_source_of(segmenter: Segmenter) -> MaskSource:
+    """What a segmenter draws its masks from; renderings, if it does not say."""
+    return cast(MaskSource, getattr(segmenter, "mask_source", "renderings"))
+
+
+def knows_outlines(segmenter: Segmenter) -> bool:
+    """Whether a segmenter's masks know more of the object's outline than the scene does."""
+    return mask_source_of(segmenter) in ("photographs", "given")
 
 
 def paper_options(options: Any) -> Any:

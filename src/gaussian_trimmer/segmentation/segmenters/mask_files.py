@@ -19,10 +19,10 @@ from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
-from gaussian_trimmer.views import View
+from gaussian_trimmer.segmentation.segmenters import MaskSource
+from gaussian_trimmer.views import HALF_COVERAGE, View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-_HALF_COVERAGE = 127
 _MAX_FILE_BYTES = 1 << 28
 
 
@@ -42,6 +42,7 @@ class MaskFilesSegmenter:
     """
 
     name = "mask-files"
+    mask_source: MaskSource = "given"
 
     def __init__(self, config: MaskFilesConfig | None = None) -> None:
         folder = config.folder if config else None
@@ -74,7 +75,7 @@ def mask_of(camera: Camera, folder: Path) -> BoolArray:
     Raises:
         InputError: the folder has none, or it cannot be read or is of another size.
     """
-    return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > _HALF_COVERAGE)
+    return np.asarray(_read(camera, folder, cv2.IMREAD_GRAYSCALE) > HALF_COVERAGE)
 
 
 def ids_of(camera: Camera, folder: Path) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaus
 from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter, description_of
+from gaussian_trimmer.segmentation.segmenters import MaskSource, Segmenter, description_of, mask_source_of
 from gaussian_trimmer.views import View
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
@@ -44,6 +44,8 @@ class PhotoSegmenter:
 
     def __init__(self, segmenter: Segmenter, folder: Path, originals: Sequence[Camera]) -> None:
         self.name = segmenter.name
+        own = mask_source_of(segmenter)
+        self.mask_source: MaskSource = "photographs" if own == "renderings" else own
         self._segmenter, self._folder = segmenter, folder
         self._originals = {camera.name: camera for camera in originals}
 

@@ -15,7 +15,7 @@ has no input for boxes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -27,6 +27,23 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
+from gaussian_trimmer.segmentation.segmenters.onnx_model import (
+    BOXES,
+    HAS_MASK,
+    LABELS,
+    MASK,
+    NUMBER_TYPES,
+    POINTS,
+    POSITIONAL,
+    SIZE,
+    WHERE,
+    find_files,
+    find_outputs,
+    first_line,
+    match_embeddings,
+    only_input,
+    side_of,
+)
 from gaussian_trimmer.segmentation.segmenters.prompts import BACKGROUND, BOX_CORNERS, FOREGROUND, IMAGENET, Prompt
 
 PROVIDERS = {
@@ -36,30 +53,8 @@ PROVIDERS = {
     "cpu": "CPUExecutionProvider",
 }
 """Names of what runs a model, best first, and what ONNX Runtime calls them."""
-
-_ENDINGS = (".onnx", ".ort")
-_MAX_FILES = 64
-"""Model files in a folder from which on it is not searched."""
 _MAX_BYTES = 8 << 30
-_SIDES = range(32, 4097)
-"""Sides of the square that pictures are scaled to, in pixels."""
-_USUAL_SIDE = 1024
 _MAX_MASKS = 64
-_POINTS = ("point_coords", "input_points")
-_LABELS = ("point_labels", "input_labels")
-_BOXES = ("input_boxes",)
-_MASK = ("mask_input", "input_masks")
-_HAS_MASK = ("has_mask_input",)
-_SIZE = ("orig_im_size",)
-_PROMPTS = (*_POINTS, *_LABELS, *_BOXES, *_MASK, *_HAS_MASK, *_SIZE)
-_MASK_OUTPUTS = ("low_res_masks", "pred_masks", "masks")
-_SCORE_OUTPUTS = ("iou_predictions", "iou_scores")
-_POSITIONAL = "image_positional_embeddings"
-_TYPES = {
-    "tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64,
-    "tensor(int64)": np.int64, "tensor(int32)": np.int32, "tensor(uint8)": np.uint8,
-}  # fmt: skip
-_WHERE = "docs/sam.md says where models come from"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,20 +99,20 @@ class OnnxSam:
         self._runtime = _import_runtime()
         self._errors = _errors_of(self._runtime)
         self._providers = _find_providers(self._runtime, provider)
-        encoder, decoder = _find_files(folder)
+        encoder, decoder = find_files(folder)
         self._encoder, self._decoder = (self._load(path) for path in (encoder, decoder))
         used = self._encoder.get_providers()[0]
         if provider != "auto" and used != self._providers[0]:
             raise InputError(f"ONNX Runtime cannot start {self._providers[0]} here and would take {used}.")
         self.provider = next(name for name, full in PROVIDERS.items() if full == used)
-        self._image = _only_input(self._encoder, encoder)
+        self._image = only_input(self._encoder, encoder)
         self._inputs = {node.name: node for node in self._decoder.get_inputs()}
-        self._sources = _match_embeddings(self._encoder, self._inputs, encoder, decoder)
-        self._masks, self._scores = _find_outputs(self._decoder, decoder)
-        self.is_sam2 = len([name for name in self._sources if name != _POSITIONAL]) > 1
-        self.side = _side(self._image, encoder)
-        self.takes_mask = any(name in self._inputs for name in _MASK)
-        self.takes_box = any(name in self._inputs for name in _BOXES) or _POINTS[0] in self._inputs or self.is_sam2
+        self._sources = match_embeddings(self._encoder, self._inputs, encoder, decoder)
+        self._masks, self._scores = find_outputs(self._decoder, decoder)
+        self.is_sam2 = len([name for name in self._sources if name != POSITIONAL]) > 1
+        self.side = side_of(self._image, encoder)
+        self.takes_mask = any(name in self._inputs for name in MASK)
+        self.takes_box = any(name in self._inputs for name in BOXES) or POINTS[0] in self._inputs or self.is_sam2
         self._decoder_path, self._encoder_path = decoder, encoder
 
     @property
@@ -170,13 +165,13 @@ class OnnxSam:
         try:
             return self._runtime.InferenceSession(str(path), options, providers=self._providers)
         except self._errors as error:
-            raise InputError(f"The model '{path}' cannot be loaded ({_first_line(error)}); {_WHERE}.") from error
+            raise InputError(f"The model '{path}' cannot be loaded ({first_line(error)}); {WHERE}.") from error
 
     def _run(self, session: Any, path: Path, names: list[str], feeds: Mapping[str, NDArray[Any]]) -> list[Any]:
         try:
             return list(session.run(names, dict(feeds)))
         except self._errors as error:
-            raise InputError(f"The model '{path}' cannot be run ({_first_line(error)}).") from error
+            raise InputError(f"The model '{path}' cannot be run ({first_line(error)}).") from error
 
     def _scale(self, width: int, height: int) -> Float64Array:
         """Pixels of the model's square for each pixel of a picture, across and down, (2,)."""
@@ -191,7 +186,7 @@ class OnnxSam:
         shrinks = size[0] < rgb.shape[1]
         way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
         image = np.asarray(cv2.resize(image, size.tolist(), interpolation=way), np.float32)
-        dtype = _TYPES[self._image.type]
+        dtype = NUMBER_TYPES[self._image.type]
         if len(self._image.shape) == 3:  # such encoders normalise and fill up themselves
             fixed = [n if isinstance(n, int) else m for n, m in zip(self._image.shape, image.shape, strict=True)]
             whole = np.zeros(fixed, np.float32)
@@ -209,7 +204,7 @@ class OnnxSam:
         boxes = np.zeros((0, 4))
         if prompt.box is not None and self.takes_box:
             corners = prompt.corners() * scale - 0.5
-            if any(name in self._inputs for name in _BOXES):
+            if any(name in self._inputs for name in BOXES):
                 boxes = corners.reshape(1, 4)
             else:
                 points, labels = np.concatenate([corners, points]), np.concatenate([BOX_CORNERS, labels])
@@ -218,18 +213,18 @@ class OnnxSam:
         mask = self._at_model_size(prompt.logits, side) if given else np.zeros((side, side))
         transformers = "input_points" in self._inputs
         values = {
-            _POINTS: points[None, None] if transformers else points[None],
-            _LABELS: labels[None, None] if transformers else labels[None],
-            _BOXES: boxes[None],
-            _MASK: mask[None, None],
-            _HAS_MASK: np.array([float(given)]),
-            _SIZE: np.array([embedding.height, embedding.width]),
+            POINTS: points[None, None] if transformers else points[None],
+            LABELS: labels[None, None] if transformers else labels[None],
+            BOXES: boxes[None],
+            MASK: mask[None, None],
+            HAS_MASK: np.array([float(given)]),
+            SIZE: np.array([embedding.height, embedding.width]),
         }
         feeds = {name: value for names, value in values.items() for name in names if name in self._inputs}
-        return {name: value.astype(_TYPES[self._inputs[name].type]) for name, value in feeds.items()}
+        return {name: value.astype(NUMBER_TYPES[self._inputs[name].type]) for name, value in feeds.items()}
 
     def _mask_side(self) -> int:
-        for name in _MASK:
+        for name in MASK:
             if name in self._inputs and isinstance(self._inputs[name].shape[-1], int):
                 return int(self._inputs[name].shape[-1])
         return self.side // 4
@@ -245,7 +240,7 @@ class OnnxSam:
     def _at_picture_size(self, masks: FloatArray, embedding: Embedding) -> FloatArray:
         """Logits (K, h, w) as they come from the decoder, at the picture's size, (K, H, W)."""
         width, height = embedding.width, embedding.height
-        if any(name in self._inputs for name in _SIZE) and masks.shape[1:] == (height, width):
+        if any(name in self._inputs for name in SIZE) and masks.shape[1:] == (height, width):
             return masks
         scale = self._scale(width, height) * np.array([masks.shape[2], masks.shape[1]]) / self.side
         columns, rows = ((np.arange(n) + 0.5) * s - 0.5 for n, s in zip((width, height), scale, strict=True))
@@ -286,99 +281,3 @@ def _find_providers(runtime: Any, name: str) -> list[str]:
             "onnxruntime-gpu (CUDA) and onnxruntime-directml (Windows) replace onnxruntime."
         )
     return list(dict.fromkeys([PROVIDERS[name], PROVIDERS["cpu"]]))
-
-
-def _find_files(folder: Path) -> tuple[Path, Path]:
-    """Encoder and decoder in a folder, or in its folder `onnx`; their names tell which is which."""
-    try:
-        places = [place for place in (folder, folder / "onnx") if place.is_dir()]
-        files = [file for place in places for file in sorted(place.iterdir()) if file.suffix in _ENDINGS]
-    except (OSError, ValueError) as error:
-        raise InputError(f"The folder '{folder}' cannot be read ({_first_line(error)}).") from error
-    if not places:
-        raise InputError(f"There is no folder '{folder}' to load a SAM model from; {_WHERE}.")
-    if len(files) > _MAX_FILES:
-        raise InputError(f"The folder '{folder}' has {len(files)} model files; put the two that are meant into one.")
-    decoders = [file for file in files if "decoder" in file.name.lower()]
-    encoders = [file for file in files if "encoder" in file.name.lower() and file not in decoders]
-    rest = [file for file in files if file not in decoders and file not in encoders]
-    if encoders and not decoders and len(rest) == 1:  # the original export script names decoders after checkpoints
-        decoders = rest
-    return _one_of(encoders, "encoder", folder), _one_of(decoders, "decoder", folder)
-
-
-def _one_of(files: Sequence[Path], role: str, folder: Path) -> Path:
-    if not files:
-        raise InputError(
-            f"The folder '{folder}' has no .onnx or .ort file with '{role}' in its name; a SAM model is an encoder "
-            f"and a decoder. {_WHERE[0].upper()}{_WHERE[1:]}."
-        )
-    if len(files) > 1:
-        names = ", ".join(file.name for file in files)
-        raise InputError(f"The folder '{folder}' has several {role}s ({names}); leave one.")
-    return files[0]
-
-
-def _only_input(encoder: Any, path: Path) -> Any:
-    inputs = encoder.get_inputs()
-    if len(inputs) != 1 or len(inputs[0].shape) not in (3, 4) or inputs[0].type not in _TYPES:
-        found = ", ".join(f"{node.name} {node.shape}" for node in inputs)
-        raise InputError(f"'{path}' is no encoder of a picture: it takes {found or 'nothing'}.")
-    shape = inputs[0].shape
-    channels = shape[2] if len(shape) == 3 else shape[1]
-    if isinstance(channels, int) and channels != 3:
-        raise InputError(f"'{path}' is no encoder of colour pictures: its {inputs[0].name} has the shape {shape}.")
-    return inputs[0]
-
-
-def _side(image: Any, path: Path) -> int:
-    """Side of the square that an encoder's pictures are scaled to."""
-    spatial = image.shape[2:] if len(image.shape) == 4 else image.shape[:2]
-    known = {size for size in spatial if isinstance(size, int)}
-    if len(known) > 1 or any(size not in _SIDES for size in known):
-        raise InputError(
-            f"The encoder '{path}' takes pictures of {' x '.join(map(str, spatial))} pixels; squares of "
-            f"{_SIDES.start} to {_SIDES.stop - 1} are supported."
-        )
-    return known.pop() if known else _USUAL_SIDE
-
-
-def _match_embeddings(
-    encoder: Any, inputs: Mapping[str, Any], encoder_path: Path, decoder_path: Path
-) -> dict[str, str]:
-    """For each input of the decoder that is no prompt, the output of the encoder that it takes."""
-    if not (any(name in inputs for name in _POINTS) and any(name in inputs for name in _LABELS)):
-        raise InputError(
-            f"'{decoder_path}' is no decoder of the SAM family: among its inputs {', '.join(inputs)} are no points "
-            "and labels."
-        )
-    outputs = {node.name: node for node in encoder.get_outputs()}
-    wanted = [name for name in inputs if name not in _PROMPTS]
-    sources = {name: name for name in wanted if name in outputs}
-    for name in (name for name in wanted if name not in sources):
-        free = [other for other in outputs if other not in sources.values()]
-        alike = [other for other in free if list(outputs[other].shape) == list(inputs[name].shape)]
-        if len(alike) != 1:
-            raise InputError(
-                f"The decoder '{decoder_path}' needs '{name}', which the encoder '{encoder_path}' does not give "
-                f"(it gives {', '.join(outputs)}); take both files from one export."
-            )
-        sources[name] = alike[0]
-    unknown = [node for node in inputs.values() if node.type not in _TYPES]
-    if unknown or not sources:
-        what = f"its {unknown[0].name} is a {unknown[0].type}" if unknown else "it takes nothing from the encoder"
-        raise InputError(f"'{decoder_path}' is no decoder of the SAM family: {what}.")
-    return sources
-
-
-def _find_outputs(decoder: Any, path: Path) -> tuple[str, str]:
-    """The outputs with masks and with scores; the latter may be missing."""
-    names = [node.name for node in decoder.get_outputs()]
-    masks = next((name for name in _MASK_OUTPUTS if name in names), "")
-    if not masks:
-        raise InputError(f"'{path}' is no decoder of the SAM family: it gives {', '.join(names)}, and no masks.")
-    return masks, next((name for name in _SCORE_OUTPUTS if name in names), "")
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")[:300]

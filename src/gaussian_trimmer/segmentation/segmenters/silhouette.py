@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.segmentation.segmenters import MaskSource
 from gaussian_trimmer.segmentation.supported_changes import supported_silhouette
 from gaussian_trimmer.views import View
 
@@ -23,6 +24,7 @@ class SilhouetteSegmenter:
     """Takes the object's silhouette from the labels that were corrected in 3D; it needs no download and no time."""
 
     name = "silhouette"
+    mask_source: MaskSource = "labels"
 
     def __init__(self, config: SilhouetteConfig | None = None) -> None:
         self.config = config or SilhouetteConfig()

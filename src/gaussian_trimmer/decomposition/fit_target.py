@@ -19,15 +19,13 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.fitting import Target
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.rendering.gradients import Drawing, draw_with
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE
 
 _SHARPENING = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
-_OCCLUDER_DISTANCE = 0.1
-"""Distance in front of the object, in object radii, from which on something hides it instead of touching it."""
-_HIDDEN = 0.25
+_HIDDEN_OPACITY_SHARE = 0.25
 """Share of the object's opacity below which it is hidden, and not only seen through something."""
-_SHOWN = 0.02
+_MIN_SHOWN_OPACITY = 0.02
 """Opacity from which on the object shows at a pixel."""
 
 
@@ -49,9 +47,11 @@ def coverage_target(alone: Drawing, everything: Gaussians, radius: float, mask: 
     if coverage is None:
         coverage = np.clip(HALF + _SHARPENING * (np.sqrt(np.maximum(opacity * share, 0)) - HALF), 0, 1)
     scene_depth, object_depth = together.depth, alone.depth
-    hidden = (scene_depth > 0) & (scene_depth < object_depth - _OCCLUDER_DISTANCE * radius) & (opacity > _SHOWN)
+    hidden = (
+        (scene_depth > 0) & (scene_depth < object_depth - OCCLUDER_DISTANCE * radius) & (opacity > _MIN_SHOWN_OPACITY)
+    )
     if mask is None:
-        hidden &= share < _HIDDEN * opacity  # Else it is an outline at which something shines through.
+        hidden &= share < _HIDDEN_OPACITY_SHARE * opacity  # Else it is an outline at which something shines through.
     picture = np.concatenate([np.clip(together.image[:3], 0, 1) * coverage, coverage[None]]).astype(np.float32)
     counts = np.where(hidden, np.float32(0), np.float32(1))
     # The three channels of colour count as much together as coverage does.

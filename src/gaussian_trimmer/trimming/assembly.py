@@ -1,0 +1,100 @@
+"""Object and background, put together from what was decided, and where each of their rows comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaussian_trimmer.decomposition.refinement import Refined
+from gaussian_trimmer.decomposition.splitting import Decomposition
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
+from gaussian_trimmer.result import RowLabel
+
+
+def _no_rows() -> IntArray:
+    return np.zeros(0, np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """An object of M Gaussians, and what the background has of the scene and beside it."""
+
+    object: Gaussians
+    outside_parts: Gaussians
+    """Outer parts of split Gaussians."""
+    source_index: IntArray
+    """Scene row of every row of the object, then of the background; -1 for filled ones."""
+    label: NDArray[np.uint8]
+    """What happened to each of these rows, a `RowLabel`."""
+    dropped: IntArray = field(default_factory=_no_rows)
+    """Scene rows that neither has."""
+    fitted: IntArray = field(default_factory=_no_rows)
+    """Rows of the object that were fitted to its outline."""
+    not_fitted: str | None = None
+    """Why none was, if it was tried."""
+    filled: Gaussians | None = None
+    """New Gaussians of the background."""
+
+    def with_fit(self, refined: Refined) -> Assembly:
+        """The same with an object whose outline was fitted."""
+        n, parent = len(self.object), refined.parent
+        label = np.where(refined.part, RowLabel.SPLIT_INSIDE, self.label[parent]).astype(np.uint8)
+        return replace(
+            self,
+            object=refined.object,
+            source_index=np.concatenate([self.source_index[parent], self.source_index[n:]]),
+            label=np.concatenate([label, self.label[n:]]),
+            fitted=np.flatnonzero(refined.fitted),
+            not_fitted=refined.skipped_because,
+        )
+
+    def with_filled(self, filled: Gaussians) -> Assembly:
+        """The same with new Gaussians at the end of the background."""
+        source, label = np.full(len(filled), -1, np.int64), np.full(len(filled), RowLabel.FILLED, np.uint8)
+        return replace(
+            self,
+            source_index=np.concatenate([self.source_index, source]),
+            label=np.concatenate([self.label, label]),
+            filled=filled,
+        )
+
+
+def left_as_it_was(scene: Gaussians, selection: BoolArray, kept: BoolArray) -> Assembly:
+    """What is kept (N,) of a selection (N,) that is not trimmed, and the rest of the scene."""
+    return assemble(scene, selection, np.arange(len(scene)), Decomposition(kept, _no_rows()), _no_rows())
+
+
+def assemble(
+    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: Decomposition, dropped: IntArray
+) -> Assembly:
+    """Put object and background together.
+
+    Args:
+        scene: all N Gaussians.
+        selection: which of them were selected, (N,).
+        rows: scene rows of the Gaussians that were divided, (L,); all others are the background's.
+        parts: how these were divided.
+        dropped: scene rows of what neither side gets.
+    """
+    final, nothing = np.zeros(len(scene), np.bool_), scene.select(_no_rows())
+    final[rows] = parts.members
+    split, inner, outer = rows[parts.split], parts.inner or nothing, parts.outer or nothing
+    whole = final.copy()
+    whole[split] = False
+    final[dropped] = True
+    inside, outside = np.flatnonzero(whole), np.flatnonzero(~final)
+    labels = [
+        np.where(selection[inside], RowLabel.KEPT, RowLabel.RECOVERED),
+        np.full(len(split), RowLabel.SPLIT_INSIDE),
+        np.where(selection[outside], RowLabel.PRUNED, RowLabel.KEPT),
+        np.full(len(outer), RowLabel.SPLIT_OUTSIDE),
+    ]
+    return Assembly(
+        object=concatenate([scene.select(inside), inner]),
+        outside_parts=outer,
+        source_index=np.concatenate([inside, split, outside, split[: len(outer)]]),
+        label=np.concatenate(labels).astype(np.uint8),
+        dropped=dropped,
+    )
