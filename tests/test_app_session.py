@@ -315,7 +315,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
     if up:
         session.set_up(up)
     session.mark(BALL if up else click_on_ball(session))
-    session.mark(Sphere((0.0, 0.0, 0.0), 0.4))
+    session.mark(TOP)
     session.trim(choices)
     command = session.save(Target(tmp_path / "by app", format))
     monkeypatch.chdir(tmp_path)

@@ -147,7 +147,7 @@ def test_the_paper_preset_is_that_of_trim(segmenter, monkeypatch):
     main(["trim", "a.ply", *words])
     (trim,), options = seen, parse_options(words)
     assert options.trim_config() == trim.settings()
-    assert (options.segmenter, options.used_options()) == (trim.segmenter, trim._used_options())
+    assert (options.segmenter, options.used_options()) == (trim.segmenter, trim.used_options())
     assert options.trim_config().plan.size == 300
 
 

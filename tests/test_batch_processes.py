@@ -35,7 +35,11 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "06_batch_on_slurm.sh"
 
 def test_an_item_that_kills_its_worker_costs_itself_alone(tmp_path):
     """It is tried once more, and recorded; the next run does not try it again unasked."""
-    items = gt.batch.read_manifest(write_manifest(tmp_path, save_scenes(tmp_path, 1, 3)))
+    manifest = write_manifest(tmp_path, save_scenes(tmp_path, 1, 3))
+    rows = manifest.read_text().splitlines()
+    rows[2] = rows[2].replace("--views 2", "--views 200")  # so long that it is seen at work
+    manifest.write_text("\n".join(rows))
+    items = gt.batch.read_manifest(manifest)
 
     def kill(status):
         if any(name == "s0-1" for name, _ in status.running.values()):

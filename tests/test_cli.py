@@ -300,8 +300,8 @@ def test_bad_values_are_one_sentence_without_names_of_python(command, capsys):
         (["trim", "a.ply", "--up", "w"], "--up is 'w'; it must be three numbers, or an axis such as z or -y."),
         (["trim", "a.ply", "--views"], "--views has no value; it takes one value."),
         (
-            ["select", "a.ply", "--click", "360,245"],
-            "--click is '360,245'; it takes 2 values with spaces between them.",
+            ["select", "a.ply", "--click", "360"],
+            "--click is '360'; it takes 2 values with spaces between them.",
         ),
         (["trim", "rough.npy", "scene.ply"], "'rough.npy' is no splat file; the scene comes before the selection."),
     ],

@@ -68,6 +68,7 @@ def workplace(tmp_path_factory):
     (folder / "sparse" / "0").mkdir(parents=True)
     (folder / "cameras.json").rename(folder / "sparse" / "0" / "cameras.json")
     scene = formats.read(folder / "scene.ply")
+    np.save(folder / "labels.npy", np.load(folder / "rough.npy").astype(np.int64))
     formats.write(scene, folder / "scene.spz")
     return folder
 

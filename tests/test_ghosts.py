@@ -10,7 +10,6 @@ from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.trim import RowLabel, trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
@@ -48,29 +47,6 @@ INSIDE = with_more([[0, 0, 1.0], [0.2, 0.1, 1.1], [-0.2, 0, 0.8]], 0.15, DARK)
 BELOW = with_more([[0, 0, -0.02], [0.1, 0.1, -0.02], [-0.1, 0, -0.02]], (0.1, 0.1, 0.02), GREEN)
 BESIDE = with_more([[2.2, 0, 0.4], [2.3, 0, 0.5], [2.2, 0.1, 0.6]], 0.15, DARK)
 TRUTH_OF = {len(scene): truth for scene, truth in (INSIDE, BELOW, BESIDE)}
-
-
-class Recording(NumbaRenderer):
-    """Keeps the cameras that it draws for."""
-
-    def __init__(self):
-        super().__init__()
-        self.cameras = []
-
-    def blend_weights(self, gaussians, camera, labels, n_labels):
-        self.cameras.append(camera)
-        return super().blend_weights(gaussians, camera, labels, n_labels)
-
-
-@pytest.mark.parametrize(("yaws", "reach"), [((60, 120), 30), (None, 180)])
-def test_only_sides_from_which_the_object_was_seen_are_looked_at(yaws, reach):
-    renderer = Recording()
-    plan = PlanConfig(size=96, yaw_range_degrees=yaws)
-    result = trim(SCENE, TRUTH, config=toy.small_config(plan=plan), renderer=renderer)
-    offsets = np.array([camera.centre - result.bounds.centre for camera in renderer.cameras]) @ result.bounds.axes.T
-    beside = np.abs(np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0])) - 90)
-    farthest = np.minimum(beside, 360 - beside).max()
-    assert reach - 20 < farthest <= reach
 
 
 def test_what_the_object_hides_inside_it_leaves_the_background():

@@ -152,10 +152,11 @@ def test_the_best_plane_is_the_one_that_scoring_all_of_them_finds(seed: int, wit
     found = orientation._best_plane(points, thing, 0.05, np.random.default_rng(seed))
     normals, offsets = orientation._planes_through_points(points, 0.05, np.random.default_rng(seed))
     scores = [
-        plain_score(n, o, points[: orientation._SCORED], thing, 0.05) for n, o in zip(normals, offsets, strict=True)
+        plain_score(n, o, points[: orientation._SCORED_POINTS], thing, 0.05)
+        for n, o in zip(normals, offsets, strict=True)
     ]
     assert found is not None
-    assert plain_score(found.normal, found.offset, points[: orientation._SCORED], thing, 0.05) == max(scores)
+    assert plain_score(found.normal, found.offset, points[: orientation._SCORED_POINTS], thing, 0.05) == max(scores)
 
 
 def plain_score(

@@ -86,7 +86,7 @@ def clean_background(
         keep: which of them are the object, whole or in part, (N,).
         bounds: the object's bounds; their third axis is up.
         plane: what the object stands on, if anything.
-        cameras: small views from all sides and heights from which the object was seen.
+        cameras: small views from all sides, at several heights.
         renderer: draws scene, background and object by themselves.
     """
     nothing = Cleaning(np.zeros(len(keep), np.bool_), np.zeros(len(keep), np.bool_))

@@ -33,7 +33,7 @@ def clean(
 ) -> tuple[Decomposition, IntArray]:
     """The decomposition with what the background must not have, and the rows of the scene that nobody gets."""
     plane = scope.support_plane(parts.members, visible, config.label_crf.support_plane)
-    cameras = views_of_place(scope.cameras, scope.bounds)
+    cameras = views_of_place(scope.bounds)
     cleaning = clean_background(scope.local, parts.members, scope.bounds, plane, cameras, renderer)
     joins = cleaning.to_object if config.evidence.recover else cleaning.to_object & scope.selected
     return replace(parts, members=parts.members | (joins & ~scope.excluded)), scope.rows[cleaning.dropped]
@@ -70,5 +70,5 @@ def fill(
     left = ~np.isin(scope.rows, dropped)
     surface = plane.on_surface & ~parts.members & left & (visible > _MIN_SURFACE_WEIGHT)
     filled = fill_hole(scope.local, parts.members, surface, scope.bounds, plane, renderer)
-    cameras = views_of_place(scope.cameras, scope.bounds)
+    cameras = views_of_place(scope.bounds)
     return without_what_shows(filled, scope.local.select(left), parts.members[left], cameras, renderer)

@@ -252,7 +252,7 @@ def find_dropped(scene: Gaussians, claims: Sequence[_Claim], owner: IntArray, re
         distances = np.linalg.norm(scene.means - bounds.centre.astype(np.float32), axis=1)
         reach = max(claim.task.config.context_radius, CONTEXT_RADIUS) * bounds.radius
         rows = np.flatnonzero((own | (distances < reach)) & ~dropped)
-        cameras = views_of_place(claim.decision.scope.cameras, bounds)[::_PLACE_VIEW_STEP]
+        cameras = views_of_place(bounds)[::_PLACE_VIEW_STEP]
         ours = own[rows]
         place_of_it = Scope(bounds, cameras, rows, scene.select(rows), ours, np.zeros(len(rows), np.bool_))
         plane = partial(place_of_it.support_plane, ours, config=claim.task.config.label_crf.support_plane)
