@@ -1,4 +1,4 @@
-"""A headless Chromium that opens pages from files; tests that need it are skipped, with the reason, where it is not."""
+"""A headless Chromium that opens pages from files; tests that need it are marked `needs("browser")`."""
 
 import base64
 import shutil
@@ -6,18 +6,9 @@ from contextlib import contextmanager
 
 import cv2
 import numpy as np
-import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-
-
-def need_browser(*packages):
-    """Skip the whole module that calls this when it is imported, unless a browser and the packages are there."""
-    for package in ("playwright.sync_api", *packages):
-        pytest.importorskip(package, reason=f"needs {package.split('.')[0]}")
-    if installed() is None:
-        pytest.skip("needs a browser: apt install chromium", allow_module_level=True)
 
 
 def installed():
@@ -28,12 +19,10 @@ def installed():
 @contextmanager
 def chromium():
     """The browser."""
-    api = pytest.importorskip("playwright.sync_api", reason="needs a browser's driver: pip install playwright")
-    found = installed()
-    if found is None:
-        pytest.skip("needs a browser: apt install chromium")
-    with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=FLAGS)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=installed(), args=FLAGS)
         yield browser
         browser.close()
 

@@ -1,11 +1,15 @@
 """How the tests share a machine: kernels are compiled once, before the workers start, and each worker has its cores."""
 
 import os
+import shutil
 import subprocess
 import sys
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from browser import installed
 
 TESTS = Path(__file__).parent
 FILLS = ("drawing", "searching")
@@ -31,6 +35,24 @@ def pytest_sessionstart(session):
 
         workers = session.config.workerinput["workercount"]
         numba.set_num_threads(max(1, numba.config.NUMBA_NUM_THREADS // workers))
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out tests marked `needs("torch")` and the like where that is not installed."""
+    needs = {item: [name for mark in item.iter_markers("needs") for name in mark.args] for item in items}
+    missing = [item for item in items if not all(map(is_installed, needs[item]))]
+    if missing:
+        config.hook.pytest_deselected(items=missing)
+        items[:] = [item for item in items if all(map(is_installed, needs[item]))]
+
+
+@cache
+def is_installed(name):
+    if name == "browser":
+        return bool(find_spec("playwright") and installed())
+    if name == "splat-transform":
+        return bool(os.environ.get("SPLAT_TRANSFORM") or shutil.which(name))
+    return find_spec(name) is not None
 
 
 def is_worker(config):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 from pathlib import Path
 
 import benchmark_data
 import numpy as np
-import pytest
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
@@ -60,10 +58,8 @@ def smallest_three_error(levels: int) -> float:
 
 
 def splat_transform(source: Path, target: Path) -> None:
-    """Convert with the field's converter, or skip the test where it is not installed."""
-    program = os.environ.get("SPLAT_TRANSFORM") or shutil.which("splat-transform")
-    if program is None:
-        pytest.skip("splat-transform is not installed (npm install -g @playcanvas/splat-transform)")
+    """Convert with the field's converter: npm install -g @playcanvas/splat-transform."""
+    program = os.environ.get("SPLAT_TRANSFORM", "splat-transform")
     subprocess.run([program, "-q", "-w", str(source), str(target)], check=True, capture_output=True, timeout=120)
 
 

@@ -327,8 +327,10 @@ def test_arrays_that_are_no_gaussians_are_refused(change, sentence):
         gt.Gaussians.from_arrays(**{**coloured(3).to_arrays(), **change})
 
 
+@pytest.mark.needs("torch")
 def test_tensors_are_arrays_once_they_are_detached():
-    torch = pytest.importorskip("torch")
+    import torch
+
     arrays = {name: torch.tensor(array) for name, array in coloured(2).to_arrays().items()}
     np.testing.assert_array_equal(gt.Gaussians.from_arrays(**arrays).sh_rest, coloured(2).sh_rest)
     arrays["means"].requires_grad_()

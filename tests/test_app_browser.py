@@ -5,13 +5,13 @@ import shlex
 import numpy as np
 import pytest
 from app_tab import Tab, until
-from browser import chromium, need_browser
+from browser import chromium
 from command_line import run
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.selecting.marks import Box3D
 
-need_browser("viser")
+pytestmark = pytest.mark.needs("browser", "viser")
 
 UP = np.array([0, 0, 0.16])
 SHOWN = 4000
@@ -70,6 +70,7 @@ def finish(app):
     until(lambda: not app.controller.worker.busy, "the program to finish")
 
 
+@pytest.mark.smoke
 def test_a_click_and_a_trim(browser, app, lighthouse):
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")

@@ -42,8 +42,8 @@ def get(address, **headers):
         return error.code, error.headers, error.read().decode()
 
 
+@pytest.mark.needs("viser")
 def test_the_running_app_refuses_other_sites_and_their_frames():
-    pytest.importorskip("viser", reason="needs viser: the app extra")
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
@@ -62,8 +62,8 @@ def test_the_running_app_refuses_other_sites_and_their_frames():
             pass  # viser itself then refuses another version
 
 
+@pytest.mark.needs("viser")
 def test_a_server_that_cannot_be_guarded_does_not_start(monkeypatch):
-    pytest.importorskip("viser", reason="needs viser: the app extra")
 
     @contextmanager
     def nothing():

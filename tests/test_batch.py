@@ -156,9 +156,9 @@ def test_views_that_cannot_be_had_are_refused(tmp_path, monkeypatch):
         trim_item(scene, truth, item, None)
 
 
+@pytest.mark.needs("fsspec")
 def test_a_store_holds_the_same_bytes(copy):
     """The code for buckets, on files."""
-    pytest.importorskip("fsspec")
     place, output = copy.as_uri(), (copy / "new").as_uri()
     items = [gt.batch.Item(f"{place}/s0.ply", f"{place}/s0-0.npy", "s0-0")]
     items = [gt.batch.Item(**{**vars(items[0]), "config": gt.batch.read_manifest(copy / "manifest.csv")[0].config})]

@@ -17,6 +17,7 @@ ray = pytest.importorskip("ray")
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a cluster needs Linux")
 
 
+@pytest.mark.smoke
 def test_the_same_bytes_as_local(tmp_path, monkeypatch):
     items = gt.batch.read_manifest(write_manifest(tmp_path, save_scenes(tmp_path, 2, 1)))
     outcomes = gt.batch.run(items, tmp_path / "ray", engine="ray", workers=1)

@@ -91,8 +91,8 @@ def test_ablations_of_a_published_data_set(tmp_path, capsys):
         Ablations(tmp_path / "nvos", layout="nvos").run()
 
 
+@pytest.mark.needs("matplotlib")
 def test_views_are_plotted(tmp_path):
-    pytest.importorskip("matplotlib")
     draw_views({str(n): [run_of(gain=n)] for n in VIEW_COUNTS}, tmp_path / "views.png")
     assert cv2.imread(str(tmp_path / "views.png")).std() > 10
 

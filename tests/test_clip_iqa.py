@@ -20,8 +20,9 @@ SIDE = 30
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
     """A folder with a CLIP of some thousand parameters and a tokenizer that spells."""
-    torch = pytest.importorskip("torch", reason="needs PyTorch: the eval extra")
-    transformers = pytest.importorskip("transformers", minversion="5.6", reason="needs Transformers: the eval extra")
+    import torch
+    import transformers
+
     folder = tmp_path_factory.mktemp("models") / "tiny-clip"
     letters = [*string.ascii_lowercase, "."]
     tokens = [*letters, *(f"{letter}</w>" for letter in letters), "<|startoftext|>", "<|endoftext|>"]
@@ -49,6 +50,7 @@ def ring(size=120):
     return Shown(np.float32([0.8, 0.1, 0.1]) * alpha[..., None], alpha)
 
 
+@pytest.mark.needs("torch", "transformers")
 def test_scores_are_probabilities_that_follow_the_picture(clip):
     scorer = ClipScorer(str(clip))
     scores = scorer.score(ring().rgb, ring().alpha, 0.5)
@@ -61,6 +63,7 @@ def test_scores_are_probabilities_that_follow_the_picture(clip):
     assert scorer.score(np.zeros((50, 50, 3), np.float32), blank, 0.5) == {}  # the object is out of the picture
 
 
+@pytest.mark.needs("torch", "transformers")
 def test_the_first_prompt_of_a_pair_is_the_one_wished_for(clip, monkeypatch):
     scores = ClipScorer(str(clip)).score(ring().rgb, ring().alpha, 0.5)
     monkeypatch.setattr(
@@ -70,6 +73,7 @@ def test_the_first_prompt_of_a_pair_is_the_one_wished_for(clip, monkeypatch):
     assert turned == pytest.approx({name: 100 - value for name, value in scores.items()}, abs=1e-3)
 
 
+@pytest.mark.needs("torch", "transformers")
 def test_the_model_gets_the_whole_object_and_crops_of_its_boundary(clip, monkeypatch):
     scorer = ClipScorer(str(clip))
     seen = []
@@ -95,6 +99,7 @@ def test_crops_lie_on_the_contour():
     assert cut[0, :3].min() == 1 and cut[0, 3:].max() == 0 and cut[5:].min() == 1  # white outside of the picture
 
 
+@pytest.mark.needs("torch", "transformers")
 def test_on_the_command_line(clip, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save_ball(tmp_path)
@@ -105,6 +110,7 @@ def test_on_the_command_line(clip, tmp_path, monkeypatch, capsys):
     assert any("tiny-clip" in note for note in table["notes"])
 
 
+@pytest.mark.needs("torch", "transformers")
 def test_nvos_has_the_papers_table_of_looks(clip, tmp_path, capsys):
     import dataset_layouts
 
@@ -115,6 +121,7 @@ def test_nvos_has_the_papers_table_of_looks(clip, tmp_path, capsys):
     assert "SAGD,published,62.1000,68.8000" in printed and "SAGD,measured," in printed
 
 
+@pytest.mark.needs("torch", "transformers")
 def test_what_cannot_be_loaded_is_named(clip, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="Cannot load the CLIP model"):
         ClipScorer(str(tmp_path))

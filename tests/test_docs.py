@@ -117,8 +117,8 @@ def test_no_exception_is_left_over():
 
 def commands():
     texts = {name(page): page.read_text(encoding="utf-8").replace("\\\n", " ") for page in PAGES}
-    found = {(page, command.strip()) for page, text in texts.items() for command in _COMMAND.findall(text)}
-    return [pytest.param(command, id=f"{page}: {command}") for page, command in sorted(found)]
+    found = {command.strip(): page for page, text in texts.items() for command in _COMMAND.findall(text)}
+    return [pytest.param(command, id=f"{page}: {command}") for command, page in sorted(found.items())]
 
 
 @pytest.mark.parametrize("command", commands())
@@ -156,6 +156,7 @@ def load(path):
     return module
 
 
+@pytest.mark.slow
 def test_the_figures_of_the_stages_are_made():
     figures = load(ROOT / "docs" / "site" / "figures.py").figures(size=96)
     text = (ROOT / "docs" / "stages.md").read_text(encoding="utf-8")
@@ -166,8 +167,8 @@ def test_the_figures_of_the_stages_are_made():
         assert stored.shape[1] >= 600
 
 
+@pytest.mark.needs("mkdocs")
 def test_the_reference_has_every_module():
-    pytest.importorskip("mkdocs", reason="needs mkdocs: the docs extra")
     text = "".join(load(ROOT / "docs" / "site" / "hooks.py").reference_pages().values())
     for path in (ROOT / "src" / "gaussian_trimmer").rglob("*.py"):
         module = ".".join(path.relative_to(ROOT / "src").with_suffix("").parts).removesuffix(".__init__")

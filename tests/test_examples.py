@@ -39,6 +39,7 @@ def test_trim_one_object(printed):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printed", ["02_lift_masks_and_trim.py"], indirect=True)
 def test_lift_masks_and_trim(printed):
     lifted, virtual, given = printed
@@ -47,6 +48,7 @@ def test_lift_masks_and_trim(printed):
     assert 2000 < numbers(given)[-1] < numbers(lifted)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printed", ["03_bring_your_own_segmenter.py"], indirect=True)
 def test_bring_your_own_segmenter(printed):
     builtin, own = printed
@@ -55,6 +57,7 @@ def test_bring_your_own_segmenter(printed):
     assert all(2000 < n < SELECTED for n in kept) and kept[0] != kept[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printed", ["04_bring_your_own_renderer.py"], indirect=True)
 def test_bring_your_own_renderer(printed):
     builtin, own = printed

@@ -187,7 +187,7 @@ def test_what_is_not_finite_is_not_drawn(renderer):
 
 
 @pytest.mark.parametrize("selected", [False, True])
-@pytest.mark.parametrize("log_scale", [48.0, 50.0, 80.0])
+@pytest.mark.parametrize("log_scale", [48.0, 80.0])
 def test_one_exploded_gaussian_does_not_spoil_a_trim(log_scale, selected):
     scene, truth = toy.ball_on_floor(n_ball=400, floor_side=20)
     selection = toy.dilated(scene, truth)

@@ -157,6 +157,7 @@ REAL_FILES = ["seal.splat", "plant.splat", "guitar.compressed.ply", "wolf.spz", 
 
 
 @pytest.mark.parametrize("name", REAL_FILES)
+@pytest.mark.needs("splat-transform")
 def test_real_files_are_read_as_the_fields_converter_reads_them(tmp_path: Path, name: str) -> None:
     splat_transform(real(name), tmp_path / "a.ply")
     ours, theirs = formats.read(real(name)), formats.read(tmp_path / "a.ply")
@@ -168,6 +169,7 @@ def test_real_files_are_read_as_the_fields_converter_reads_them(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix not in (".ply", ".glb")])
+@pytest.mark.needs("splat-transform")
 def test_the_fields_converter_reads_what_we_write(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     ours = round_trip(sample(600, 2), path)

@@ -56,8 +56,11 @@ def test_clusters(tmp_path):
     assert "OpenGaussian's clusters" in text
 
 
+@pytest.mark.needs("torch")
+@pytest.mark.smoke
 def test_torch_files(tmp_path):
-    torch = pytest.importorskip("torch", reason="torch files are written with torch")
+    import torch
+
     scene = make_scene(N)
     torch.save(classifier_state(8), tmp_path / "classifier.pth")
     torch.save((checkpoint_state(scene, torch.zeros(N)), 30_000), tmp_path / "cob.pth")

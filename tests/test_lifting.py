@@ -100,7 +100,10 @@ def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
     return cloud, cameras(), [squares] * 3
 
 
-@pytest.mark.parametrize("gamma", [-0.6, 0.0, 0.3])
+_SLOW_GAMMAS = (pytest.param(gamma, marks=pytest.mark.slow) for gamma in (0.0, 0.3))
+
+
+@pytest.mark.parametrize("gamma", [-0.6, *_SLOW_GAMMAS])
 def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeypatch: pytest.MonkeyPatch) -> None:
     cloud, views, labels = many_objects()
     weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)

@@ -16,6 +16,7 @@ from gaussian_trimmer.output.html.viewer import first_view, viewer_page
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.trim import trim
 
+pytestmark = [pytest.mark.needs("browser"), pytest.mark.slow]
 RENDERER = get_renderer("numba")
 HOSTILE = "\"'><img src=x onerror=alert(1)><script>alert(1)</script>.ply"
 

@@ -197,6 +197,7 @@ def reference_trim():
     return scene, coarse, truth, trim(scene, coarse, config=SMALL_VIEWS, renderer="reference")
 
 
+@pytest.mark.slow
 def test_a_whole_trim(fast, reference_trim):
     scene, coarse, truth, expected = reference_trim
     result = trim(scene, coarse, config=SMALL_VIEWS, renderer=fast)

@@ -147,6 +147,7 @@ def test_both_versions_are_written_alike(tmp_path: Path, degree: int) -> None:
 
 
 @pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.needs("splat-transform")
 def test_the_converter_reads_the_same_numbers(tmp_path: Path, version: int) -> None:
     zstd_or_skip()
     formats.write(sample(200, 3), tmp_path / "ours.spz", version=version)

@@ -111,6 +111,7 @@ def test_one_and_two_threads_agree(work, threads):
     assert len(results) == 1
 
 
+@pytest.mark.slow
 def test_opencv_with_one_thread_agrees():
     before = cv2.getNumThreads()
     expected = trimmed()
@@ -129,6 +130,7 @@ def test_eight_threads_agree_however_few_cores_there_are(layer):
     assert in_a_process(expression, NUMBA_NUM_THREADS="8", NUMBA_THREADING_LAYER=layer) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("work", [rendered, neighbours, trimmed])
 def test_simultaneous_calls_agree(work):
     assert at_the_same_time(work) == {work()}

@@ -8,6 +8,8 @@ from browser import chromium
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.output.view_listing import page
 
+pytestmark = pytest.mark.needs("browser")
+
 
 @pytest.fixture(scope="module")
 def listing(tmp_path_factory):
