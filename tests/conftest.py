@@ -12,7 +12,7 @@ import pytest
 from browser import installed
 
 TESTS = Path(__file__).parent
-FILLS = ("drawing", "searching")
+FILLS = ("drawing", "searching and fitting")
 """Parts of `fill_kernels.py`, which are compiled side by side."""
 
 

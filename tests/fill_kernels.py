@@ -36,7 +36,23 @@ def searching():
     min_cut(np.ones(2), np.array([[0, 1]]), np.ones(1))
 
 
-PARTS = {"drawing": drawing, "searching": searching}
+def fitting():
+    """The derivatives' kernels, by the types that they are called with."""
+    from numba import boolean, float32, float64, int32, int64, uint8
+
+    from gaussian_trimmer.rendering import gradient_kernels
+
+    table, images = float32[:, ::1], float32[:, :, ::1]
+    tiles = (int64[::1], int32[::1], uint8[:, ::1], int64, int64, int64)
+    gradient_kernels.robust_slopes.compile((images, images, images, float32, float32))
+    gradient_kernels.differentiate_tiles.compile((table, table, boolean[::1], *tiles, images, images))
+    gradient_kernels.sum_moving_pairs.compile((table, int64[::1], int32[::1], boolean[::1], table))
+    camera = (float64[:, ::1], float64[::1], float64[::1])
+    gradient_kernels.gather.compile((table, table, table, float32[::1], *camera, table, table, table))
+
+
+PARTS = {"drawing": [drawing], "searching and fitting": [searching, fitting]}
 
 if __name__ == "__main__":
-    PARTS[sys.argv[1]]()
+    for compile_kernels in PARTS[sys.argv[1]]:
+        compile_kernels()

@@ -1,6 +1,7 @@
 """Marks: what they select together, what is saved of them, and what files of marks may say."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -177,6 +178,11 @@ def test_a_click_moves_the_boundary_where_a_part_is_wrong():
         gt.select(scene, [*red.marks.marks, Click(*middle(camera, point), camera, "remove")], up=toy.UP)
 
 
+@cache
+def clicked():
+    return gt.select(SCENE, [Click(320, 320, 0)], up=toy.UP)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -201,8 +207,7 @@ def test_a_click_moves_the_boundary_where_a_part_is_wrong():
     ],
 )
 def test_files_of_marks_that_cannot_be(tmp_path, change, message):
-    made = gt.select(SCENE, [Click(320, 320, 0)], up=toy.UP)
-    write_marks(made.marks, tmp_path / "marks.json")
+    write_marks(clicked().marks, tmp_path / "marks.json")
     document = json.loads((tmp_path / "marks.json").read_text())
     change(document)
     (tmp_path / "marks.json").write_text(json.dumps(document))

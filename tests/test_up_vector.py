@@ -143,7 +143,7 @@ def test_ground_plane_under_the_object_and_not_the_larger_wall() -> None:
     assert on_ground is not None and angle(on_ground.direction, Z) < 0.5
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("with_thing", [False, True])
 def test_the_best_plane_is_the_one_that_scoring_all_of_them_finds(seed: int, with_thing: bool) -> None:
     scene, rows = room(n_floor=3000, n_wall=4500)  # Most planes lie in the wall, which the thing does not stand on.
