@@ -143,6 +143,7 @@ def test_what_few_large_gaussians_show_is_one_object():
     np.testing.assert_array_equal(pick.selection, np.arange(n) < 60)
 
 
+@pytest.mark.slow
 def test_neighbouring_clicks_agree():
     scene, first, second = two_balls(2.2)
     camera = camera_at((6, 1, 4), (0, 1.3, 1))
@@ -287,13 +288,10 @@ def test_overview_stands_where_it_is_told_to():
         assert np.isclose(camera.centre[2], 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "name", "view"),
-    [
-        ("tabletop", "robot", "012.png"),
-        pytest.param("scene0", "avocado", "012.png", marks=pytest.mark.slow),
-        pytest.param("scene0", "lantern", "003.png", marks=pytest.mark.slow),
-    ],
+    [("scene0", "avocado", "012.png"), ("scene0", "lantern", "003.png"), ("tabletop", "robot", "012.png")],
 )
 def test_benchmark_click_then_trim(where, name, view):
     """One click in a training view, then the trimmer: the object in views that nobody trained on."""

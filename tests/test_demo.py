@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from command_line import run
 
 from gaussian_trimmer import formats, sample
@@ -21,6 +22,7 @@ def test_sample_is_complete_and_small():
     assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) < 8_000_000
 
 
+@pytest.mark.slow
 def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "trimmed" / "demo"

@@ -161,9 +161,9 @@ PAIRS = b")q\0" + b"".join(b"h" + bytes([i, ord("h"), i]) + b"\x86q" + bytes([i 
     [
         PAIRS + named("numpy", "dtype") + b"h\x3c\x85R",
         PAIRS + b"h\x3ch\x3c\x93",
-        named("numpy", "dtype") + b")" + b"\x85" * 900_000 + b"R",
+        named("numpy", "dtype") + b")" + b"\x85" * 90_000 + b"R",
         b"}" + PAIRS + b"K\1s",
-        b"}" + b")" + b"\x85" * 900_000 + b"K\1s",
+        b"}" + b")" + b"\x85" * 90_000 + b"K\1s",
         PAIRS + named("os", "system") + b"h\x3c\x85R",
     ],
     ids=["as a type", "as a name", "deep", "as a key", "as a deep key", "as an argument"],
