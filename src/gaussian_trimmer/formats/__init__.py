@@ -24,8 +24,6 @@ class Format:
     Gaussians or raises InputError, and perhaps `write_selected` as below."""
     loses: str = ""
     """What Gaussians lose in it, in words; see docs/formats.md."""
-    up: tuple[float, float, float] | None = None
-    """Up vector by the format's specification, which not all writers follow."""
 
 
 # The longest suffix wins.
@@ -42,7 +40,6 @@ FORMATS = {
     ".spz": Format(
         "gaussian_trimmer.formats.spz",
         "rounds centres to 24 bits, rotations to 10, all else to 8; cuts off scales beyond e^-10 and e^5.94",
-        up=(0.0, 1.0, 0.0),
     ),
     ".sog": Format(
         "gaussian_trimmer.formats.sog",
@@ -78,15 +75,6 @@ def format_suffix(path: str | Path) -> str:
             return suffix
     hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
     raise InputError(f"'{name}' is of no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
-
-
-def specified_up(path: str | Path) -> tuple[float, float, float] | None:
-    """The up vector that a splat file's format specifies, for scenes in which nothing else tells; None for most.
-
-    >>> specified_up("a.spz"), specified_up("a.ply")
-    ((0.0, 1.0, 0.0), None)
-    """
-    return (FORMATS | READ_ONLY)[format_suffix(path)].up
 
 
 def is_named(name: str, suffix: str) -> bool:
