@@ -63,8 +63,12 @@ SMALL_VIEWS = toy.small_config(plan=PlanConfig(size=96, views=3))
 VIEWS = [(scene, *size) for scene in SCENES for size in SIZES]
 
 
-FAST = ["numba", *(["gsplat", "1.5.3", "1.6", "1.5.3 kernels"] if find_spec("torch") else [])]
-"""What is installed: gsplat's stand-ins need PyTorch, the cuda extra."""
+FAST = [
+    "numba",
+    *(["1.5.3", "1.6"] if find_spec("torch") else []),
+    *(["gsplat", "1.5.3 kernels"] if find_spec("torch") and find_spec("gsplat") else []),
+]
+"""What is installed: gsplat's stand-ins need PyTorch, the others gsplat itself, both of the cuda extra."""
 
 
 @pytest.fixture(scope="module", params=FAST)

@@ -13,8 +13,8 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-_TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(_TESTS), str(_TESTS.parent / "benchmarks")]  # builders that the tests of the readers have
+sys.path.insert(0, str(Path(__file__).parents[1]))  # builders that the tests of the readers have
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from fuzz.mutations import mutate
 from fuzz.samples import Files, Reader, check_message, readers
