@@ -12,6 +12,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
+from gaussian_trimmer.planning.outline_views import angles_around
 from gaussian_trimmer.result import TrimResult
 
 _MAX_REACH = 36
@@ -92,21 +93,14 @@ class CheckedSides:
 def checked_sides(result: TrimResult) -> CheckedSides:
     """From which sides a trim was judged."""
     views = [(view.view.camera, not view.rejected) for view in result.views]
-    yaws, pitches = angles_around(result.bounds, [camera for camera, _ in views])
+    yaws, pitches = map(np.degrees, angles_around([camera for camera, _ in views], result.bounds))
     taken = np.array([good for _, good in views], np.bool_)
     aside = np.abs(pitches) <= _STEEPEST
+    yaws %= 360
     reach = _reach(yaws[aside])
     accepted, rejected = (_shown(yaws[aside & chosen], reach) for chosen in (taken, ~taken))
     heights = tuple(float(pitch) for pitch in np.unique(np.round(pitches[taken], 1)))
     return CheckedSides(accepted, rejected & ~accepted, _observed(result.cameras, result.bounds), heights)
-
-
-def angles_around(bounds: Bounds, cameras: Sequence[Camera]) -> tuple[Float64Array, Float64Array]:
-    """Yaws from 0 to 360 and pitches of cameras around the centre of the bounds, in degrees, (V,) each."""
-    places = np.array([camera.centre for camera in cameras]).reshape(-1, 3)
-    offsets = (places - bounds.centre) @ bounds.axes.T
-    pitches = np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
-    return np.degrees(np.arctan2(offsets[:, 1], offsets[:, 0])) % 360, np.degrees(pitches)
 
 
 def _reach(yaws: Float64Array) -> float:

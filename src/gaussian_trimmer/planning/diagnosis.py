@@ -55,7 +55,10 @@ def selection_warning(selection: BoolArray) -> str | None:
     if share <= _MOST_OF_SCENE:
         return None
     if selection.all():
-        return "The selection holds the whole scene, so nothing is around the object that it could be told from."
+        return (
+            "The selection holds the whole scene, so nothing is left to tell the object from; if there is more in it "
+            "than the object, select the object alone."
+        )
     return (
         f"The selection holds {100 * share:.0f} % of the scene's Gaussians; if it is inverted, select what it leaves "
         "out instead."

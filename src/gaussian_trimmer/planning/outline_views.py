@@ -86,7 +86,8 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
 
 def angles_around(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Float64Array]:
     """Yaws and pitches of cameras around the object, in radians, (V,) each."""
-    offsets = (np.array([camera.centre for camera in cameras]) - bounds.centre) @ bounds.axes.T
+    places = np.array([camera.centre for camera in cameras]).reshape(-1, 3)
+    offsets = (places - bounds.centre) @ bounds.axes.T
     return np.arctan2(offsets[:, 1], offsets[:, 0]), np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
 
 
