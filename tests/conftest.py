@@ -47,11 +47,14 @@ def sources_of_settings_are_read_once():
 
 def pytest_collection_modifyitems(config, items):
     """Leave out tests marked `needs("torch")` and the like where that is not installed."""
-    needs = {item: [name for mark in item.iter_markers("needs") for name in mark.args] for item in items}
-    missing = [item for item in items if not all(map(is_installed, needs[item]))]
+
+    def can_run(item):
+        return all(is_installed(name) for mark in item.iter_markers("needs") for name in mark.args)
+
+    missing = [item for item in items if not can_run(item)]
     if missing:
         config.hook.pytest_deselected(items=missing)
-        items[:] = [item for item in items if all(map(is_installed, needs[item]))]
+        items[:] = filter(can_run, items)
 
 
 @cache
