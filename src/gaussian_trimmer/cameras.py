@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,8 @@ from gaussian_trimmer.gaussians import Float64Array
 
 _SQUARABLE = 1e150
 """Squares of numbers between this and its inverse neither overflow nor vanish."""
+AXIS = re.compile(r"[+-]?[xyz]", re.IGNORECASE)
+"""How an axis is written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +146,25 @@ def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:
     if not 1 / _SQUARABLE < largest < _SQUARABLE:
         up = up / largest
     return np.asarray(up / np.linalg.norm(up))
+
+
+def vector_of_up(up: Any) -> tuple[float, float, float]:
+    """An up vector from an axis, such as "z" or "-y", or from three numbers.
+
+    Raises:
+        InputError: it is neither, or the numbers are all zero.
+
+    >>> vector_of_up("z"), vector_of_up([0, -2, 0])
+    ((0.0, 0.0, 1.0), (0.0, -2.0, 0.0))
+    """
+    if isinstance(up, str):
+        if not AXIS.fullmatch(up):
+            raise InputError(f"The up vector is '{up}'; give x, y, z, -x, -y or -z, or three numbers.")
+        size = -1.0 if up.startswith("-") else 1.0
+        up = [size if axis == up[-1].lower() else 0.0 for axis in "xyz"]
+    unit_up(up)
+    x, y, z = (float(value) for value in up)
+    return x, y, z
 
 
 def look_at(position: Float64Array, target: Float64Array, up: Float64Array) -> Float64Array:

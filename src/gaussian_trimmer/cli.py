@@ -106,6 +106,10 @@ def _dispatch(arguments: Sequence[str]) -> int:
         print(_overview())
     elif name == "--version":
         print(f"{PROGRAM} {__version__}")
+    elif name in COMMANDS and {"-h", "--help", "--help-all"}.intersection(arguments[used:]):
+        from gaussian_trimmer.commands.help import help_on
+
+        print(help_on(_kind_of(name), f"{PROGRAM} {name}", everything="--help-all" in arguments))
     elif name in COMMANDS:
         return _parse(name, arguments[used:]).run() or 0
     else:
@@ -125,22 +129,9 @@ def _kind_of(name: str) -> type[Any]:
 def _parse(name: str, arguments: Sequence[str]) -> Command:
     from typing import cast
 
-    from gaussian_trimmer.commands.parsing import parse
+    from gaussian_trimmer.options import parse
 
-    kind, prog = _kind_of(name), f"{PROGRAM} {name}"
-    if hasattr(kind, "in_order_of"):  # it takes marks
-        from gaussian_trimmer.commands.mark_options import split_commas
-
-        arguments = split_commas(arguments)
-    command = parse(kind, prog, arguments)
-    if getattr(command, "preset", "") == "paper":
-        from gaussian_trimmer.config import with_paper_preset
-
-        # Parsed once more over the preset's values, so that what the user set beside it still counts.
-        command = parse(kind, prog, arguments, with_paper_preset(command))
-    if hasattr(command, "in_order_of"):  # marks count in the order in which they are given
-        command = command.in_order_of(arguments)
-    return cast("Command", command)
+    return cast("Command", parse(_kind_of(name), arguments, name))
 
 
 def _overview() -> str:

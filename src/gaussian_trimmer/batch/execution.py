@@ -1,33 +1,35 @@
-"""Runs a batch: shares scenes out to workers, here or on a cluster, and collects what became of every item."""
+"""Runs a batch: shares its parts out to processes, here or on a cluster, and collects what became of every item."""
 
 from __future__ import annotations
 
-import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from tyro.conf import arg
+
 from gaussian_trimmer.batch.items import Item, check_items, is_address
-from gaussian_trimmer.batch.local import POLL_SECONDS, LocalWorkers
+from gaussian_trimmer.batch.local import LocalProcesses, cores
 from gaussian_trimmer.batch.outcomes import Outcome, Status
 from gaussian_trimmer.batch.ray_cluster import RayTasks
-from gaussian_trimmer.batch.scenes import PROCESS_BYTES, SceneItems, by_scene, free_bytes, shard_of
+from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, by_scene, free_bytes, shard_of
 from gaussian_trimmer.batch.storage import open_store
-from gaussian_trimmer.batch.worker import WorkerSettings, cores
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.settings import Range, check_settings
 
 _SHARE_OF_FREE = 0.8
 """Of the memory that is free when a batch begins, what it may take by default."""
-_COMPILING_BYTES = 512 << 20
-"""What a worker may take beyond its share while it compiles kernels."""
+_PARTS_OF_WORKER = 4
+"""Into how many parts a worker's share of the items is divided, so that all workers end at about the same time."""
+_MOST_ITEMS = 16
+"""In one part, so that progress is seen."""
 _MOST_WRITE_FAILURES = 3
 """In a row, after which it makes no sense to go on."""
-
-
+_POLL_SECONDS = 0.5
 _ShardNumber = Annotated[int, Range(1, 1_000_000)]
 
 
@@ -36,23 +38,23 @@ class BatchOptions:
     """How a batch is run."""
 
     workers: Annotated[int, Range(1, 100_000)] | None = None
-    """Number of worker processes; None: one for each processor of this machine or of the cluster."""
+    """Number of worker processes; by default as many as this machine or the cluster has processors."""
     engine: Literal["local", "ray"] = "local"
-    """`local`, or `ray` for a Ray cluster."""
-    address: str | None = None
-    """Address of the cluster, "auto" for the one this machine is part of; None: one is started here."""
+    """Where the workers are: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])."""
+    address: Annotated[str | None, arg(metavar="ADDRESS")] = None
+    """Address of the Ray cluster, auto for the one that this machine is part of; by default one is started here."""
     gpus: Annotated[float, Range(0, 1000)] = 0.0
     """What each worker takes of the GPUs of a cluster."""
-    shard: tuple[_ShardNumber, _ShardNumber] | None = None
-    """(i, n): only the scenes of the i-th of n machines, from 1."""
+    shard: Annotated[tuple[_ShardNumber, _ShardNumber] | None, arg(metavar="I/N")] = None
+    """Only the scenes of the I-th of N machines, from 1."""
     time_limit: Annotated[float, Range(1e-3, 1e9)] | None = None
     """Seconds that one item, with the reading of its scene, may take."""
     retries: Annotated[int, Range(0, 100)] = 1
     """How many times an item is tried again, alone, whose worker has died."""
     retry_failed: bool = False
     """Try those items again that failed in an earlier run."""
-    memory: Annotated[float, Range(1, 1e18)] | None = None
-    """Bytes that all workers on this machine may take together; None: most of what is free."""
+    memory: Annotated[float, Range(1e-3, 1e9)] | None = None
+    """Gigabytes that all workers on this machine may take together; by default 80 % of what is free."""
 
     def check(self) -> None:
         """Refuse what is not possible.
@@ -96,7 +98,13 @@ def run(
     """
     chosen, checked = BatchOptions(**options), check_items(items)
     chosen.check()
-    return _Batch(checked, output, chosen, on_result, on_status).run()
+    scenes = by_scene(checked)
+    if chosen.shard is not None:
+        scenes = shard_of(scenes, *chosen.shard)
+    names = {item.name for scene in scenes for item in scene.items}
+    place = str(output) if is_address(str(output)) else str(Path(output).absolute())
+    batch = _Batch(place, [item for item in checked if item.name in names], chosen, on_result, on_status)
+    return batch.run(scenes)
 
 
 class _Batch:
@@ -104,113 +112,111 @@ class _Batch:
 
     def __init__(
         self,
-        items: Sequence[Item],
-        output: str | Path,
+        output: str,
+        items: list[Item],
         options: BatchOptions,
         on_result: Callable[[Outcome], None],
         on_status: Callable[[Status], None],
     ) -> None:
-        scenes = by_scene(items)
-        self._scenes = scenes if options.shard is None else shard_of(scenes, *options.shard)
-        mine = {item.name for entry in self._scenes for item in entry.items}
-        self._items = [item for item in items if item.name in mine]
+        self._output, self._items, self._options = output, items, options
+        self._on_result, self._on_status = on_result, on_status
         self._store = open_store(output)
-        self._output = str(output) if is_address(str(output)) else str(Path(output).absolute())
-        self._options, self._on_result, self._on_status = options, on_result, on_status
         self._outcomes: dict[str, Outcome] = {}
         self._counts = Counter[str]()
-        self._write_failures, self._stopped, self._told_at = 0, "", 0.0
+        self._write_failures = 0
 
-    def run(self) -> list[Outcome]:
-        """Try every item, and those whose workers died, or that another run was writing, once more and alone."""
-        for attempt in range(self._options.retries + 1):
-            left = [entry.without(self._outcomes) for entry in self._scenes]
-            left = [entry for entry in left if entry.items]
-            if not left or self._stopped:
-                break
-            engine = self._open_engine(left, alone=attempt > 0)
-            with closing(engine.outcomes()) as outcomes:
-                for outcome in outcomes:
-                    if outcome is not None:
-                        self._take(outcome, again=attempt < self._options.retries)
-                    self._tell_status(engine)
-                    if self._stopped:
-                        break
-        for item in self._items:
-            if item.name not in self._outcomes:
-                self._settle(Outcome(item, "left", self._stopped))
-        self._tell_status(None)
-        if self._stopped:
-            raise InputError(self._stopped)
+    def run(self, scenes: list[Part]) -> list[Outcome]:
+        """Trim all items of scenes."""
+        if scenes:
+            engine, memory = self._engine(scenes)
+            with closing(engine):
+                size = -(-len(self._items) // (_PARTS_OF_WORKER * engine.workers))
+                parts = deque(part for scene in scenes for part in scene.split(min(size, _MOST_ITEMS)))
+                stopped = self._share_out(parts, engine, memory)
+            for item in self._items:
+                if item.name not in self._outcomes:
+                    self._settle(Outcome(item, "left", stopped))
+            self._tell_status()
+            if stopped:
+                raise InputError(stopped)
         return [self._outcomes[item.name] for item in self._items]
 
-    def _open_engine(self, scenes: Sequence[SceneItems], *, alone: bool) -> LocalWorkers | RayTasks:
-        options = self._options
-        settings = WorkerSettings(self._output, options.retry_failed, options.time_limit)
-        if options.engine == "ray":
-            parts = [part for entry in scenes for part in entry.parts(1)] if alone else scenes
-            return RayTasks(parts, settings, options.address, options.workers, options.gpus, options.retries)
-        memory = _SHARE_OF_FREE * free_bytes() if options.memory is None else options.memory
-        largest = _largest_need(scenes, memory)
-        n_items = sum(len(entry.items) for entry in scenes)
-        fitting = n_items if memory == float("inf") else int((memory - largest) // PROCESS_BYTES)
-        workers = 1 if alone else max(1, min(options.workers or cores(), fitting, n_items))
-        share = max(memory / workers, PROCESS_BYTES + largest) + _COMPILING_BYTES
-        limit = None if memory == float("inf") else int(share)
-        threads = max(1, cores() // workers)
-        settings = WorkerSettings(self._output, options.retry_failed, options.time_limit, limit, threads)
-        return LocalWorkers(scenes, settings, workers, memory - workers * PROCESS_BYTES)
+    def _share_out(self, waiting: deque[Part], engine: LocalProcesses | RayTasks, memory: float) -> str:
+        """Have all parts trimmed; returns why the batch stopped early, if it did."""
+        running: dict[Future[list[Outcome]], Part] = {}
+        while waiting or running:
+            while len(running) < engine.workers and (part := _take(waiting, running.values(), memory)):
+                running[engine.submit(part)] = part
+            for future in wait(running, _POLL_SECONDS, FIRST_COMPLETED).done:
+                part, outcomes = running.pop(future), engine.result(future)
+                if outcomes is None:
+                    waiting.extend(self._lost(part))
+                for outcome in outcomes or ():
+                    self._settle(outcome)
+                    if self._write_failures >= _MOST_WRITE_FAILURES:
+                        return (
+                            f"{self._write_failures} items in a row could not be written, the last one because: "
+                            f"{outcome.message} The batch has stopped; run it again when the cause is gone."
+                        )
+            self._tell_status()
+        return ""
 
-    def _take(self, outcome: Outcome, *, again: bool) -> None:
-        """See to an outcome; one that may be tried again is left out."""
-        if outcome.cause in ("worker", "busy"):
-            if again:
-                return
-            if outcome.cause == "worker":
-                self._store.record_failure(outcome.item.name, outcome.message, outcome.fingerprint)
-        if outcome.cause == "output":
+    def _lost(self, part: Part) -> Iterator[Part]:
+        """The items of a part whose process died, one by one, to be tried again; or they have failed."""
+        if len(part.items) > 1 or part.losses < self._options.retries:
+            yield from replace(part, losses=part.losses + 1).split(1)
+            return
+        (item,) = part.items
+        message = "The process that trimmed it died; the machine may have run out of memory."
+        self._store.clean(item.name)
+        self._store.record_failure(item.name, message, "")
+        self._settle(Outcome(item, "failed", message))
+
+    def _engine(self, scenes: list[Part]) -> tuple[LocalProcesses | RayTasks, float]:
+        """What trims, and the memory that scenes may take at a time."""
+        options, largest = self._options, max(scenes, key=lambda scene: scene.need)
+        work = {"output": self._output, "retry_failed": options.retry_failed, "time_limit": options.time_limit}
+        if options.engine == "ray":
+            cluster = RayTasks(options.address, options.workers, options.gpus, options.retries, work)
+            try:
+                _check_memory(largest, cluster.most_memory, "no node of the cluster has more for tasks than")
+            except InputError:
+                cluster.close()
+                raise
+            return cluster, float("inf")
+        memory = _SHARE_OF_FREE * free_bytes() if options.memory is None else 1e9 * options.memory
+        _check_memory(largest, memory, "the batch may take, by --memory or by what is free,")
+        fitting = min(len(self._items), (memory - largest.need) // PROCESS_BYTES)
+        workers = max(1, int(min(options.workers or cores(), fitting)))
+        return LocalProcesses(workers, work), memory - workers * PROCESS_BYTES
+
+    def _settle(self, outcome: Outcome) -> None:
+        if outcome.unwritten:
             self._write_failures += 1
         elif outcome.fresh and outcome.state == "done":
             self._write_failures = 0
-        self._settle(outcome)
-        if self._write_failures >= _MOST_WRITE_FAILURES:
-            self._stopped = (
-                f"{self._write_failures} items in a row could not be written, the last one because: "
-                f"{outcome.message} The batch has stopped; run it again when the cause is gone."
-            )
-
-    def _settle(self, outcome: Outcome) -> None:
         self._outcomes[outcome.item.name] = outcome
         self._counts.update([outcome.state] if outcome.fresh else [outcome.state, "found"])
         self._on_result(outcome)
 
-    def _tell_status(self, engine: LocalWorkers | RayTasks | None) -> None:
-        now = time.monotonic()
-        if engine is not None and now - self._told_at < POLL_SECONDS:
-            return
-        self._told_at = now
-        running = {} if engine is None else dict(engine.running)
-        self._on_status(
-            Status(
-                total=len(self._items),
-                done=self._counts["done"],
-                failed=self._counts["failed"],
-                found=self._counts["found"],
-                running={number: (name, now - since) for number, (name, since) in running.items()},
-            )
-        )
+    def _tell_status(self) -> None:
+        counts = self._counts
+        self._on_status(Status(len(self._items), counts["done"], counts["failed"], counts["found"]))
 
 
-def _largest_need(scenes: Sequence[SceneItems], memory: float) -> float:
-    """Bytes of memory that the largest scene needs.
+def _take(waiting: deque[Part], running: Collection[Part], memory: float) -> Part | None:
+    """The next part that fits into memory beside those that are running; one that was lost before runs alone."""
+    free = memory - sum(part.need for part in running)
+    for part in waiting:
+        if not running or not (part.losses or any(other.losses for other in running) or part.need > free):
+            waiting.remove(part)
+            return part
+    return None
 
-    Raises:
-        InputError: that is more than there is.
-    """
-    largest = max(scenes, key=lambda entry: entry.need)
-    if largest.need + PROCESS_BYTES > memory:
+
+def _check_memory(largest: Part, memory: float, whose: str) -> None:
+    if (need := PROCESS_BYTES + largest.need) > memory:
         raise InputError(
-            f"Trimming '{largest.scene}' may take {(largest.need + PROCESS_BYTES) / 1e9:.1f} GB of memory, and the "
-            f"batch may take {memory / 1e9:.1f} GB; free some, take a larger machine, or allow more with --memory."
+            f"Trimming '{largest.items[0].scene}' may take {need / 1e9:.1f} GB of memory, and {whose} "
+            f"{memory / 1e9:.1f} GB; take a larger machine, or leave this scene out."
         )
-    return largest.need

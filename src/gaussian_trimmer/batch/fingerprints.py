@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +16,8 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.batch.items import Item, options_kind
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
-
-_MAX_BYTES, _MAX_FILES = 1 << 36, 100_000
+from gaussian_trimmer.io.dataclass_json import to_plain
+from gaussian_trimmer.io.reading import is_file, is_folder
 
 
 def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | None) -> str:
@@ -43,11 +41,11 @@ def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | No
         "cameras": cameras,
         "format": item.suffix,
         "background": item.background,
-        "config": asdict(item.config),
+        "config": to_plain(item.config),
         "renderer": item.renderer,
         "segmenter": item.segmenter,
-        "segmenter_options": _with_contents(asdict(options)) if options is not None else None,
-        "selection_options": _with_contents(asdict(item.selection_options)),
+        "segmenter_options": _with_contents(options) if options is not None else None,
+        "selection_options": _with_contents(item.selection_options),
     }
     text = json.dumps(settings, sort_keys=True, allow_nan=False, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -57,17 +55,12 @@ def digest_of_file(path: Path) -> str:
     """The SHA-256 of a file's contents.
 
     Raises:
-        InputError: it is not a file of at most 64 GiB, or cannot be read.
+        InputError: there is no such file.
     """
-    try:
-        if not path.is_file():  # A device or a pipe may never end.
-            raise InputError(f"There is no file '{path}'." if not path.exists() else f"'{path}' is not a file.")
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"'{path}' has {path.stat().st_size} bytes; an input may have {_MAX_BYTES}.")
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
+    if not is_file(path):  # A device or a pipe may never end.
+        raise InputError(f"There is no file '{path}'.")
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def digest_of_cameras(cameras: CameraSet) -> str:
@@ -82,13 +75,13 @@ def digest_of_cameras(cameras: CameraSet) -> str:
     return total.hexdigest()
 
 
-def _with_contents(options: dict[str, Any]) -> dict[str, Any]:
+def _with_contents(options: Any) -> dict[str, Any]:
     """Options, with digests in place of the files and folders that they name."""
-    return {name: _contents(value) if _is_place(value) else value for name, value in options.items()}
+    return {name: _contents(value) if _is_place(value) else value for name, value in vars(options).items()}
 
 
 def _is_place(value: Any) -> bool:
-    return isinstance(value, Path) or (isinstance(value, str) and bool(value) and os.path.isdir(value))  # noqa: PTH112
+    return isinstance(value, Path) or (isinstance(value, str) and is_folder(Path(value)))
 
 
 def _contents(place: Path | str) -> str:
@@ -96,9 +89,6 @@ def _contents(place: Path | str) -> str:
     if not place.is_dir():
         return digest_of_file(place)
     total = hashlib.sha256()
-    paths = sorted(path for path in place.rglob("*") if path.is_file())
-    if len(paths) > _MAX_FILES:
-        raise InputError(f"The folder '{place}' holds {len(paths)} files; at most {_MAX_FILES} can be an input.")
-    for path in paths:
+    for path in sorted(path for path in place.rglob("*") if path.is_file()):
         total.update(f"{path.relative_to(place).as_posix()!r} {digest_of_file(path)}".encode())
     return total.hexdigest()

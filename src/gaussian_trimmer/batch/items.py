@@ -96,22 +96,28 @@ def check_items(items: Iterable[Item]) -> list[Item]:
         InputError: there is no item, a setting is not possible, two items have the same name, or the folder of one
             would lie in that of another.
     """
-    checked_settings, names = set[int](), dict[str, int]()
-    checked = [_check_item(item, number, checked_settings) for number, item in enumerate(items, 1)]
+    checked: list[Item] = []
+    known: set[int] = set()
+    for number, item in enumerate(items, 1):
+        try:
+            _check_settings(item, known)
+            checked.append(replace(item, name=_checked_name(item.name or default_name(item))))
+        except InputError as error:
+            raise InputError(f"Item {number}: {error}") from error
     if not checked:
         raise InputError("The batch has no items.")
+    numbers: dict[str, int] = {}
     for number, item in enumerate(checked, 1):
-        first = names.setdefault(item.name.casefold(), number)  # for file systems that do not tell cases apart
-        if first != number:
+        if (first := numbers.setdefault(item.name.casefold(), number)) != number:  # some file systems fold cases
             raise InputError(
                 f"Items {first} and {number} are both named '{shown(item.name)}'; give each a name of its own."
             )
-    for name, number in names.items():
-        for parent in PurePosixPath(name).parents:
-            if str(parent) in names:
+    for name, number in numbers.items():
+        for parent in map(str, PurePosixPath(name).parents):
+            if parent in numbers:
                 raise InputError(
-                    f"The folder of item {number}, '{shown(name)}', would lie in that of item {names[str(parent)]}; "
-                    "give it another name."
+                    f"The folder of item {number}, '{shown(name)}', would lie in that of item {numbers[parent]}; give "
+                    "it another name."
                 )
     return checked
 
@@ -133,18 +139,8 @@ def default_name(item: Item) -> str:
     return "/".join([*scene, "-".join([*own[common:], *ids])])
 
 
-def _check_item(item: Any, number: int, checked: set[int]) -> Item:
-    """An item with its name; `checked` are the ids of settings that were found to be possible."""
-    if not isinstance(item, Item):
-        raise InputError(f"Item {number} is a {type(item).__name__}; give batch.Item.")
-    try:
-        _check_settings(item, checked)
-        return replace(item, name=_checked_name(item.name) if item.name else default_name(item))
-    except InputError as error:
-        raise InputError(f"Item {number}: {error}") from error
-
-
-def _check_settings(item: Item, checked: set[int]) -> None:
+def _check_settings(item: Item, known: set[int]) -> None:
+    """Refuse settings that are not possible; `known` are the ids of those that are, as many items share them."""
     if item.segmenter not in SEGMENTERS:
         raise InputError(f"Unknown segmenter '{item.segmenter}'; available: {', '.join(SEGMENTERS)}.")
     if item.renderer not in RENDERER_CHOICES:
@@ -152,16 +148,14 @@ def _check_settings(item: Item, checked: set[int]) -> None:
     kind = options_kind(item.segmenter)
     if item.segmenter_options is not None:
         if kind is None or not isinstance(item.segmenter_options, kind):
-            raise InputError(
-                f"The options of the segmenter '{item.segmenter}' are a {type(item.segmenter_options).__name__}; give "
-                + (f"a {kind.__name__}." if kind else "none.")
-            )
+            given = type(item.segmenter_options).__name__
+            raise InputError(f"The segmenter '{item.segmenter}' has no use for options that are a {given}.")
         check_settings(item.segmenter_options, item.segmenter)
-    if id(item.selection_options) not in checked:
+    if id(item.selection_options) not in known:
         check_settings(item.selection_options, "selection")
-    if id(item.config) not in checked:
+    if id(item.config) not in known:
         check_config(item.config)
-    checked |= {id(item.selection_options), id(item.config)}
+    known |= {id(item.selection_options), id(item.config)}
     assert item.suffix
 
 

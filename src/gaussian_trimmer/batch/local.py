@@ -1,110 +1,137 @@
-"""A batch on the processors of this machine: a thread for each worker, which hands it one item after another."""
+"""Processes on this machine, each a pool of its own: one that dies costs no other its items."""
 
 from __future__ import annotations
 
-import queue
+import multiprocessing
+import os
+import signal
+import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Generator, Sequence
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from typing import Any
 
-from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.outcomes import Outcome
-from gaussian_trimmer.batch.scenes import SceneItems
-from gaussian_trimmer.batch.worker import Worker, WorkerSettings
+from gaussian_trimmer.batch.scenes import Part
+from gaussian_trimmer.batch.trimming import trim_items
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 
-POLL_SECONDS = 0.5
 _SECONDS_TO_END = 5.0
+_THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class LocalWorkers:
-    """Workers on this machine, which share the items out among themselves.
-
-    A worker does the items of one scene, then takes a scene that no other has, and when there is none, helps with the
-    scene of which most items wait. Scenes are in memory at the same time only while they fit.
+class LocalProcesses:
+    """Processes that trim parts of batches, started when they are needed.
 
     Args:
-        memory: bytes that the scenes of all workers may take together.
+        workers: number of processes.
+        options: arguments of `trim_items`.
     """
 
-    def __init__(self, scenes: Sequence[SceneItems], settings: WorkerSettings, workers: int, memory: float) -> None:
-        self._waiting = {entry.scene: deque(entry.items) for entry in scenes}
-        self._needs = {entry.scene: entry.need for entry in scenes}
-        self._memory, self._stopped = memory, False
-        self._held: dict[int, str] = {}
-        """The scene that each worker has in memory."""
-        self._lock = threading.Lock()
-        self._events: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
-        self._workers = [Worker(settings) for _ in range(workers)]
-        self.running: dict[int, tuple[str, float]] = {}
-        """What each worker is at, and since when."""
+    def __init__(self, workers: int, options: dict[str, Any]) -> None:
+        self.workers = workers
+        self._options = options
+        # While this end is open, the processes run: it is closed when this process dies, too.
+        self._stop, self._run = multiprocessing.Pipe(duplex=False)
+        self._idle: list[ProcessPoolExecutor] = []
+        self._busy: dict[Future[list[Outcome]], ProcessPoolExecutor] = {}
+        self._started: dict[ProcessPoolExecutor, Future[bool]] = {}
 
-    def outcomes(self) -> Generator[Outcome | None, None, None]:
-        """Trim everything, and give outcomes as they come; None about twice a second where none comes."""
-        threads = [threading.Thread(target=self._serve, args=(i,), daemon=True) for i in range(len(self._workers))]
-        for thread in threads:
-            thread.start()
+    def submit(self, part: Part) -> Future[list[Outcome]]:
+        """Have a process that has nothing to do trim a part."""
+        pool = self._idle.pop() if self._idle else self._start()
+        future = pool.submit(_trim_items, part.items, **self._options)
+        self._busy[future] = pool
+        return future
+
+    def result(self, future: Future[list[Outcome]]) -> list[Outcome] | None:
+        """What became of the items of a part; None if its process has died.
+
+        Raises:
+            InputError: processes cannot be started.
+        """
+        pool = self._busy.pop(future)
         try:
-            serving = len(threads)
-            while serving:
-                try:
-                    event = self._events.get(timeout=POLL_SECONDS)
-                except queue.Empty:
-                    yield None
-                    continue
-                if isinstance(event, BaseException):
-                    raise event
-                if event is None:
-                    serving -= 1
-                else:
-                    yield event
-        finally:
-            self._end(threads)
+            outcomes = future.result()
+        except BrokenProcessPool as error:
+            pool.shutdown(wait=False)
+            if self._started[pool].exception() is not None:
+                raise InputError(
+                    "No worker process can be started. If the batch is started by a Python script, the call must stand "
+                    "below \"if __name__ == '__main__':\", since every process imports the script."
+                ) from error
+            return None
+        self._idle.append(pool)
+        return outcomes
 
-    def _end(self, threads: Sequence[threading.Thread]) -> None:
-        self._stopped = True
-        for worker in self._workers:
-            worker.stop()
-        end = time.monotonic() + _SECONDS_TO_END
-        for thread, worker in zip(threads, self._workers, strict=True):
-            thread.join(max(0.0, end - time.monotonic()))
-            if thread.is_alive():
-                worker.kill()
-                thread.join(_SECONDS_TO_END)
+    def close(self) -> None:
+        """End all processes; what they are writing is removed."""
+        self._run.close()
+        for pool in (*self._idle, *self._busy.values()):
+            pool.shutdown(cancel_futures=True)
+        self._stop.close()
 
-    def _serve(self, number: int) -> None:
-        """Have one worker do items until there are no more."""
-        try:
-            with self._workers[number] as worker:
-                while any(self._waiting.values()) and not self._stopped:
-                    item = self._take(number)
-                    if item is None:  # What waits does not fit into memory beside what others have.
-                        worker.close()
-                        time.sleep(POLL_SECONDS)
-                        continue
-                    self.running[number] = item.name, time.monotonic()
-                    self._events.put(worker.trim(item))
-                    del self.running[number]
-        except BaseException as error:
-            self._events.put(error)
-        finally:
-            self._held.pop(number, None)
-            self._events.put(None)
+    def _start(self) -> ProcessPoolExecutor:
+        threads = max(1, cores() // self.workers)
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(1, context, initializer=_prepare, initargs=(self._stop, threads))
+        with _environment_of_worker(threads):
+            self._started[pool] = pool.submit(bool)
+        return pool
 
-    def _take(self, number: int) -> Item | None:
-        """The next item of a worker, or None if it must wait until others have less in memory."""
-        with self._lock:
-            held = self._held.pop(number, None)
-            if held is None or not self._waiting[held]:
-                held = self._choose_scene()
-            if held is None:
-                return None
-            self._held[number] = held
-            return self._waiting[held].popleft()
 
-    def _choose_scene(self) -> str | None:
-        others = list(self._held.values())
-        free = self._memory - sum(self._needs[scene] for scene in others)
-        fitting = [scene for scene, items in self._waiting.items() if items and self._needs[scene] <= free]
-        unread = (scene for scene in fitting if scene not in others)
-        return next(unread, max(fitting, key=lambda scene: len(self._waiting[scene]), default=None))
+def cores() -> int:
+    """Number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def _environment_of_worker(threads: int) -> Iterator[None]:
+    """Have a process that is started here keep to so many threads, and leave Ctrl-C to this one."""
+    before = os.environ.copy()
+    os.environ.update({**dict.fromkeys(_THREAD_VARIABLES, str(threads)), "OMP_WAIT_POLICY": "passive"})
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if sys.platform != "win32" else None
+    try:
+        yield
+    finally:
+        if masked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        for name in {*_THREAD_VARIABLES, "OMP_WAIT_POLICY"}:
+            os.environ.pop(name)
+        os.environ.update(before)
+
+
+# What a process does
+
+
+def _prepare(stop: Connection, threads: int) -> None:
+    import cv2
+
+    cv2.setNumThreads(threads)
+    warnings.simplefilter("ignore")
+    threading.Thread(target=_end_with, args=(stop,), daemon=True).start()
+
+
+def _end_with(stop: Connection) -> None:
+    """Stop what is being done when the other end of a pipe is closed."""
+    with suppress(EOFError, OSError):
+        stop.poll(None)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_SECONDS_TO_END)
+    os._exit(1)
+
+
+def _trim_items(*arguments: Any, **options: Any) -> list[Outcome]:
+    try:
+        with stop_signals_raised():
+            return trim_items(*arguments, **options)
+    except Stopped:
+        os._exit(1)  # What was being written has been removed.

@@ -23,22 +23,30 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from gaussian_trimmer.batch.items import Item, default_name
-from gaussian_trimmer.batch.options import parse_options
+from tyro.conf import arg
+
+from gaussian_trimmer.batch.items import Item, default_name, is_address
 from gaussian_trimmer.batch.storage import local_copy
+from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.io.reading import file_bytes, is_file
+from gaussian_trimmer.io.reading import is_file
+from gaussian_trimmer.options import parse
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.trimming.arguments import vector_of_up
+from gaussian_trimmer.trimming.options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
-_MAX_BYTES = 1 << 30
-_MOST_IDS = 1 << 20
 Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowOptions(TrimOptions):
+    """The options of a row: those of `trim` that concern a trim itself, and not where its files are."""
+
+    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
 
 
 def read_manifest(path: str | Path, options: str = "") -> list[Item]:
@@ -53,18 +61,17 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
     path = Path(path)
     if not is_file(path):
         raise InputError(f"There is no manifest '{path}'.")
-    ending = path.suffix.lower()
-    if ending not in (".csv", ".jsonl"):
-        raise InputError(f"'{path}' is not a manifest; known endings: .csv, .jsonl.")
+    readers = {".csv": _table, ".jsonl": _json_lines}
+    if path.suffix.lower() not in readers:
+        raise InputError(f"'{path}' is not a manifest; known endings: {', '.join(readers)}.")
     try:
-        text = file_bytes(path, _MAX_BYTES).decode("utf-8-sig")
+        text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"'{path}' is not text in UTF-8 (byte {error.start}); save it as such.") from error
-    rows = _Rows(path.parent, _words(options))
-    items: list[Item] = []
-    for line, row in _table(text, path) if ending == ".csv" else _json_lines(text, path):
+    rows, items = _Rows(path.parent, _words(options)), list[Item]()
+    for line, found in readers[path.suffix.lower()](text):
         try:
-            items += rows.items_of(row)
+            items += rows.items_of(_row(found))
         except InputError as error:
             raise InputError(f"'{path}', line {line}: {error}") from error
     if not items:
@@ -72,38 +79,31 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
     return items
 
 
-def _table(text: str, path: Path) -> Iterator[tuple[int, Row]]:
+def _table(text: str) -> Iterator[tuple[int, Any]]:
     reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     try:
-        _check_columns(reader.fieldnames or (), f"'{path}'")
-        for row in reader:
-            if None in row or None in row.values():
-                raise InputError(f"'{path}', line {reader.line_num}: it has not as many columns as the first line.")
-            if any(row.values()):
-                yield reader.line_num, row
+        yield from ((reader.line_num, row) for row in reader if any(row.values()))
     except csv.Error as error:
-        raise InputError(f"'{path}', line {reader.line_num}: {error}.") from error
+        raise InputError(f"The manifest cannot be read from line {reader.line_num} on: {error}.") from error
 
 
-def _json_lines(text: str, path: Path) -> Iterator[tuple[int, Row]]:
-    for number, line in enumerate(text.split("\n"), 1):
-        if not line.strip():
-            continue
-        try:
-            row = json.loads(line)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"'{path}', line {number}: it is not a JSON object ({error}).") from error
-        if not isinstance(row, dict):
-            raise InputError(f"'{path}', line {number}: it is not a JSON object.")
-        _check_columns(row, f"'{path}', line {number}:")
-        yield number, row
+def _json_lines(text: str) -> Iterator[tuple[int, Any]]:
+    return ((number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip())
 
 
-def _check_columns(names: Any, place: str) -> None:
-    if unknown := [name for name in names if name not in COLUMNS]:
-        raise InputError(f"{place} has the unknown column '{shown(str(unknown[0]))}'; known: {', '.join(COLUMNS)}.")
-    if "scene" not in names:
-        raise InputError(f"{place} has no column 'scene'; known: {', '.join(COLUMNS)}.")
+def _row(found: Any) -> Row:
+    """A row, from a line of JSON or from what `csv` makes of one."""
+    try:
+        row = json.loads(found) if isinstance(found, str) else found
+    except (ValueError, RecursionError):
+        row = None
+    if not isinstance(row, dict):
+        raise InputError("It is not a JSON object.")
+    if row is found and (None in row or None in row.values()):
+        raise InputError("It has not as many columns as the first line.")
+    if unknown := [name for name in row if name not in COLUMNS]:
+        raise InputError(f"'{shown(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.")
+    return row
 
 
 @dataclass(frozen=True)
@@ -112,23 +112,29 @@ class _Rows:
 
     folder: Path
     options: tuple[str, ...]
+    known_options: dict[tuple[str, ...], RowOptions] = field(default_factory=dict)
+    """By the words they are made of."""
     ids_of_files: dict[tuple[str, str | None], tuple[int, ...]] = field(default_factory=dict)
-    """Ids above zero in files of labels, which are read once for all rows."""
+    """Ids above zero in files of labels."""
 
     def items_of(self, row: Row) -> list[Item]:
         """The items of a row: one, or one for every id."""
-        scene, selection, labels = (_path(row, name, self.folder) for name in ("scene", "selection", "labels"))
+        scene, selection, labels, cameras = (
+            self._path(row, name) for name in ("scene", "selection", "labels", "cameras")
+        )
         if scene is None:
-            raise InputError("No scene is named.")
+            raise InputError("The column 'scene' is missing or empty.")
         if selection is not None and labels is not None:
             raise InputError("It has both a selection and labels; leave one out.")
-        chosen = parse_options((*self.options, *_words(row.get("options") or "")))
-        config, up = chosen.trim_config(), _up(row.get("up"))
+        if labels is None and row.get("objects"):
+            raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
+        chosen, up = self._options_of(row), _up(row.get("up"))
+        config = chosen.settings()
         item = Item(
             scene,
             selection or labels,
             _text(row, "name"),
-            cameras=_path(row, "cameras", self.folder),
+            cameras=cameras,
             trust_paths=chosen.trust_paths,
             format=chosen.format,
             config=config if up is None else replace(config, up=up),
@@ -138,9 +144,13 @@ class _Rows:
             selection_options=chosen.selection_options,
         )
         items = [item] if labels is None else self._objects(item, row.get("objects"))
-        if labels is None and row.get("objects") not in (None, "", []):
-            raise InputError("It has objects, but no labels; name the file with an id for every Gaussian as labels.")
         return [item if item.name else replace(item, name=_name(row, item)) for item in items]
+
+    def _options_of(self, row: Row) -> RowOptions:
+        words = (*self.options, *_words(row.get("options") or ""))
+        if words not in self.known_options:
+            self.known_options[words] = parse(RowOptions, words, "trim")
+        return self.known_options[words]
 
     def _objects(self, item: Item, wanted: Any) -> list[Item]:
         """An item for each object of a file of labels."""
@@ -163,6 +173,10 @@ class _Rows:
             self.ids_of_files[key] = _ids_above_zero(*key)
         return self.ids_of_files[key]
 
+    def _path(self, row: Row, name: str) -> str | None:
+        text = _text(row, name)
+        return (text if is_address(text) else str(self.folder / text)) if text else None
+
 
 def _name(row: Row, item: Item) -> str:
     """The default name from the paths as they are written, so that it is the same wherever the manifest lies."""
@@ -175,12 +189,10 @@ def _ids(wanted: Any) -> list[int]:
         wanted = wanted.replace(",", " ").replace(";", " ").split()
     try:
         ids = [int(str(i)) for i in wanted or ()]
-    except (ValueError, TypeError) as error:
-        raise InputError(f"The objects are '{shown(str(wanted))}'; give ids, as in '3 5 7', or 'all'.") from error
-    if not ids:
-        raise InputError("It has labels, but no objects; give their ids, as in '3 5 7', or 'all'.")
-    if len(set(ids)) < len(ids):
-        raise InputError(f"The objects '{shown(' '.join(map(str, ids)))}' name an id twice.")
+    except (ValueError, TypeError):
+        ids = []
+    if not ids or len(set(ids)) < len(ids):
+        raise InputError(f"The objects are '{shown(str(wanted))}'; give each id once, as in '3 5 7', or 'all'.")
     return ids
 
 
@@ -190,48 +202,29 @@ def _ids_above_zero(labels: str, name: str | None) -> tuple[int, ...]:
     if values is None or values.dtype.kind not in "iu":
         raise InputError(f"'{labels}' holds no one-dimensional array of whole numbers that could be labels.")
     ids = tuple(i for i in count_ids(values)[0] if i > 0)
-    if not 0 < len(ids) <= _MOST_IDS:
-        raise InputError(f"'{labels}' has {len(ids)} ids above zero; at least one is needed, and at most {_MOST_IDS}.")
+    if not ids:
+        raise InputError(f"'{labels}' has no ids above zero.")
     return ids
 
 
 def _up(given: Any) -> tuple[float, float, float] | None:
-    if given in (None, "", []):
-        return None
-    if isinstance(given, str) and len(words := given.replace(",", " ").split()) == 3:
-        given = words
-    if isinstance(given, list):
-        try:
-            given = [float(value) for value in given]
-        except (TypeError, ValueError):
-            given = str(given)
-    return vector_of_up(given)
+    if isinstance(given, str) and len(numbers := given.replace(",", " ").split()) == 3:
+        given = numbers
+    return vector_of_up(given) if given else None
 
 
 def _text(row: Row, name: str) -> str:
-    value = row.get(name)
-    if value is None:
-        return ""
+    value = row.get(name) or ""
     if not isinstance(value, str):
         raise InputError(f"Its {name} is a {type(value).__name__}; give text.")
     return value.strip()
 
 
-def _path(row: Row, name: str, folder: Path) -> str | None:
-    text = _text(row, name)
-    if not text or "://" in text:
-        return text or None
-    if "\0" in text:
-        raise InputError(f"Its {name} is '{shown(text)}', which no file can be named.")
-    return str(folder / text)
-
-
 def _words(options: Any) -> tuple[str, ...]:
-    if isinstance(options, list) and all(isinstance(word, str) for word in options):
-        return tuple(options)
-    if not isinstance(options, str):
-        raise InputError("Its options are not text; give them as on the command line.")
     try:
-        return tuple(shlex.split(options))
+        words = shlex.split(options) if isinstance(options, str) else options
     except ValueError as error:
         raise InputError(f"The options '{shown(options)}' cannot be taken apart ({error}).") from error
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise InputError("Its options are not text; give them as on the command line.")
+    return tuple(words)

@@ -31,9 +31,8 @@ class Outcome:
     """How long the trim took, without reading the scene; 0 if another run did it."""
     fingerprint: str = ""
     """Digest of its inputs and settings."""
-    cause: Literal["item", "output", "worker", "busy"] = "item"
-    """What made it fail: itself, an output that cannot be written, a worker that died, or another run that is writing
-    it; the last two are tried again."""
+    unwritten: bool = False
+    """It failed because the output cannot be written, as on a full disk, and may be written by the next run."""
 
 
 @dataclass(frozen=True)
@@ -45,33 +44,30 @@ class Status:
     failed: int
     found: int
     """Those of `done` and `failed` that are from an earlier run."""
-    running: dict[int, tuple[str, float]]
-    """What each worker is at: a name, and for how many seconds."""
 
 
 def outcome_of(item: Item, told: dict[str, Any], seconds: float = 0.0, *, fresh: bool = False) -> Outcome:
     """The outcome of a finished item, from its `item.json`."""
-    accepted, total = told.get("views") or (0, 0)
+    accepted, total = told["views"]
     return Outcome(
         item,
         "done",
         fresh=fresh,
-        counts=dict(told.get("counts") or {}),
-        views=(int(accepted), int(total)),
-        refused=str(told.get("refused") or ""),
-        up_confidence=float(told.get("up_confidence") or 0.0),
+        counts=told["counts"],
+        views=(accepted, total),
+        refused=told["refused"] or "",
+        up_confidence=told["up_confidence"],
         seconds=seconds,
-        fingerprint=str(told.get("fingerprint") or ""),
+        fingerprint=told["fingerprint"],
     )
 
 
 def earlier_outcome(store: Store, item: Item, fingerprint: str | None = None) -> Outcome | None:
     """What an earlier run left of an item, with this fingerprint if one is given; None if there is nothing."""
     told = store.finished(item.name)
-    if told is not None and fingerprint in (None, told.get("fingerprint")):
+    if told is not None and fingerprint in (None, told["fingerprint"]):
         return outcome_of(item, told)
     record = store.failure(item.name)
-    if record is not None and fingerprint in (None, record.get("fingerprint")):
-        message = str(record.get("message", ""))
-        return Outcome(item, "failed", message, fresh=False, fingerprint=str(record.get("fingerprint", "")))
+    if record is not None and fingerprint in (None, record["fingerprint"]):
+        return Outcome(item, "failed", record["message"], fresh=False, fingerprint=record["fingerprint"])
     return None

@@ -1,10 +1,10 @@
-"""Scenes with their items, and how much memory their trims take: an estimate from the size of the scene's file."""
+"""Parts of a batch: items of one scene, and how much memory they take, estimated from the size of the scene's file."""
 
 from __future__ import annotations
 
 import heapq
 import os
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,8 +13,6 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.batch.items import Item, scene_file
 from gaussian_trimmer.batch.storage import size_of
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.compressed_ply import is_compressed
-from gaussian_trimmer.formats.ply_table import read_header
 
 PROCESS_BYTES = 400 << 20
 """What a worker takes without a scene: the interpreter, libraries, compiled kernels, pictures of views."""
@@ -40,39 +38,35 @@ _CONTAINER_LIMITS = (
 
 
 @dataclass(frozen=True)
-class SceneItems:
-    """Items of one scene."""
+class Part:
+    """Items of one scene that are trimmed one after the other."""
 
-    scene: str
     items: tuple[Item, ...]
     need: float = 0.0
-    """Bytes of memory that a worker needs, beside `PROCESS_BYTES`, to trim objects of this scene."""
+    """Bytes of memory that this takes beside `PROCESS_BYTES`."""
+    losses: int = 0
+    """How many times it was lost with its process."""
 
-    def without(self, names: Container[str]) -> SceneItems:
-        """The same without the items of these names."""
-        return replace(self, items=tuple(item for item in self.items if item.name not in names))
-
-    def parts(self, size: int) -> Iterator[SceneItems]:
-        """The items in parts of at most so many."""
+    def split(self, size: int) -> Iterator[Part]:
+        """The same items in parts of at most so many."""
         for start in range(0, len(self.items), size):
             yield replace(self, items=self.items[start : start + size])
 
 
-def by_scene(items: Sequence[Item]) -> list[SceneItems]:
-    """The items by scene, in the order of their first ones."""
+def by_scene(items: Sequence[Item]) -> list[Part]:
+    """A part for each scene, in the order of their first items."""
     groups: dict[str, list[Item]] = {}
     for item in items:
         groups.setdefault(item.scene, []).append(item)
-    return [SceneItems(scene, tuple(group), scene_need(scene)) for scene, group in groups.items()]
+    return [Part(tuple(group), scene_need(scene)) for scene, group in groups.items()]
 
 
-def shard_of(scenes: Sequence[SceneItems], number: int, of: int) -> list[SceneItems]:
+def shard_of(scenes: Sequence[Part], number: int, of: int) -> list[Part]:
     """The scenes of one of several machines, numbered from 1: each scene is on one, and all have about as many items.
 
     >>> a, b = Item("a.ply", name="x"), Item("b.ply", name="y")
-    >>> scenes = [SceneItems("a.ply", (a, a, a)), SceneItems("b.ply", (b,)), SceneItems("c.ply", (b, b))]
-    >>> [entry.scene for entry in shard_of(scenes, 1, 2)], [entry.scene for entry in shard_of(scenes, 2, 2)]
-    (['a.ply'], ['b.ply', 'c.ply'])
+    >>> [len(part.items) for part in shard_of([Part((a, a, a)), Part((b,)), Part((b, b))], 2, 2)]
+    [1, 2]
     """
     loads = [(0, shard) for shard in range(of)]  # a heap
     mine = set()
@@ -81,7 +75,7 @@ def shard_of(scenes: Sequence[SceneItems], number: int, of: int) -> list[SceneIt
         heapq.heapreplace(loads, (load + len(scenes[position].items), shard))
         if shard == number - 1:
             mine.add(position)
-    return [entry for position, entry in enumerate(scenes) if position in mine]
+    return [part for position, part in enumerate(scenes) if position in mine]
 
 
 def scene_need(scene: str) -> float:
@@ -91,8 +85,6 @@ def scene_need(scene: str) -> float:
         suffix, size = formats.format_suffix(file), size_of(file)
         if suffix == "meta.json":  # The Gaussians are in the textures beside it.
             size = sum(path.stat().st_size for path in Path(file).parent.glob("*.webp")) or size
-        if suffix == ".ply" and Path(file).is_file() and is_compressed(read_header(Path(file))):
-            suffix = ".compressed.ply"
         return _BYTES_PER_SCENE_BYTE * _EXPANSION[suffix] * size
     return 0.0
 

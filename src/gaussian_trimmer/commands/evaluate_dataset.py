@@ -20,11 +20,10 @@ from gaussian_trimmer.evaluation.layouts import LAYOUTS
 from gaussian_trimmer.evaluation.predictions import PredictionPatterns
 from gaussian_trimmer.evaluation.runs import Run, Variant, measure
 from gaussian_trimmer.evaluation.scoring import Judge
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, all_options, segmenter_with
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
-
-_SegmenterOptions = all_options()
+from gaussian_trimmer.trimming.options import SegmenterOptions
 
 
 @dataclass(frozen=True)
@@ -44,9 +43,7 @@ class _EvaluateDataset:
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """What segments the object in the views."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
-    segmenter_options: Annotated[Any, arg(name="", constructor=_SegmenterOptions)] = field(
-        default_factory=_SegmenterOptions
-    )
+    segmenter_options: Annotated[Any, arg(name="")] = field(default_factory=SegmenterOptions)
     rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
     tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
     quiet: bool = False

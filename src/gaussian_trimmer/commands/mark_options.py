@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -74,17 +73,8 @@ class MarkOptions:
     """Also take what lies this near, in median distances between neighbouring Gaussians of the selection."""
     shrink: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
     """Leave out what lies this near to Gaussians that are not selected."""
-    order: Suppress[tuple[str, ...]] = ()
-    """Names of the options in the order in which they were given; without it that of the fields."""
-
-    def in_order_of(self, arguments: Sequence[str]) -> MarkOptions:
-        """These options with the order that they have in the arguments of a command."""
-        names = [
-            argument.split("=")[0].removeprefix("--").replace("-", "_")
-            for argument in arguments
-            if argument[:2] == "--"
-        ]
-        return replace(self, order=tuple(name for name in names if name in _REPEATED))
+    given: Suppress[tuple[tuple[str, Any], ...]] = ()
+    """Names and values of all views and marks, in the order in which they were given."""
 
     def marks(self) -> list[Mark]:
         """The marks, in order; views by name or number.
@@ -92,13 +82,10 @@ class MarkOptions:
         Raises:
             InputError: a click or a box has no view, or it is not clear which.
         """
-        order = self.order or tuple(name for name in _REPEATED for _ in getattr(self, name))
-        remaining = {name: list(getattr(self, name)) for name in _REPEATED}
         single: list[str | int] = [*self.view, *self.view_index]
         current: str | int | None = single[0] if len(single) == 1 else None
         marks: list[Mark] = []
-        for name in order:
-            value = remaining[name].pop(0)
+        for name, value in self.given:
             if name in ("view", "view_index"):
                 current = value
             else:
@@ -135,33 +122,6 @@ class MarkOptions:
             return Click(x, y, view, effect)
         x0, y0, x1, y1 = value
         return Box(x0, y0, x1, y1, view, effect)
-
-
-_REPEATED = tuple(field.name for field in fields(MarkOptions) if field.name not in ("coordinates", "order"))
-"""Options whose order counts."""
-_OF_NUMBERS = ("click", "box", "box3d", "sphere", "plane")
-"""Ends of the names of options that take several numbers."""
-
-
-def split_commas(arguments: Sequence[str]) -> list[str]:
-    """The arguments of a command, in which the numbers of a mark may be given with commas.
-
-    >>> split_commas(["--click", "360,245", "--box=1,2,30,40", "--add", "a,b.npy"])
-    ['--click', '360', '245', '--box', '1', '2', '30', '40', '--add', 'a,b.npy']
-    """
-    separate, takes_numbers = [], False
-    for argument in arguments:
-        if argument.startswith("--"):
-            name, equals, value = argument.partition("=")
-            takes_numbers = name.replace("_", "-").split("-")[-1] in _OF_NUMBERS
-            separate += [name, *_numbers(value)] if takes_numbers and equals else [argument]
-        else:
-            separate += _numbers(argument) if takes_numbers else [argument]
-    return separate
-
-
-def _numbers(text: str) -> list[str]:
-    return [part for part in text.split(",") if part]
 
 
 def _file(text: str) -> tuple[Path, tuple[int, ...]]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -81,10 +80,6 @@ class Select(TrimSettings):
     """For `vote`: a centre must lie in more than this share of the masks."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
-
-    def in_order_of(self, arguments: Sequence[str]) -> Select:
-        """This command, with its marks in the order of the arguments that it was made from."""
-        return replace(self, mark_options=self.mark_options.in_order_of(arguments))
 
     @property
     def selection_path(self) -> Path:

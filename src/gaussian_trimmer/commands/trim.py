@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -27,10 +27,11 @@ from gaussian_trimmer.commands.console import (
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim_objects import trim_labels
 from gaussian_trimmer.commands.trim_settings import TrimSettings
-from gaussian_trimmer.config import PlanConfig, TrimConfig, check_config
+from gaussian_trimmer.config import check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT
@@ -39,9 +40,7 @@ from gaussian_trimmer.output.saving import suffix_of, trim_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters import (
-    Segmenter,
-)
+from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import FromFile, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, write_marks
@@ -54,6 +53,7 @@ from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
 
 _USUAL_PHOTOS = 8
@@ -104,10 +104,6 @@ class Trim(TrimSettings):
     """Selections of other objects, such as labels.npz of an earlier trim: their Gaussians stay out of this object."""
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
 
-    def in_order_of(self, arguments: Sequence[str]) -> Trim:
-        """This command, with its marks in the order of the arguments that it was made from."""
-        return replace(self, mark_options=self.mark_options.in_order_of(arguments))
-
     def run(self, load: Callable[[], Loaded] | None = None) -> int:
         """Trim and write the results; returns the exit code, 3 where nothing was trimmed.
 
@@ -148,8 +144,7 @@ class Trim(TrimSettings):
         self._refuse_whole_scene(loaded.selection)
         seconds = {"read": time.perf_counter() - start}
         renderer, segmenter = get_renderer(self.renderer), self.make_segmenter()
-        views = segmenter.own_cameras(loaded.cameras) if hasattr(segmenter, "own_cameras") else None
-        self._refuse_unused_views(views)
+        views = views_of_masks(segmenter, loaded.cameras, self.settings())
         if self.photos is not None:
             views, segmenter = self._photo_views(scene, selection, loaded.cameras, segmenter)
         if renderer.name == "numba":
@@ -303,39 +298,20 @@ class Trim(TrimSettings):
             raise InputError(f"None of the {len(known)} cameras with pictures in '{self.photos}' sees the object.")
         return views, PhotoSegmenter(segmenter, self.photos, known)
 
-    def _refuse_unused_views(self, given: list[Camera] | None) -> None:
-        """A number of virtual views means nothing where the views are those of the user's masks."""
-        wished = self.config.plan.views if self.views is None else self.views
-        if given is not None and (self.views is not None or wished != PlanConfig().views):
-            raise InputError(
-                f"The segmenter '{self.segmenter}' looks from the cameras of its {len(given)} masks, so {wished} "
-                "virtual views cannot be had; leave --views and --plan.views out, or remove masks from their folder."
-            )
-
-    def settings(self) -> TrimConfig:
-        """The settings of all stages."""
-        if self.views is None:
-            return self.config
-        return replace(self.config, plan=replace(self.config.plan, views=self.views))
-
     def _inputs(self) -> dict[str, Any]:
         """Files and choices, for the report."""
         used = self.used_options()
         return {
             "scene": str(self.scene),
             "selection": str(self.selection) if self.selection else None,
-            "selection_options": _as_json(self.selection_options),
+            "selection_options": to_plain(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
             "photos": str(self.photos) if self.photos else None,
             "exclude": [str(path) for path in self.exclude],
             "preset": self.preset,
-            "segmenter_options": _as_json(used) if used else {},
+            "segmenter_options": to_plain(used) if used else {},
         }
 
 
 def _may_hold_splats(path: Path) -> bool:
     return formats.has_splats(path) or is_folder(path)
-
-
-def _as_json(options: Any) -> dict[str, Any]:
-    return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()}

@@ -1,0 +1,75 @@
+"""The options of a trim: what the command line and the rows of a batch's manifest may say beside naming files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal
+
+from tyro.conf import arg
+
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.config import PlanConfig, TrimConfig
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
+from gaussian_trimmer.segmentation.segmenters import (
+    DEFAULT_SEGMENTER,
+    SEGMENTERS,
+    Segmenter,
+    all_options,
+    options_of,
+    segmenter_with,
+)
+
+SegmenterOptions = all_options()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrimOptions:
+    """How an object is trimmed."""
+
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
+    """File format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
+    preset: Literal["default", "paper"] = "default"
+    """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
+    views: Annotated[int | None, arg(metavar="INT")] = None
+    """Number of virtual views; short for --plan.views."""
+    segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
+    """What segments the object in the views."""
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
+    """What renders the views; auto is numba, on the CPU. gsplat (GPU) is used only if you ask for it."""
+    config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
+    segmenter_options: Annotated[Any, arg(name="")] = field(default_factory=SegmenterOptions)
+
+    def settings(self) -> TrimConfig:
+        """The settings of all stages."""
+        if self.views is None:
+            return self.config
+        return replace(self.config, plan=replace(self.config.plan, views=self.views))
+
+    def used_options(self) -> Any:
+        """The options of the segmenter that is used, or None if it has none."""
+        return options_of(self.segmenter, self.segmenter_options)
+
+    def make_segmenter(self) -> Segmenter:
+        """The segmenter with its options."""
+        return segmenter_with(self.segmenter, self.segmenter_options)
+
+
+def views_of_masks(segmenter: Segmenter, cameras: CameraSet | None, config: TrimConfig) -> list[Camera] | None:
+    """The cameras of the masks that a segmenter has; None if it segments any view.
+
+    Raises:
+        InputError: the settings ask for a number of virtual views, which would not be used.
+    """
+    if not hasattr(segmenter, "own_cameras"):
+        return None
+    views: list[Camera] = segmenter.own_cameras(cameras)
+    if config.plan.views != PlanConfig().views:
+        raise InputError(
+            f"The segmenter '{segmenter.name}' looks from the cameras of its {len(views)} masks, so "
+            f"{config.plan.views} virtual views cannot be had; leave --views and --plan.views out, or remove masks "
+            "from their folder."
+        )
+    return views
