@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,7 @@ import toy
 
 import gaussian_trimmer
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.scene_trimmer import SceneTrimmer
-from gaussian_trimmer.batch.storage import open_store
+from gaussian_trimmer.batch.trimming import trim_items
 
 QUICK = "--plan.size 96 --views 2 --refine off"
 SLOW = "--plan.size 256 --views 4 --refine off"
@@ -38,18 +38,24 @@ def write_manifest(folder, names, options=QUICK, file="manifest.csv"):
     return folder / file
 
 
-class InlineWorkers:
-    """In place of `LocalWorkers`: trims everything in this process."""
+class InlineProcesses:
+    """In place of `LocalProcesses`: trims everything in this process."""
 
-    def __init__(self, scenes, settings, workers, memory):
-        self._scenes, self.running = scenes, {}
-        self._trimmer = SceneTrimmer(open_store(settings.output), retry_failed=settings.retry_failed)
+    workers = 1
 
-    def outcomes(self):
-        for entry in self._scenes:
-            for item in entry.items:
-                found = self._trimmer.check(item)
-                yield self._trimmer.trim(item, found) if isinstance(found, str) else found
+    def __init__(self, workers, options):
+        self._options = options
+
+    def submit(self, part):
+        future = Future()
+        future.set_result(trim_items(part.items, **self._options))
+        return future
+
+    def result(self, future):
+        return future.result()
+
+    def close(self):
+        pass
 
 
 def start(manifest, output, *options):

@@ -37,14 +37,6 @@ def pytest_sessionstart(session):
         numba.set_num_threads(max(1, numba.config.NUMBA_NUM_THREADS // workers))
 
 
-@pytest.fixture(scope="session", autouse=True)
-def sources_of_settings_are_read_once():
-    """tyro reads the sources of all dataclasses for their docstrings at each parse; tests parse hundreds of times."""
-    from tyro import _docstrings
-
-    _docstrings._ClassTokenization.make = staticmethod(cache(_docstrings._ClassTokenization.make))
-
-
 def pytest_collection_modifyitems(config, items):
     """Leave out tests marked `needs("torch")` and the like where that is not installed."""
 

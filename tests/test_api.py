@@ -164,32 +164,27 @@ def test_all_rows_in_any_order_are_row_numbers():
 
 
 @pytest.mark.parametrize(
-    ("selection", "n", "sentence"),
+    ("selection", "n", "said"),
     [
-        (
-            np.array([0, 1]),
-            2,
-            r"selection \[0, 1\] can be a mask of 2 Gaussians or a list of row numbers; give booleans",
-        ),
-        (np.array([0]), 1, "can be a mask of 1 Gaussians or a list"),
-        (np.array([3, 3]), 5, "2 whole numbers from 3 to 3, some of them equal, for 5 Gaussians: .*'labels == 3'"),
-        (np.array([0, 1, 2, 2, 0]), 5, "some of them equal"),
-        (np.array([0, 1, 255, 0, 0]), 5, "names row 255, but the scene's 5 Gaussians have the row numbers 0 to 4"),
-        (np.array([0, 1, 1]), 5, "some of them equal"),
-        (np.array([-1, 2]), 5, "names row -1"),
-        (np.array([0.2, 0.9]), 2, "float64; 2 booleans are needed, such as 'scores > 0.5'"),
+        (np.array([0, 1]), 2, "both a mask and row numbers"),
+        (np.array([0]), 1, "both a mask and row numbers"),
+        (np.array([3, 3]), 5, "neither .*'labels == 3'"),
+        (np.array([0, 1, 2, 2, 0]), 5, "neither"),
+        (np.array([0, 1, 255, 0, 0]), 5, "neither"),
+        (np.array([0, 1, 1]), 5, "neither"),
+        (np.array([-1, 2]), 5, "from -1 to 2"),
+        (np.array([0.2, 0.9]), 2, "'scores > 0.5'"),
         (np.zeros((5, 1), np.int64), 5, r"shape \(5, 1\)"),
-        (np.zeros(4, np.bool_), 5, r"shape \(4,\) and type bool; 5 booleans are needed"),
+        (np.zeros(4, np.bool_), 5, r"shape \(4,\) and type bool"),
         ([], 5, "selection is empty"),
         (np.zeros(5, np.int64), 5, "selection is empty"),
-        ([[1], [2, 3]], 5, "is a list that NumPy cannot read"),
+        ([[1], [2, 3]], 5, "NumPy cannot read"),
         ("rough.npy", 5, "5 booleans are needed"),
     ],
 )
-def test_selections_that_can_be_misunderstood_are_refused(selection, n, sentence):
-    with pytest.raises(gt.InputError, match=sentence) as refusal:
+def test_selections_that_can_be_misunderstood_are_refused(selection, n, said):
+    with pytest.raises(gt.InputError, match=said):
         mask_of_selection(selection, n)
-    assert "\n" not in str(refusal.value)
 
 
 def test_ambiguity_ends_where_only_one_reading_is_possible():
@@ -210,30 +205,26 @@ CAMERA = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=
 
 
 @pytest.mark.parametrize(
-    ("wrong", "sentence"),
+    ("wrong", "said"),
     [
-        ({"views": [CAMERA]}, "views is a list; it is the number of virtual views, and view_cameras is the list"),
-        ({"views": True}, "views is a bool"),
-        ({"views": 2.0}, "views is a float"),
-        ({"views": 0}, r"plan\.views is 0; it must be a whole number"),
-        ({"views": 3, "view_cameras": [CAMERA]}, "3 virtual views cannot be had beside 1 view_cameras"),
-        ({"view_cameras": []}, "view_cameras is an empty list"),
-        ({"view_cameras": CAMERA}, "view_cameras must be a list"),
-        ({"view_cameras": CameraSet((CAMERA,), None, (True,), False)}, "view_cameras is a CameraSet"),
-        ({"cameras": [CAMERA]}, "cameras are a list; give a CameraSet, from gaussian_trimmer.read_cameras"),
-        ({"cameras": "sparse/0"}, "cameras are a str"),
-        ({"up": "up"}, "up vector is 'up'; give x, y, z, -x, -y or -z, or three numbers"),
+        ({"views": [CAMERA]}, r"plan\.views is"),
+        ({"views": True}, r"plan\.views is True"),
+        ({"views": 0}, r"plan\.views is 0"),
+        ({"views": 3, "view_cameras": [CAMERA]}, "beside 1 view_cameras"),
+        ({"view_cameras": []}, "view_cameras"),
+        ({"view_cameras": CAMERA}, "view_cameras"),
+        ({"view_cameras": CameraSet((CAMERA,), None, (True,), False)}, "view_cameras"),
+        ({"cameras": [CAMERA]}, "cameras are a list"),
         ({"up": "--z"}, "up vector is '--z'"),
         ({"up": (0, 0, 0)}, "up vector"),
         ({"up": 3}, "up vector"),
-        ({"config": {"up": "z"}}, "config is a dict; give a TrimConfig"),
-        ({"scene": "scene.ply"}, "scene is a str; give Gaussians, from gaussian_trimmer.read"),
+        ({"config": {"up": "z"}}, "config is a dict"),
+        ({"scene": "scene.ply"}, "scene is a str"),
     ],
 )
-def test_arguments_of_another_kind_are_refused_in_one_sentence(wrong, sentence):
-    with pytest.raises(gt.InputError, match=sentence) as refusal:
+def test_arguments_of_another_kind_are_refused(wrong, said):
+    with pytest.raises(gt.InputError, match=said):
         gt.trim(**{"scene": SCENE, "selection": ROUGH, "config": CONFIG, **wrong})
-    assert "\n" not in str(refusal.value)
 
 
 # Gaussians of other number types and from other programs

@@ -63,7 +63,7 @@ def damaged_scene(kind, folder, path):
         ("header only", "header"),
         ("zero Gaussians", "zero Gaussians"),
         ("NaN", "finite"),
-        ("infinity", "coordinates up to 1e15"),
+        ("infinity", "means that cannot be used"),
         ("mesh", "no splat PLY"),
     ],
 )
@@ -103,13 +103,6 @@ def test_wrong_selections(name, make, said, ball, tmp_path, capsys):
     assert said in trim_fails(folder / "scene.ply", tmp_path / name, output=tmp_path / "out", capsys=capsys)
 
 
-def test_missing_selection(ball, tmp_path, capsys):
-    folder, _ = ball
-    assert "nowhere.npy" in trim_fails(
-        folder / "scene.ply", tmp_path / "nowhere.npy", output=tmp_path / "out", capsys=capsys
-    )
-
-
 def test_cut_out_of_another_scene(ball, tmp_path, capsys):
     folder, scene = ball
     part = scene.select(np.arange(20))
@@ -126,7 +119,6 @@ def test_cut_out_of_another_scene(ball, tmp_path, capsys):
         (["--up", 0, 0, 0], "up vector"),
         (["--up", "nan", 0, 1], "up is nan; it must be a number from"),
         (["--views", 0], "plan.views is 0; it must be a whole number from 1 to 1000"),
-        (["--views", -3], "plan.views is -3"),
         (["--segmenter", "sam9"], "available: silhouette"),
         (["--renderer", "opengl"], "available: auto"),
         (["--segmenter", "mask-files"], "--mask-files.folder"),

@@ -118,7 +118,7 @@ def test_own_masks_take_the_place_of_virtual_views(ball, tmp_path):
     assert report["up"]["source"] == "camera file"
 
 
-@pytest.mark.parametrize("option", [["--views", 3], ["--views", 5], ["--plan.views", 4]])
+@pytest.mark.parametrize("option", [["--views", 3], ["--plan.views", 4]])
 def test_a_number_of_virtual_views_is_refused_where_own_masks_take_their_place(ball, tmp_path, capsys, option):
     folder, _, _ = ball
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path / "out", *option]
@@ -284,31 +284,28 @@ def test_bad_values_are_one_sentence_without_names_of_python(command, capsys):
         assert said.count("\n") == 1 and said.endswith(".\n") and len(said) < 250
         assert not re.search(r"<class|typing|NoneType|Literal|tuple|\[bold\]|[│╭]", said)
         assert option in said and "nonsense" in said
-        assert re.search("it must be|it takes|available:", said)
+        assert re.search("it must be|available:", said)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "said"),
     [
-        (["trim"], "'trim' needs SCENE; see gaussian-trimmer trim --help."),
-        (["convert", "a.ply"], "'convert' needs TARGET; see gaussian-trimmer convert --help."),
+        (["trim"], "'trim' needs SCENE"),
+        (["convert", "a.ply"], "'convert' needs TARGET"),
+        (["evaluate", "a.ply", "b.ply"], "'evaluate' needs --masks"),
         (["trim", "a.ply", "--vieus", 3], "--vieus is not an option or argument of 'trim'; did you mean --views?"),
-        (
-            ["trim", "a.ply", "b.npy", "c"],
-            "c is not an option or argument of 'trim'; see gaussian-trimmer trim --help.",
-        ),
-        (["trim", "a.ply", "--up", "w"], "--up is 'w'; it must be three numbers, or an axis such as z or -y."),
-        (["trim", "a.ply", "--views"], "--views has no value; it takes one value."),
-        (
-            ["select", "a.ply", "--click", "360"],
-            "--click is '360'; it takes 2 values with spaces between them.",
-        ),
-        (["trim", "rough.npy", "scene.ply"], "'rough.npy' is no splat file; the scene comes before the selection."),
+        (["trim", "a.ply", "b.npy", "c"], "c is not an option or argument of 'trim'"),
+        (["trim", "a.ply", "-v"], "-v is not an option or argument of 'trim'"),
+        (["trim", "a.ply", "--up", "w"], "--up is 'w'"),
+        (["trim", "a.ply", "--views"], "--views has no value"),
+        (["select", "a.ply", "--click", "360"], "--click is '360'"),
+        (["trim", "rough.npy", "scene.ply"], "the scene comes before the selection"),
     ],
 )
-def test_wrong_usage_is_one_sentence(arguments, sentence, capsys):
+def test_wrong_usage_is_one_sentence(arguments, said, capsys):
     assert run(*arguments) == 2
-    assert capsys.readouterr().err == f"gaussian-trimmer: {sentence}\n"
+    printed = capsys.readouterr().err
+    assert said in printed and printed.count("\n") == 1
 
 
 @pytest.mark.parametrize(

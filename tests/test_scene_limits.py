@@ -47,32 +47,24 @@ def scaled(factor):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "first"),
     [
-        ("means", 1e19, r"1 of 812 Gaussians have means .* row 5 \(1e\+19, .* coordinates up to 1e15 .* scale the sc"),
-        ("means", [0, -3e38, 0], r"means .* row 5 \(0, -3e\+38, 0\)"),
-        ("means", np.nan, r"means .* row 5 \(nan,"),
-        ("means", -np.inf, r"means .* row 5 \(-inf,"),
-        ("log_scales", 88.5, r"log_scales .* row 5 \(88.5, .* finite ones up to 80 can be used; remove such"),
-        ("log_scales", 3e38, "log_scales"),
-        ("log_scales", [0, np.nan, 0], r"log_scales .* row 5 \(0, nan, 0\)"),
-        ("log_scales", -np.inf, "log_scales"),
-        ("opacity_logits", np.nan, r"opacity_logits .* row 5 \(nan\): remove such Gaussians"),
-        ("quaternions", 0, r"quaternions .* row 5 \(0, 0, 0, 0\): lengths from 1e-12 to 1e\+12 can be used; bring"),
-        ("quaternions", [1e-30, 0, 0, 0], "quaternions"),
-        ("quaternions", [0, 1e20, 0, 0], "quaternions"),
-        ("quaternions", np.nan, "quaternions"),
-        (
-            "sh_dc",
-            np.nan,
-            r"1 of 812 Gaussians have sh_dc .* row 5 \(nan, nan, nan\): colours up to 1e15 can be used; rem",
-        ),
-        ("sh_dc", [0, np.inf, 0], r"sh_dc .* row 5 \(0, inf, 0\)"),
-        ("sh_dc", -1e16, r"sh_dc .* row 5 \(-1e\+16, "),
+        ("means", 1e19, r"1e\+19, 1e\+19, 1e\+19"),
+        ("means", [0, -3e38, 0], r"0, -3e\+38, 0"),
+        ("means", np.nan, "nan, nan, nan"),
+        ("log_scales", 88.5, "88.5, 88.5, 88.5"),
+        ("log_scales", [0, -np.inf, 0], "0, -inf, 0"),
+        ("opacity_logits", np.nan, "nan"),
+        ("quaternions", 0, "0, 0, 0, 0"),
+        ("quaternions", [1e-30, 0, 0, 0], "1e-30, 0, 0, 0"),
+        ("quaternions", [0, 1e20, 0, 0], r"0, 1e\+20, 0, 0"),
+        ("quaternions", np.nan, "nan, nan, nan, nan"),
+        ("sh_dc", [0, np.inf, 0], "0, inf, 0"),
+        ("sh_dc", -1e16, r"-1e\+16, -1e\+16, -1e\+16"),
     ],
 )
-def test_impossible_numbers_are_refused_before_any_work(name, value, said):
-    with pytest.raises(InputError, match=said):
+def test_impossible_numbers_are_refused_before_any_work(name, value, first):
+    with pytest.raises(InputError, match=rf"1 of 812 Gaussians have {name} .* row 5 \({first}\)"):
         trim(with_values(name, 5, value), SELECTION, config=CONFIG, renderer=NoRenderer())
 
 

@@ -21,10 +21,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError
-
-_LONGEST_SHOWN = 60
-"""Letters of a wrong value that a message repeats."""
+from gaussian_trimmer.errors import InputError, shown
 
 
 @dataclass(frozen=True)
@@ -82,20 +79,18 @@ def _check(value: Any, kind: Any, name: str) -> None:
             raise _impossible(name, value, f"settings of the kind {getattr(kind, '__name__', kind)}")
         check_settings(value, name)
     elif origin is Annotated:
-        ranges = [note for note in arguments[1:] if isinstance(note, Range)]
-        if ranges:
-            _check_number(value, arguments[0], ranges[0], name)
-        else:
+        allowed = next((note for note in arguments[1:] if isinstance(note, Range)), None)
+        if allowed is None:
             _check(value, arguments[0], name)
+        else:
+            _check_number(value, arguments[0], allowed, name)
     elif origin in (Union, types.UnionType):
-        if value is not None or type(None) not in arguments:
-            (meant,) = (argument for argument in arguments if argument is not type(None))
-            _check(value, meant, name)
+        if value is not None:
+            _check(value, next(argument for argument in arguments if argument is not types.NoneType), name)
     elif origin is tuple:
         _check_tuple(value, arguments, name)
-    elif origin is Literal:
-        if not isinstance(value, str) or value not in arguments:
-            raise InputError(f"{name} is {_shown(value)}; available: {', '.join(arguments)}.")
+    elif origin is Literal and (not isinstance(value, str | int) or value not in arguments):
+        raise InputError(f"{name} is {shown(repr(value))}; available: {', '.join(map(str, arguments))}.")
     elif kind is bool and not isinstance(value, bool):
         raise _impossible(name, value, "True or False")
 
@@ -109,20 +104,14 @@ def _check_number(value: Any, kind: type, allowed: Range, name: str) -> None:
 
 def _check_tuple(value: Any, kinds: tuple[Any, ...], name: str) -> None:
     any_length = len(kinds) == 2 and kinds[1] is Ellipsis
-    several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-    if not several or not (any_length or len(value) == len(kinds)):
+    is_list = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+    if not is_list or not (any_length or len(value) == len(kinds)):
         raise _impossible(name, value, "a list of values" if any_length else f"{len(kinds)} values")
     for i, element in enumerate(value):
         _check(element, kinds[0] if any_length else kinds[i], name)
 
 
 def _impossible(name: str, value: Any, allowed: str) -> InputError:
-    return InputError(f"{name} is {_shown(value)}; it must be {allowed}.")
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = str(value) if isinstance(value, Real) else repr(value)
-    except ValueError:
-        return "a number of thousands of digits"  # which Python does not write
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    return InputError(
+        f"{name} is {shown(str(value) if isinstance(value, Real) else repr(value))}; it must be {allowed}."
+    )

@@ -20,7 +20,7 @@ from gaussian_trimmer.batch.outcomes import Outcome
 from gaussian_trimmer.batch.scenes import Part
 from gaussian_trimmer.batch.trimming import trim_items
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
+from gaussian_trimmer.io.stop_signals import Stopped
 
 _SECONDS_TO_END = 5.0
 _THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -42,6 +42,7 @@ class LocalProcesses:
         self._idle: list[ProcessPoolExecutor] = []
         self._busy: dict[Future[list[Outcome]], ProcessPoolExecutor] = {}
         self._started: dict[ProcessPoolExecutor, Future[bool]] = {}
+        self._can_start = False
 
     def submit(self, part: Part) -> Future[list[Outcome]]:
         """Have a process that has nothing to do trim a part."""
@@ -61,12 +62,13 @@ class LocalProcesses:
             outcomes = future.result()
         except BrokenProcessPool as error:
             pool.shutdown(wait=False)
-            if self._started[pool].exception() is not None:
+            if self._started.pop(pool).exception() is not None and not self._can_start:
                 raise InputError(
                     "No worker process can be started. If the batch is started by a Python script, the call must stand "
                     "below \"if __name__ == '__main__':\", since every process imports the script."
                 ) from error
             return None
+        self._can_start = True
         self._idle.append(pool)
         return outcomes
 
@@ -131,7 +133,6 @@ def _end_with(stop: Connection) -> None:
 
 def _trim_items(*arguments: Any, **options: Any) -> list[Outcome]:
     try:
-        with stop_signals_raised():
-            return trim_items(*arguments, **options)
+        return trim_items(*arguments, **options)
     except Stopped:
         os._exit(1)  # What was being written has been removed.

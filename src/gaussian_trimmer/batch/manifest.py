@@ -185,10 +185,9 @@ def _name(row: Row, item: Item) -> str:
 
 
 def _ids(wanted: Any) -> list[int]:
-    if isinstance(wanted, str):
-        wanted = wanted.replace(",", " ").replace(";", " ").split()
+    words = wanted.replace(",", " ").replace(";", " ").split() if isinstance(wanted, str) else wanted or ()
     try:
-        ids = [int(str(i)) for i in wanted or ()]
+        ids = [int(str(i)) for i in words]
     except (ValueError, TypeError):
         ids = []
     if not ids or len(set(ids)) < len(ids):

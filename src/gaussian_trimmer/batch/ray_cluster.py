@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import re
+import socket
 from concurrent.futures import Future
 from typing import Any
 
@@ -11,6 +13,8 @@ from gaussian_trimmer.batch.outcomes import Outcome
 from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part
 from gaussian_trimmer.batch.trimming import trim_items
 from gaussian_trimmer.errors import InputError
+
+_SECONDS_TO_ANSWER = 10.0
 
 
 class RayTasks:
@@ -83,6 +87,11 @@ def _connect(address: str | None) -> tuple[Any, bool]:
         ) from error
     if ray.is_initialized():
         return ray, False
+    if address is not None and (found := re.fullmatch(r"(?:ray://)?\[?([^\]/]+)\]?:(\d+)", address)):
+        try:
+            socket.create_connection((found[1], int(found[2])), _SECONDS_TO_ANSWER).close()
+        except (OSError, OverflowError) as error:  # for which Ray would wait a quarter of an hour
+            raise InputError(f"There is no Ray cluster at '{address}' ({error}).") from error
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     logging.getLogger("ray").setLevel(logging.ERROR)  # `init` sets it too late, after messages about tokens.
     # Without an address, `init` would join the cluster that was started last on this machine.

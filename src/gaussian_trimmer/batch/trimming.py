@@ -11,7 +11,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 from gaussian_trimmer.output.report import describe, write_results
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.result import TrimResult
@@ -75,7 +76,7 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
     """What becomes of an item, whatever goes wrong; None if another run is writing it."""
     mark, details, writing = "", "", False
     try:
-        with _time_limit(limit):
+        with _interruptible(limit):
             mark = scene.fingerprint(item)
             earlier = earlier_outcome(store, item, mark)
             if earlier is not None and not (earlier.state == "failed" and retry_failed):
@@ -83,6 +84,8 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
             gaussians, start, writing = scene.gaussians, time.perf_counter(), True
             with store.result_folder(item.name, item.suffix, scene.input_files(item)) as folder:
                 writing = False
+                if (told := store.finished(item.name)) is not None and told["fingerprint"] == mark:
+                    raise _FinishedByAnotherRun(told)
                 cameras = scene.cameras(item) if item.cameras else None
                 result = trim_item(gaussians, _selection(gaussians, item), item, cameras)
                 writing = True
@@ -90,6 +93,8 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
             seconds = time.perf_counter() - start
         store.forget_failure(item.name)
         return outcome_of(item, told, seconds, fresh=True)
+    except _FinishedByAnotherRun as other:
+        return outcome_of(item, other.told)
     except _TookTooLong:
         message = f"It took longer than the time limit of {limit:g} seconds."
     except (InputError, OSError, MemoryError) as error:
@@ -233,22 +238,42 @@ def _sentence(error: InputError | OSError | MemoryError) -> str:
     return f"{error.strerror or error}{place}."
 
 
+class _FinishedByAnotherRun(Exception):  # noqa: N818
+    def __init__(self, told: dict[str, Any]) -> None:
+        self.told = told
+
+
 class _TookTooLong(BaseException):
     """Not an `Exception`, which someone on the way might take for another error."""
 
 
 @contextmanager
-def _time_limit(seconds: float | None) -> Iterator[None]:
-    """Raise `_TookTooLong` if what is done takes longer, or end the process if it does not even stop then."""
-    is_first = next(_tried) == 0
-    if seconds is None:
-        yield
-        return
+def _interruptible(limit: float | None) -> Iterator[None]:
+    """Raise `Stopped` when the process is asked to stop, and `_TookTooLong` after so many seconds.
+
+    Compiled kernels turn what a signal raises into other errors, so that any error after it is the interruption.
+    """
+    expired: list[int] = []
+    with stop_signals_raised() as signals, nullcontext() if limit is None else _alarm(limit, expired):
+        try:
+            yield
+        except BaseException as error:
+            if signals:
+                raise Stopped(signals[0]) from error
+            if expired:
+                raise _TookTooLong from error
+            raise
+
+
+@contextmanager
+def _alarm(seconds: float, expired: list[int]) -> Iterator[None]:
+    """Have an error raised after so many seconds, or the process ended if that does not help."""
 
     def stop(number: int, frame: object) -> None:
+        expired.append(number)
         raise _TookTooLong
 
-    seconds += _SECONDS_TO_COMPILE if is_first else 0.0
+    seconds += _SECONDS_TO_COMPILE if next(_tried) == 0 else 0.0
     with Path(os.devnull).open("w") as nowhere:
         faulthandler.dump_traceback_later(seconds + _SECONDS_TO_STOP, exit=True, file=nowhere)
         if hasattr(signal, "SIGALRM"):  # which Windows has not

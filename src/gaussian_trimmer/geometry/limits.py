@@ -14,17 +14,15 @@ SMALLEST_SCENE = 1e-15
 """Least extent of a scene, in its units."""
 _LARGEST_FLOAT = float(np.finfo(np.float32).max)
 _LIMITS = {
-    "means": (-LARGEST, LARGEST, "coordinates up to 1e15 can be used; remove such Gaussians, or scale the scene down"),
-    "log_scales": (-_LARGEST_FLOAT, LARGEST_LOG_SCALE, "finite ones up to 80 can be used; remove such Gaussians, or "
-                   "scale the scene down"),
-    "opacity_logits": (-np.inf, np.inf, "remove such Gaussians"),
-    "sh_dc": (-LARGEST, LARGEST, "colours up to 1e15 can be used; remove such Gaussians"),
-    "sh_rest": (-LARGEST, LARGEST, "coefficients up to 1e15 can be used; remove such Gaussians"),
-}  # fmt: skip
-"""Attribute -> least and largest value, and what to do about others. Opacities may be exactly zero and one."""
+    "means": (-LARGEST, LARGEST),
+    "log_scales": (-_LARGEST_FLOAT, LARGEST_LOG_SCALE),
+    "opacity_logits": (-np.inf, np.inf),
+    "sh_dc": (-LARGEST, LARGEST),
+    "sh_rest": (-LARGEST, LARGEST),
+}
+"""Attribute -> least and largest value. Opacities may be exactly zero and one."""
 _SHORTEST_QUATERNION, _LONGEST_QUATERNION = 1e-12, 1e12
 """Lengths that can be squared."""
-_SHOWN_VALUES = 4
 
 
 def check_values(gaussians: Gaussians, where: str = "") -> None:
@@ -38,15 +36,15 @@ def check_values(gaussians: Gaussians, where: str = "") -> None:
         InputError: a value is NaN or out of its range, or a rotation has no direction; the message names the attribute
             and the first row.
     """
-    for name, (low, high, cure) in _LIMITS.items():
+    for name, (low, high) in _LIMITS.items():
         values: FloatArray = getattr(gaussians, name).reshape(len(gaussians), -1)
         if not _all_within(values, low, high):
             sound = np.asarray(((values >= low) & (values <= high)).all(axis=1))
-            _refuse(name, sound, values, f"{where}{{}}: {cure}.")
+            raise _unsound(name, sound, values, f"finite values from {low:.3g} to {high:.3g}", where)
     sound = has_direction(gaussians.quaternions)
     if not sound.all():
-        cure = f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g} can be used; bring the quaternions to"
-        _refuse("quaternions", sound, gaussians.quaternions, f"{where}{{}}: {cure} length one.")
+        allowed = f"lengths from {_SHORTEST_QUATERNION:g} to {_LONGEST_QUATERNION:g}"
+        raise _unsound("quaternions", sound, gaussians.quaternions, allowed, where)
 
 
 def check_magnitudes(scene: Gaussians) -> None:
@@ -93,13 +91,10 @@ def _all_within(values: FloatArray, low: float, high: float) -> bool:
         return bool(values.min() >= low and values.max() <= high)
 
 
-def _refuse(name: str, sound: BoolArray, values: FloatArray, message: str) -> None:
+def _unsound(name: str, sound: BoolArray, values: FloatArray, allowed: str, where: str) -> InputError:
     row = int(np.argmin(sound))
-    first = ", ".join(f"{value:.4g}" for value in values[row][:_SHOWN_VALUES])
-    more = ", ..." if values.shape[1] > _SHOWN_VALUES else ""
-    raise InputError(
-        message.format(
-            f"{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the first in "
-            f"row {row} ({first}{more})"
-        )
+    first = ", ".join(f"{value:.4g}" for value in values[row][:4])
+    return InputError(
+        f"{where}{np.count_nonzero(~sound):,} of {len(sound):,} Gaussians have {name} that cannot be used, the first "
+        f"in row {row} ({first}); {allowed} can be: remove such Gaussians, or scale the scene."
     )
