@@ -27,6 +27,7 @@ LAYERS = (
     FILES,
     STAGES,
     ("config",),
+    ("options",),
     ("result",),
     ("trimming",),
     ("output", "selecting"),

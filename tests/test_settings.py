@@ -95,7 +95,7 @@ def test_every_dataclass_of_settings_is_checked():
     found = [value for module in modules for value in vars(module).values() if isinstance(value, type)]
     kinds = {kind for kind in found if is_dataclass(kind) and kind.__name__.endswith(("Config", "Options"))}
     # The options of commands are groups of arguments, and each command has tests of its own; tyro makes another.
-    groups = tuple(f"gaussian_trimmer.{room}." for room in ("commands", "batch", "evaluation"))
+    groups = tuple(f"gaussian_trimmer.{room}." for room in ("commands", "batch", "evaluation", "trimming"))
     kinds = {kind for kind in kinds if kind.__module__.startswith("gaussian_trimmer.")}
     kinds = {kind for kind in kinds if not kind.__module__.startswith(groups) or kind.__name__.endswith("Config")}
     assert {setting[0] for setting in ALL} | {TrimConfig} == kinds

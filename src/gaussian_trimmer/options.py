@@ -24,7 +24,6 @@ from tyro.conf import Positional, Suppress, UseAppendAction
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from gaussian_trimmer.cameras import AXIS, vector_of_up
-from gaussian_trimmer.config import with_paper_preset
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.settings import hints_of
 
@@ -124,6 +123,8 @@ def parse(kind: type[Made], words: Sequence[str], command: str) -> Made:
             raise InputError(f"'{command}' needs {option.spelling}; see gaussian-trimmer {command} --help.")
     made: Any = kind(**{path[0]: value for path, value in given.items() if len(path) == 1})
     if given.get(("preset",)) == "paper":
+        from gaussian_trimmer.config import with_paper_preset  # late, since most commands need none of the stages
+
         made = with_paper_preset(made)
     for path, value in given.items():
         made = _with(made, path, value)
