@@ -16,7 +16,7 @@ import gaussian_trimmer as gt
 from gaussian_trimmer.batch import execution
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, scene_need, shard_of
-from gaussian_trimmer.batch.storage import AddressStore, Store
+from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.batch.summary import as_html, doubt
 from gaussian_trimmer.batch.trimming import trim_item
 from gaussian_trimmer.cli import main
@@ -152,24 +152,6 @@ def test_views_that_cannot_be_had_are_refused(tmp_path, monkeypatch):
     item = Item("a.ply", segmenter="mask-files", segmenter_options=options, config=config)
     with pytest.raises(InputError, match="7 virtual views cannot be had"):
         trim_item(scene, truth, item, None)
-
-
-@pytest.mark.needs("fsspec")
-def test_a_store_holds_the_same_bytes(copy):
-    """The code for buckets, on files."""
-    place, output = copy.as_uri(), (copy / "new").as_uri()
-    items = [gt.batch.Item(f"{place}/s0.ply", f"{place}/s0-0.npy", "s0-0")]
-    items = [gt.batch.Item(**{**vars(items[0]), "config": gt.batch.read_manifest(copy / "manifest.csv")[0].config})]
-    assert gt.batch.run(items, output)[0].fresh
-    assert not gt.batch.run(items, output)[0].fresh
-    ours, expected = contents(copy / "new"), contents(copy / "out")
-    del ours["s0-0/item.json"]  # which has the digest of a batch with a manifest
-    assert ours == {path: expected[path] for path in ours}
-    assert "s0-0/background.ply" in ours
-    (copy / "new" / "items" / "s0-0" / "labels.npz").write_bytes(b"cut short")
-    assert AddressStore(output).finished("s0-0") is None
-    with pytest.raises(InputError, match=r"nosuch://"):
-        gt.batch.run(items, "nosuch://bucket/out")
 
 
 def test_the_command(copy, capsys):

@@ -56,14 +56,14 @@ def test_items_that_are_not_possible(items, said):
 
 def test_rows_of_a_table(tmp_path):
     path = manifest(tmp_path, 'scene,selection,up,options,name\nrooms/a.ply,rooms/mug.npy,"0,0,1",--views 7,\n'
-                              "s3://b/c.ply,,-y,,c\n")  # fmt: skip
+                              "rooms/c.ply,,-y,,c\n")  # fmt: skip
     first, second = check_items(read_manifest(path, "--plan.size 200"))
     assert first.scene == str(tmp_path / "rooms/a.ply")
     assert first.selection == str(tmp_path / "rooms/mug.npy")
     assert first.name == "rooms/a/mug"
     assert first.config.up == (0.0, 0.0, 1.0)
     assert (first.config.plan.views, first.config.plan.size) == (7, 200)
-    assert second.scene == "s3://b/c.ply"
+    assert second.scene == str(tmp_path / "rooms/c.ply")
     assert (second.selection, second.name, second.config.up) == (None, "c", (0.0, -1.0, 0.0))
 
 

@@ -84,19 +84,6 @@ def test_a_batch_that_was_killed_is_completed(batch, tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_killed_once_cost_nothing(batch, tmp_path):
-    manifest, _, expected = batch
-    process = start(manifest, tmp_path, "--workers", 2)
-    until(lambda: n_finished(tmp_path) >= 1)
-    for worker in workers_of(process):
-        os.kill(worker, signal.SIGKILL)
-    code, _, err = end(process)
-    assert (code, err) == (0, "")
-    assert contents(tmp_path) == expected
-    assert parts(tmp_path) == []
-
-
-@pytest.mark.slow
 def test_an_interrupted_batch_leaves_nothing_half_written(batch, tmp_path):
     manifest, _, expected = batch
     process = start(manifest, tmp_path, "--workers", 2)
@@ -170,12 +157,3 @@ gt.batch.run(gt.batch.read_manifest({str(batch[0])!r}), {str(tmp_path / "out")!r
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "the call must stand below" in done.stderr.splitlines()[-1]
-
-
-@pytest.mark.slow
-def test_the_package_is_loaded_when_it_is_used():
-    code = (
-        "import sys, gaussian_trimmer as gt; m = sys.modules; print('numba' in m, gt.batch.Item.__name__, 'ray' in m)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "Item", "False"]

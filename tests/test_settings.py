@@ -5,7 +5,7 @@ import math
 import pkgutil
 import re
 import types
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
@@ -231,7 +231,3 @@ def test_select_refuses_them_at_once(option, value, tmp_path, capsys):
 def test_segmenters_check_their_own():
     with pytest.raises(InputError, match=r"grabcut\.outer is -1; it must be a number from 0 to 1"):
         get_segmenter("grabcut", GrabCutConfig(outer=-1))
-
-
-def test_no_field_is_forgotten():
-    assert all(set(hints_of(root)) == {field.name for field in fields(root)} for root in ROOTS)

@@ -13,15 +13,7 @@ from gaussian_trimmer.errors import InputError, printable
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any, Protocol
-
-    class Command(Protocol):
-        """What the dataclass of a command has beside its options."""
-
-        def run(self) -> int | None:
-            """Do the work; an exit code other than zero is returned."""
-            ...
-
+    from typing import Any
 
 PROGRAM = "gaussian-trimmer"
 
@@ -126,12 +118,10 @@ def _kind_of(name: str) -> type[Any]:
     return kind
 
 
-def _parse(name: str, arguments: Sequence[str]) -> Command:
-    from typing import cast
-
+def _parse(name: str, arguments: Sequence[str]) -> Any:
     from gaussian_trimmer.options import parse
 
-    return cast("Command", parse(_kind_of(name), arguments, name))
+    return parse(_kind_of(name), arguments, name)
 
 
 def _overview() -> str:

@@ -12,12 +12,12 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
-from gaussian_trimmer.batch.items import Item, check_items, is_address
+from gaussian_trimmer.batch.items import Item, check_items
 from gaussian_trimmer.batch.local import LocalProcesses, cores
 from gaussian_trimmer.batch.outcomes import Outcome, Status
 from gaussian_trimmer.batch.ray_cluster import RayTasks
 from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, by_scene, free_bytes, shard_of
-from gaussian_trimmer.batch.storage import open_store
+from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.settings import Range, check_settings
 
@@ -87,7 +87,7 @@ def run(
 
     Args:
         items: what to trim; `read_manifest` gives those of a file.
-        output: folder, or address of a store that fsspec opens.
+        output: the folder.
         on_result: called with every outcome as it comes, in this thread.
         on_status: called about twice a second.
         options: fields of `BatchOptions`, such as `workers=4`.
@@ -102,8 +102,9 @@ def run(
     if chosen.shard is not None:
         scenes = shard_of(scenes, *chosen.shard)
     names = {item.name for scene in scenes for item in scene.items}
-    place = str(output) if is_address(str(output)) else str(Path(output).absolute())
-    batch = _Batch(place, [item for item in checked if item.name in names], chosen, on_result, on_status)
+    batch = _Batch(
+        Path(output).absolute(), [item for item in checked if item.name in names], chosen, on_result, on_status
+    )
     return batch.run(scenes)
 
 
@@ -112,7 +113,7 @@ class _Batch:
 
     def __init__(
         self,
-        output: str,
+        output: Path,
         items: list[Item],
         options: BatchOptions,
         on_result: Callable[[Outcome], None],
@@ -120,7 +121,7 @@ class _Batch:
     ) -> None:
         self._output, self._items, self._options = output, items, options
         self._on_result, self._on_status = on_result, on_status
-        self._store = open_store(output)
+        self._store = Store(output)
         self._outcomes: dict[str, Outcome] = {}
         self._counts = Counter[str]()
         self._write_failures = 0

@@ -23,10 +23,7 @@ _LONGEST_PART = 150
 
 @dataclass(frozen=True)
 class Item:
-    """One object of one scene, and how it is trimmed.
-
-    Paths are those of files, or addresses that fsspec opens, such as s3://bucket/scene.ply.
-    """
+    """One object of one scene, and how it is trimmed."""
 
     scene: str
     """Splat file of the scene, or of the object alone; or the folder of a training."""
@@ -62,25 +59,11 @@ class Item:
         Raises:
             InputError: no format has that name, or the scene's folder holds no splat file.
         """
-        return formats.written_suffix(scene_file(self.scene)) if self.format is None else suffix_of(self.format)
-
-
-def scene_file(scene: str) -> str:
-    """The splat file that a scene means: itself, or in the folder of a training that of the latest iteration.
-
-    Raises:
-        InputError: the folder holds no splat file, or several that could be meant.
-    """
-    return scene if is_address(scene) else str(formats.find_scene(Path(scene)))
-
-
-def is_address(path: str) -> bool:
-    """Whether a path is for fsspec to open.
-
-    >>> is_address("s3://bucket/scene.ply"), is_address("scenes/a.ply")
-    (True, False)
-    """
-    return "://" in path
+        return (
+            formats.written_suffix(formats.find_scene(Path(self.scene)))
+            if self.format is None
+            else suffix_of(self.format)
+        )
 
 
 def options_kind(segmenter: str) -> type[Any] | None:
@@ -127,7 +110,7 @@ def default_name(item: Item) -> str:
 
     >>> default_name(Item("rooms/a/scene.ply", "rooms/a/coarse/mug.npy"))
     'rooms/a/scene/coarse-mug'
-    >>> default_name(Item("s3://b/a.ply", "s3://b/ids.npy", selection_options=SelectionOptions("labels", (7,))))
+    >>> default_name(Item("b/a.ply", "b/ids.npy", selection_options=SelectionOptions("labels", (7,))))
     'b/a/ids-7'
     """
     scene = _safe_parts(item.scene)
@@ -174,8 +157,8 @@ def _is_safe(part: str) -> bool:
 
 
 def _safe_parts(path: str) -> list[str]:
-    """The parts of a path as names of folders, without its root, its scheme and its ending."""
-    parts = [part for part in path.split("://")[-1].replace("\\", "/").split("/") if part not in ("", ".", "..")]
+    """The parts of a path as names of folders, without its root and its ending."""
+    parts = [part for part in path.replace("\\", "/").split("/") if part not in ("", ".", "..")]
     if parts:
         parts[-1] = parts[-1].split(".")[0] or parts[-1]
     cleaned = ("".join(c if c in _SAFE_CHARACTERS else "_" for c in part).lstrip(".-").rstrip(".") for part in parts)

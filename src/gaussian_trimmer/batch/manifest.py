@@ -27,8 +27,7 @@ from typing import Annotated, Any
 
 from tyro.conf import arg
 
-from gaussian_trimmer.batch.items import Item, default_name, is_address
-from gaussian_trimmer.batch.storage import local_copy
+from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.io.reading import is_file
@@ -175,7 +174,7 @@ class _Rows:
 
     def _path(self, row: Row, name: str) -> str | None:
         text = _text(row, name)
-        return (text if is_address(text) else str(self.folder / text)) if text else None
+        return str(self.folder / text) if text else None
 
 
 def _name(row: Row, item: Item) -> str:
@@ -196,8 +195,7 @@ def _ids(wanted: Any) -> list[int]:
 
 
 def _ids_above_zero(labels: str, name: str | None) -> tuple[int, ...]:
-    with local_copy(labels) as path:
-        values = open_selection(path).vector(SelectionOptions(property=name), "labels", "label", "ids", "instance")
+    values = open_selection(Path(labels)).vector(SelectionOptions(property=name), "labels", "label", "ids", "instance")
     if values is None or values.dtype.kind not in "iu":
         raise InputError(f"'{labels}' holds no one-dimensional array of whole numbers that could be labels.")
     ids = tuple(i for i in count_ids(values)[0] if i > 0)

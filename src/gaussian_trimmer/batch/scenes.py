@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.items import Item, scene_file
-from gaussian_trimmer.batch.storage import size_of
+from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.errors import InputError
 
 PROCESS_BYTES = 400 << 20
@@ -81,10 +80,10 @@ def shard_of(scenes: Sequence[Part], number: int, of: int) -> list[Part]:
 def scene_need(scene: str) -> float:
     """Bytes of memory that a worker takes, beside `PROCESS_BYTES`, to trim objects of a scene; 0 if it is missing."""
     with suppress(InputError, OSError):  # Whoever reads the scene will say what is wrong with it.
-        file = scene_file(scene)
-        suffix, size = formats.format_suffix(file), size_of(file)
+        file = formats.find_scene(Path(scene))
+        suffix, size = formats.format_suffix(file), file.stat().st_size
         if suffix == "meta.json":  # The Gaussians are in the textures beside it.
-            size = sum(path.stat().st_size for path in Path(file).parent.glob("*.webp")) or size
+            size = sum(path.stat().st_size for path in file.parent.glob("*.webp")) or size
         return _BYTES_PER_SCENE_BYTE * _EXPANSION[suffix] * size
     return 0.0
 

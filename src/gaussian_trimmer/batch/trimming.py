@@ -11,7 +11,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,9 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.fingerprints import digest_of_cameras, digest_of_file, fingerprint
-from gaussian_trimmer.batch.items import Item, options_kind
+from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome, outcome_of
-from gaussian_trimmer.batch.storage import ITEM, Store, local_copy, open_store
+from gaussian_trimmer.batch.storage import ITEM, Store
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError, printable
@@ -47,7 +47,7 @@ _tried = itertools.count()
 
 
 def trim_items(
-    items: Sequence[Item], output: str, *, retry_failed: bool = False, time_limit: float | None = None
+    items: Sequence[Item], output: Path, *, retry_failed: bool = False, time_limit: float | None = None
 ) -> list[Outcome]:
     """What becomes of items of one scene, which is read once; what an earlier run has finished is not done again.
 
@@ -55,20 +55,20 @@ def trim_items(
 
     Args:
         items: what to trim.
-        output: folder or address of the results.
+        output: folder of the results.
         retry_failed: try those items again that failed in an earlier run.
         time_limit: seconds that one item may take.
     """
-    store, outcomes, waiting = open_store(output), list[Outcome](), deque(items)
-    with closing(_Scene(items[0].scene)) as scene:
-        while waiting:
-            item = waiting.popleft()
-            outcome = _outcome(item, scene, store, retry_failed, time_limit)
-            if outcome is None:
-                waiting.append(item)
-                time.sleep(_SECONDS_BETWEEN_LOOKS)
-            else:
-                outcomes.append(outcome)
+    store, scene = Store(output), _Scene(items[0].scene)
+    outcomes, waiting = list[Outcome](), deque(items)
+    while waiting:
+        item = waiting.popleft()
+        outcome = _outcome(item, scene, store, retry_failed, time_limit)
+        if outcome is None:
+            waiting.append(item)
+            time.sleep(_SECONDS_BETWEEN_LOOKS)
+        else:
+            outcomes.append(outcome)
     return outcomes
 
 
@@ -86,8 +86,7 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
                 writing = False
                 if (told := store.finished(item.name)) is not None and told["fingerprint"] == mark:
                     raise _FinishedByAnotherRun(told)
-                cameras = scene.cameras(item) if item.cameras else None
-                result = trim_item(gaussians, _selection(gaussians, item), item, cameras)
+                result = trim_item(gaussians, _selection(gaussians, item), item, scene.cameras(item))
                 writing = True
                 told = _write(result, item, mark, folder)
             seconds = time.perf_counter() - start
@@ -115,56 +114,54 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
 class _Scene:
     """A scene, with what else its items have in common, each read when it is first needed."""
 
-    def __init__(self, address: str) -> None:
-        self._address = address
-        self._copies = ExitStack()
+    def __init__(self, path: str) -> None:
+        self._given = Path(path)
         self._cameras: dict[tuple[str, bool], CameraSet] = {}
         self._digests: dict[str, str] = {}
 
     @cached_property
     def path(self) -> Path:
-        """The splat file, on this machine."""
-        return formats.find_scene(self._copies.enter_context(local_copy(self._address)))
+        """The splat file."""
+        return formats.find_scene(self._given)
 
     @cached_property
     def gaussians(self) -> Gaussians:
         """The Gaussians of the scene."""
         return formats.read(self.path)
 
-    def cameras(self, item: Item) -> CameraSet:
-        """The cameras of an item that has some."""
-        assert item.cameras is not None
+    def cameras(self, item: Item) -> CameraSet | None:
+        """The cameras of an item, if it has some."""
+        if item.cameras is None:
+            return None
         key = item.cameras, item.trust_paths
         if key not in self._cameras:
-            with local_copy(item.cameras) as path:
-                self._cameras[key] = read_cameras_of(Path(item.scene), path, trust_paths=item.trust_paths)
+            self._cameras[key] = read_cameras_of(self._given, Path(item.cameras), trust_paths=item.trust_paths)
         return self._cameras[key]
 
     def fingerprint(self, item: Item) -> str:
         """The digest of an item and its inputs."""
-        if "" not in self._digests:
-            self._digests[""] = digest_of_file(self.path)
-        if item.selection and item.selection not in self._digests:
-            with local_copy(item.selection) as path:
-                self._digests[item.selection] = digest_of_file(path)
-        selection = self._digests[item.selection] if item.selection else None
-        cameras = digest_of_cameras(self.cameras(item)) if item.cameras else None
-        return fingerprint(item, self._digests[""], selection, cameras)
+        cameras = self.cameras(item)
+        return fingerprint(
+            item,
+            self._digest(str(self.path)),
+            self._digest(item.selection) if item.selection else None,
+            digest_of_cameras(cameras) if cameras else None,
+        )
 
     def input_files(self, item: Item) -> list[Path]:
-        """The files on this machine that an item is made from."""
+        """The files that an item is made from."""
         return [Path(p) for p in (item.selection, str(self.path), item.cameras) if p and Path(p).is_file()]
 
-    def close(self) -> None:
-        """Remove copies of what lies elsewhere."""
-        self._copies.close()
+    def _digest(self, path: str) -> str:
+        if path not in self._digests:
+            self._digests[path] = digest_of_file(Path(path))
+        return self._digests[path]
 
 
 def _selection(scene: Gaussians, item: Item) -> BoolArray:
     if item.selection is None:
         return np.ones(len(scene), np.bool_)
-    with local_copy(item.selection) as path:
-        selection = load_selection(path, scene, item.selection_options)
+    selection = load_selection(Path(item.selection), scene, item.selection_options)
     if selection.all():
         raise InputError(
             f"'{item.selection}' selects all {len(selection)} Gaussians of '{item.scene}'; give the whole scene, or "
@@ -179,9 +176,8 @@ def trim_item(scene: Gaussians, selection: BoolArray, item: Item, cameras: Camer
     Raises:
         InputError: the item cannot be trimmed.
     """
-    kind = options_kind(item.segmenter)
-    options = kind() if item.segmenter_options is None and kind else item.segmenter_options
-    segmenter = get_segmenter(item.segmenter, *([] if options is None else [options]))
+    options = [] if item.segmenter_options is None else [item.segmenter_options]
+    segmenter = get_segmenter(item.segmenter, *options)
     return trim(
         scene,
         selection,

@@ -17,7 +17,7 @@ from gaussian_trimmer.batch.execution import BatchOptions, run
 from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.outcomes import Outcome, Status
-from gaussian_trimmer.batch.storage import open_store
+from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.batch.summary import HTML, write_summaries
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
@@ -36,8 +36,8 @@ class Batch:
 
     manifest: Annotated[Positional[Path], arg(metavar="MANIFEST")]
     """Table of items, .csv or .jsonl."""
-    output: Annotated[str, arg(metavar="DIR")] = "trimmed/batch"
-    """Folder for the results, or an address that fsspec opens, such as s3://bucket/results."""
+    output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
+    """Folder for the results."""
     options: Annotated[str, arg(metavar="TEXT")] = ""
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7"; those of a row come after them."""
     background: bool = True
@@ -55,7 +55,7 @@ class Batch:
         console = open_console(quiet=self.quiet)
         items = check_items(read_manifest(self.manifest, self.options))
         items = [replace(item, background=self.background) for item in items]
-        store, outcomes = open_store(self.output), list[Outcome]()
+        store, outcomes = Store(self.output), list[Outcome]()
         live = console.status("") if console.is_terminal and not self.quiet else None
         progress = _Progress(console, live)
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from rich.console import Console
 from tyro.conf import Positional, arg
 
-from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
@@ -144,13 +142,9 @@ class Select(TrimSettings):
         return read_marks(self.marks).followed_by(resolved, self.cameras)
 
     def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
-        found = formats.find_scene(self.scene)
-        if found != self.scene:
-            console.print(f"{self.scene}: reading {found}")
-        cameras = None
-        if self.cameras:
-            cameras = read_cameras_of(found, self.cameras, trust_paths=self.trust_paths, say=console.print)
-        return formats.read(found), cameras
+        reader = Trim(self.scene, cameras=self.cameras, trust_paths=self.trust_paths)
+        cameras = reader.read_cameras(console)  # first, since wrong ones are soon found
+        return reader.read_scene(console), cameras
 
     def _check(self) -> None:
         """Refuse what is not possible or cannot go together before anything is read."""
