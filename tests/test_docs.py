@@ -125,17 +125,13 @@ def commands():
 
 
 @pytest.mark.parametrize("command", commands())
-def test_commands_of_the_pages_are_understood(command, capsys):
+def test_commands_of_the_pages_are_understood(command):
     words = shlex.split(command.rstrip("| "))[1:]
     two = " ".join(words[:2])
     known, arguments = (two, words[2:]) if two in cli.COMMANDS else (words[0], words[1:])
     assert known in cli.COMMANDS, f"there is no command '{known}'"
-    if not arguments:  # only named
-        return
-    try:
+    if arguments and not {"--help", "--help-all"}.intersection(arguments):  # else it is only named
         cli._parse(known, arguments)
-    except SystemExit as end:
-        assert end.code == 0, capsys.readouterr()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)

@@ -80,7 +80,7 @@ class Store:
             part.write_text(text, encoding="utf-8")
 
     def clean(self, name: str) -> None:
-        """Remove what a process that was killed has left of an item."""
+        """Remove what a process that was killed has left beside the results of an item."""
         remove_leftovers(self._root / "items" / name)
 
     def _json(self, name: str) -> Json | None:

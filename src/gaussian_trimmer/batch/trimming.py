@@ -80,6 +80,7 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
             mark = scene.fingerprint(item)
             earlier = earlier_outcome(store, item, mark)
             if earlier is not None and not (earlier.state == "failed" and retry_failed):
+                store.clean(item.name)
                 return earlier
             gaussians, start, writing = scene.gaussians, time.perf_counter(), True
             with store.result_folder(item.name, item.suffix, scene.input_files(item)) as folder:
