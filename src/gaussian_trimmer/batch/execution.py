@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -124,13 +124,14 @@ class _Batch:
         self._store = Store(output)
         self._outcomes: dict[str, Outcome] = {}
         self._counts = Counter[str]()
+        self._running: dict[Future[list[Outcome]], Part] = {}
         self._write_failures = 0
 
     def run(self, scenes: list[Part]) -> list[Outcome]:
         """Trim all items of scenes."""
         if scenes:
             engine, memory = self._engine(scenes)
-            with closing(engine):
+            with self._cleaned_up(), closing(engine):
                 size = -(-len(self._items) // (_PARTS_OF_WORKER * engine.workers))
                 parts = deque(part for scene in scenes for part in scene.split(min(size, _MOST_ITEMS)))
                 stopped = self._share_out(parts, engine, memory)
@@ -144,7 +145,7 @@ class _Batch:
 
     def _share_out(self, waiting: deque[Part], engine: LocalProcesses | RayTasks, memory: float) -> str:
         """Have all parts trimmed; returns why the batch stopped early, if it did."""
-        running: dict[Future[list[Outcome]], Part] = {}
+        running = self._running
         while waiting or running:
             while len(running) < engine.workers and (part := _take(waiting, running.values(), memory)):
                 running[engine.submit(part)] = part
@@ -161,6 +162,16 @@ class _Batch:
                         )
             self._tell_status()
         return ""
+
+    @contextmanager
+    def _cleaned_up(self) -> Iterator[None]:
+        """Remove what processes leave that are stopped amid their work."""
+        try:
+            yield
+        finally:
+            for part in self._running.values():
+                for item in part.items:
+                    self._store.clean(item.name)
 
     def _lost(self, part: Part) -> Iterator[Part]:
         """The items of a part whose process died, one by one, to be tried again; or they have failed."""
