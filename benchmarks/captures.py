@@ -125,6 +125,8 @@ class Rooms:
     """Number of Gaussians of each."""
     coarseness: float = 1.0
     """Size of the surfaces' Gaussians, relative to what the pictures need."""
+    picture_scale: float = 1.0
+    """Size of the pictures, relative to 504 x 378."""
     options: Annotated[FitOptions, arg(name="")] = FitOptions()
 
     def run(self) -> None:
@@ -134,7 +136,7 @@ class Rooms:
             self._make(letter, count, self.output / f"room_{letter}")
 
     def _make(self, letter: str, count: int, folder: Path) -> None:
-        start, room = perf_counter(), make_room(letter, self.coarseness)
+        start, room = perf_counter(), make_room(letter, self.coarseness, self.picture_scale)
         buried = inside(room, round(BURIED_SHARE * count), np.random.default_rng(self.options.seed))
         learnt = self.options.learn(room.gaussians, room.training, count, buried)
         masks: dict[str, dict[str, ByteArray]] = {name: {} for name in room.names}

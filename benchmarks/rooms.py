@@ -66,8 +66,8 @@ class Room:
     test: list[Camera]
 
 
-def make_room(letter: str, coarseness: float = 1.0) -> Room:
-    """The room a, b or c; its Gaussians are `coarseness` times as far apart as they should be."""
+def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0) -> Room:
+    """The room a, b or c; its Gaussians are `coarseness` times as far apart, its pictures scaled by a factor."""
     rng = np.random.default_rng(ord(letter))
     shell, things, arc = ROOMS[letter](rng)
     bodies = [(part, ROOM_SPACING, -1) for part in shell]
@@ -88,7 +88,8 @@ def make_room(letter: str, coarseness: float = 1.0) -> Room:
     facing, owner_of = np.concatenate(normals), np.concatenate(owners)
     gaussians = _discs(np.concatenate(points), facing, np.concatenate(colours), np.concatenate(spacings))
     labels = (owner_of[:, None] == np.arange(len(things))).astype(np.float32)
-    return Room(gaussians, facing, labels, tuple(things), *_cameras(*arc, rng))
+    training, test = ([camera.resized(picture_scale) for camera in cameras] for cameras in _cameras(*arc, rng))
+    return Room(gaussians, facing, labels, tuple(things), training, test)
 
 
 def _discs(points: Float64Array, normals: Float64Array, colours: Float64Array, spacings: Float64Array) -> Gaussians:
