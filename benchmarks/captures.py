@@ -123,6 +123,8 @@ class Rooms:
     """Which rooms."""
     counts: tuple[int, ...] = (25_000, 25_000, 9_000)
     """Number of Gaussians of each."""
+    suffix: str = ""
+    """What the folders' names end in, after `room_a`."""
     coarseness: float = 1.0
     """Size of the surfaces' Gaussians, relative to what the pictures need."""
     picture_scale: float = 1.0
@@ -133,7 +135,7 @@ class Rooms:
         if len(self.rooms) != len(self.counts):
             raise InputError(f"There are {len(self.rooms)} rooms and {len(self.counts)} counts; give one for each.")
         for letter, count in zip(self.rooms, self.counts, strict=True):
-            self._make(letter, count, self.output / f"room_{letter}")
+            self._make(letter, count, self.output / f"room_{letter}{self.suffix}")
 
     def _make(self, letter: str, count: int, folder: Path) -> None:
         start, room = perf_counter(), make_room(letter, self.coarseness, self.picture_scale)
