@@ -268,12 +268,12 @@ def test_truncated_cameras_and_false_counts(tmp_path: Path) -> None:
 
 def test_unknown_colmap_model(tmp_path: Path) -> None:
     write_colmap_binary(random_cameras(1), tmp_path, model=99)
-    with pytest.raises(InputError, match="unknown camera model 99"):
+    with pytest.raises(InputError, match="unknown camera model '99'"):
         read_camera_set(tmp_path)
     write_colmap_text(random_cameras(1), tmp_path / "text")
     lenses = tmp_path / "text" / "cameras.txt"
     lenses.write_text(lenses.read_text().replace("PINHOLE", "ORTHO"))
-    with pytest.raises(InputError, match="no known camera model"):
+    with pytest.raises(InputError, match="unknown camera model"):
         read_camera_set(tmp_path / "text")
 
 
@@ -281,7 +281,7 @@ def test_unknown_colmap_model(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("0 view 0.png", "77 view 0.png", "its camera 77 is not in"),
-        ("0 view 0.png", "x view 0.png", "no whole number"),
+        ("0 view 0.png", "x view 0.png", "not a whole number"),
         (" view 0.png", "", "ten entries"),
         ("\n1 0.", "\n1 x0.", "finite"),
     ],
