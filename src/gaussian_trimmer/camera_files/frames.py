@@ -114,13 +114,11 @@ def inverse(transform: Float64Array) -> Float64Array:
 def _four_rows(pose: Any, what: str) -> Float64Array:
     rows = 3 if isinstance(pose, (list, np.ndarray)) and len(pose) == 3 else 4
     given = floats(pose, (rows, 4), what)
-    if (np.abs(given) > LARGEST).any():
-        raise InputError(f"{what} has numbers beyond {LARGEST:g}.")
     return given if rows == 4 else np.concatenate([given, [[0, 0, 0, 1]]])
 
 
 def floats(values: Any, shape: tuple[int, ...], what: str) -> Float64Array:
-    """Finite numbers of a given shape, which may be text; () is a single one.
+    """Numbers of a given shape, which may be text, neither NaN nor extreme; () is a single one.
 
     Raises:
         InputError: the values are not such numbers; the message begins with `what`.
@@ -130,7 +128,7 @@ def floats(values: Any, shape: tuple[int, ...], what: str) -> Float64Array:
         array = np.array(values, np.float64)
     except (ValueError, TypeError, OverflowError):
         array = None
-    if array is None or array.shape != shape or not np.isfinite(array).all():
+    if array is None or array.shape != shape or not (np.abs(array) <= LARGEST).all():
         count = " x ".join(map(str, shape)) or "one"
-        raise InputError(f"{what} must be {count} finite number{'s' if shape else ''}.")
+        raise InputError(f"{what} must be {count} finite number{'s' if shape else ''} up to {LARGEST:g}.")
     return array

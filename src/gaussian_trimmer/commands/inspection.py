@@ -86,13 +86,8 @@ def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
 
 
 def describe_splats(path: Path) -> Iterator[str]:
-    """Lines on a splat file, and on what its Gaussians would lose in other formats."""
-    gaussians = formats.read(path)
-    yield from describe_gaussians(gaussians)
-    own = formats.format_suffix(path)
-    for suffix, other in formats.FORMATS.items():
-        if suffix != own:
-            yield f"as {suffix}: {other.loses or 'loses nothing'}"
+    """Lines on a splat file."""
+    yield from describe_gaussians(formats.read(path))
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:

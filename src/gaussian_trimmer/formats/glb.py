@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats import spz
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.half_turns import half_turn
 from gaussian_trimmer.formats.packing import linear_scales, log_scales_of
 from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, logit
@@ -61,7 +60,6 @@ def read(path: Path) -> Gaussians:
             f"'{path}' holds Gaussians that are compressed by {shown(packed[0])}, which cannot be read; export it "
             "again with plain attributes or as .ply."
         )
-    check_values(gaussians, path)
     return gaussians
 
 
@@ -191,8 +189,6 @@ def write(gaussians: Gaussians, path: Path) -> None:
     Raises:
         InputError: there are no Gaussians, or the file cannot be written.
     """
-    if len(gaussians) == 0:
-        raise InputError(f"Cannot write '{path}': a .glb file cannot hold zero Gaussians.")
     gaussians = half_turn(gaussians, "z")
     unit = gaussians.quaternions / np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
     columns: dict[str, FloatArray] = {

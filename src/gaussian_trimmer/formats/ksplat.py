@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
     ByteArray,
     colours_of,
@@ -74,9 +73,7 @@ def read(path: Path) -> Gaussians:
     if not sections or sum(map(len, sections)) != count:
         raise InputError(f"'{path}' is damaged: it announces {count} Gaussians and has {sum(map(len, sections))}.")
     degree = max(section.sh_degree for section in sections)
-    gaussians = concatenate([_padded(section, _COEFFICIENTS[degree]) for section in sections])
-    check_values(gaussians, path)
-    return gaussians
+    return concatenate([_padded(section, _COEFFICIENTS[degree]) for section in sections])
 
 
 def write(gaussians: Gaussians, path: Path) -> None:
@@ -86,8 +83,6 @@ def write(gaussians: Gaussians, path: Path) -> None:
         InputError: there are no Gaussians, which this format cannot hold.
     """
     n = len(gaussians)
-    if n == 0:
-        raise InputError(f"Cannot write '{path}': a .ksplat file cannot hold zero Gaussians.")
     degree = min(gaussians.sh_degree, 2)
     rows = np.zeros(n, _row_type(0, _COEFFICIENTS[degree]))
     rows["mean"], rows["scale"] = gaussians.means, linear_scales(gaussians)

@@ -14,7 +14,6 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import sh_dc_of, with_finite_limits
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, sigmoid
 
@@ -53,9 +52,7 @@ def read(path: Path) -> Gaussians:
         )
     except ValueError as error:
         raise _foreign(path, str(error)) from error
-    gaussians = with_finite_limits(gaussians)
-    check_values(gaussians, path)
-    return gaussians
+    return with_finite_limits(gaussians)
 
 
 def _degree_0(features: FloatArray, rest: int) -> FloatArray:

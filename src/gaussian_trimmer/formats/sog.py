@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats.checks import check_count, check_values
+from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.packing import (
     ByteArray,
@@ -68,7 +68,6 @@ def read(path: Path) -> Gaussians:
             check_count(meta.count, path)
             most = path.stat().st_size
             gaussians = _decode(lambda name: member_bytes(archive, name, most, path), meta, path)
-    check_values(gaussians, path)
     return gaussians
 
 
@@ -95,8 +94,6 @@ def write(gaussians: Gaussians, path: Path) -> None:
     Raises:
         InputError: there are no Gaussians, which this format cannot hold.
     """
-    if len(gaussians) == 0:
-        raise InputError(f"Cannot write '{path}': a .sog file cannot hold zero Gaussians.")
     textures, meta = _encode(gaussians)
     with atomic_file(path) as part, zipfile.ZipFile(part, "w") as archive:
         for name, texture in textures.items():

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_count, check_values
+from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.packing import (
     ByteArray,
     drop_largest,
@@ -65,9 +65,7 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, is no .spz, is damaged or truncated, or zstd is needed and missing.
     """
-    gaussians = decode(file_bytes(path), path)
-    check_values(gaussians, path)
-    return gaussians
+    return decode(file_bytes(path), path)
 
 
 def decode(data: bytes, path: Path) -> Gaussians:
@@ -101,8 +99,6 @@ def write(gaussians: Gaussians, path: Path, *, version: Literal[3, 4] = 3) -> No
     """
     if version not in (3, 4):
         raise InputError(f"An .spz file of version {version} cannot be written; versions 3 and 4 can.")
-    if len(gaussians) == 0:
-        raise InputError(f"Cannot write '{path}': an .spz file cannot hold zero Gaussians.")
     reach = float(np.abs(gaussians.means).max())
     bits = min(_MAX_FRACTIONAL_BITS - 1, int(np.floor(np.log2((2**23 - 1) / max(reach, 1e-6)))))
     if bits < 0:
