@@ -14,7 +14,7 @@ from format_samples import ATTRIBUTES, error, real, rotation_error, round_trip, 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
-from gaussian_trimmer.formats.webp import decode_webp, encode_webp
+from gaussian_trimmer.formats.sog import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.images import webp_size
 

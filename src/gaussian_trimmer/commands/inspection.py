@@ -17,7 +17,6 @@ from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
-from gaussian_trimmer.selection_files.array_kinds import CLUSTERS
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
@@ -34,7 +33,6 @@ _USES = {
     "mask": "selects from a scene of {n} Gaussians",
     "labels": f"selects from a scene of {{n}} Gaussians, with {flag('object_id')}",
     "indices": "selects the listed rows",
-    "clusters": f"selects OpenGaussian's clusters, with {flag('object_id')}",
     "flashsplat": f"selects from a scene of {{n}} Gaussians by FlashSplat's weights, with {flag('object_id')}",
 }
 
@@ -136,7 +134,7 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"and {len(file.arrays) - _LISTED} more arrays"
     longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
     options = SelectionOptions()
-    kinds = ["clusters"] if CLUSTERS in file.arrays else offered_kinds(file, longest, options)
+    kinds = offered_kinds(file, longest, options)
     for kind in kinds:
         yield _USES[kind].format(n=longest)
     if "labels" in kinds and _distinct_rows(file, options):

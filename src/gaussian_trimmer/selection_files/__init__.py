@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.selection_files import array_kinds, checkpoint_kind, feature_kinds, splat_kinds, trimmed
+from gaussian_trimmer.selection_files import array_kinds, feature_kinds, splat_kinds, trimmed
 from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
 from gaussian_trimmer.settings import check_settings
@@ -49,8 +49,7 @@ KINDS = {
     "similarity": SelectionKind(
         feature_kinds.offers_similarity, feature_kinds.select_similarity, ("query_row", "threshold")
     ),
-    "clusters": SelectionKind(array_kinds.offers_clusters, array_kinds.select_clusters, ("object_id",)),
-    "checkpoint": SelectionKind(checkpoint_kind.offers_checkpoint, checkpoint_kind.select_checkpoint, ("threshold",)),
+    "checkpoint": SelectionKind(feature_kinds.offers_checkpoint, feature_kinds.select_checkpoint, ("threshold",)),
     "flashsplat": SelectionKind(array_kinds.offers_flashsplat, array_kinds.select_flashsplat, ("object_id", "gamma")),
     "trimmed": SelectionKind(trimmed.offers_trimmed, trimmed.select_trimmed, ("object_id",)),
 }

@@ -1,4 +1,4 @@
-"""Selections in arrays: masks, labels, row numbers, and what OpenGaussian and FlashSplat save."""
+"""Selections in arrays: masks, labels, row numbers, and the weights that FlashSplat saves."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gaussian_trimmer.selection_files.options import SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows
 
 CLUSTERS = "leaf_ind"
-"""OpenGaussian's array of cluster ids."""
-LABEL_NAMES = ("labels", "label", "ids", "instance", "instances")
+"""OpenGaussian's array of cluster ids, beside others in `cluster_lang.npz`."""
+LABEL_NAMES = ("labels", "label", "ids", "instance", "instances", CLUSTERS)
 _MASK_NAMES = ("mask", "masks", "selection")
 _INDEX_NAMES = ("indices", "index", "rows")
 _LEAST_DISTINCT = 0.5
@@ -36,10 +36,8 @@ def is_two_valued(values: NDArray[Any]) -> bool:
 def offers_mask(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """Whether the file holds booleans, scores, or integers of two values that can only be a mask of n Gaussians."""
     values = file.vector(options, *_MASK_NAMES)
-    if values is None or values.dtype.kind not in "biuf":
-        return False
-    if values.dtype.kind in "bf":
-        return True
+    if values is None or values.dtype.kind in "bf":
+        return values is not None
     # Two-valued integers of another length are a mask of another scene, unless they may be the row numbers 0 and 1.
     return is_two_valued(values) and not options.object_id and (len(values) == n or len(values) > 2)
 
@@ -50,17 +48,10 @@ def select_mask(file: SelectionFile, gaussians: Gaussians, options: SelectionOpt
     Raises:
         InputError: there is no such array, its length is not N, or scores come without a threshold.
     """
-    values = file.vector(options, *_MASK_NAMES)
-    if values is None:
-        raise InputError(f"'{file.path.name}' holds no one-dimensional array that could be a mask.")
-    if len(values) != len(gaussians):
-        raise InputError(
-            f"The mask in '{file.path.name}' has {len(values)} entries, but the scene has {len(gaussians)} Gaussians; "
-            "give the scene that the mask was made for."
-        )
+    values = _one_each(file, file.vector(options, *_MASK_NAMES), gaussians, "mask")
     if options.threshold is not None:
         return np.asarray(values > options.threshold)
-    if values.dtype.kind == "b" or is_two_valued(values):
+    if is_two_valued(values):
         return np.asarray(values != 0)
     raise InputError(
         f"'{file.path.name}' holds scores from {values.min():g} to {values.max():g}; choose with {flag('threshold')} "
@@ -71,7 +62,7 @@ def select_mask(file: SelectionFile, gaussians: Gaussians, options: SelectionOpt
 def offers_labels(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """Whether the file holds n integers that are more than a mask, or an id is asked for."""
     labels = file.vector(options, *LABEL_NAMES)
-    if labels is None or labels.dtype.kind not in "iu" or len(labels) != n:
+    if labels is None or len(labels) != n or not (labels.dtype.kind in "iu" or CLUSTERS in file.arrays):
         return False
     return bool(options.object_id) or not is_two_valued(labels)
 
@@ -82,14 +73,7 @@ def select_labels(file: SelectionFile, gaussians: Gaussians, options: SelectionO
     Raises:
         InputError: there is no such array, its length is not N, or the ids are not chosen or do not occur.
     """
-    labels = file.vector(options, *LABEL_NAMES)
-    if labels is None or labels.dtype.kind not in "biu":
-        raise InputError(f"'{file.path.name}' holds no one-dimensional array of integers that could be labels.")
-    if len(labels) != len(gaussians):
-        raise InputError(
-            f"'{file.path.name}' holds {len(labels)} labels, but the scene has {len(gaussians)} Gaussians; give the "
-            "scene that the labels were made for."
-        )
+    labels = _one_each(file, file.vector(options, *LABEL_NAMES), gaussians, "array of labels")
     return select_ids(labels, options.object_id, file.path)
 
 
@@ -126,28 +110,6 @@ def select_indices(file: SelectionFile, gaussians: Gaussians, options: Selection
     return mask_of_rows(rows, n)
 
 
-def offers_clusters(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file has OpenGaussian's array of cluster ids beside others."""
-    return CLUSTERS in file.arrays and len(file.arrays) > 1 and options.property is None
-
-
-def select_clusters(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians of the chosen clusters of OpenGaussian's `cluster_lang.npz`, (N,).
-
-    Raises:
-        InputError: there is no such array, its length is not N, or the clusters are not chosen or do not occur.
-    """
-    leaves = file.arrays.get(CLUSTERS)
-    if leaves is None:
-        raise InputError(f"'{file.path.name}' has no array {CLUSTERS}; give OpenGaussian's cluster_lang.npz.")
-    if leaves.size != len(gaussians):
-        raise InputError(
-            f"'{file.path.name}' holds {leaves.size} cluster ids, but the scene has {len(gaussians)} Gaussians; give "
-            "the point cloud of the same training."
-        )
-    return select_ids(leaves.reshape(-1), options.object_id, file.path)
-
-
 def offers_flashsplat(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
     """Whether the file holds two or more rows of n weights."""
     weights = _weights(file)
@@ -174,6 +136,18 @@ def select_flashsplat(file: SelectionFile, gaussians: Gaussians, options: Select
         raise InputError(f"'{file.path.name}' holds weights that are NaN, infinite or huge; accumulate them again.")
     wanted = options.object_id or ((1,) if len(weights) == 2 else ())
     return select_ids(assign_labels(weights.T, options.gamma), wanted, file.path)
+
+
+def _one_each(file: SelectionFile, values: NDArray[Any] | None, gaussians: Gaussians, what: str) -> NDArray[Any]:
+    """The values, if they are one for each Gaussian of the scene."""
+    if values is None:
+        raise InputError(f"'{file.path.name}' holds no one-dimensional array that could be a {what}.")
+    if len(values) != len(gaussians):
+        raise InputError(
+            f"The {what} in '{file.path.name}' has {len(values)} entries, but the scene has {len(gaussians)} Gaussians; "
+            "give the scene that it was made for."
+        )
+    return values
 
 
 def _weights(file: SelectionFile) -> NDArray[Any] | None:

@@ -18,7 +18,7 @@ from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_che
 from gaussian_trimmer.selection_files.number_lists import read_json, read_numbers
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
-from gaussian_trimmer.selection_files.row_matching import match_centres, match_rows
+from gaussian_trimmer.selection_files.row_matching import match_rows
 from gaussian_trimmer.selection_files.splat_rows import (
     SplatRows,
     has_identity_features,
@@ -68,9 +68,9 @@ class SelectionFile:
             InputError: the file's Gaussians are not the scene's.
         """
         if self.checkpoint is not None:
-            return match_centres(self.checkpoint.gaussians.means, gaussians, self.path)
+            return match_rows(dict(zip("xyz", self.checkpoint.gaussians.means.T, strict=True)), gaussians, self.path)
         assert self.rows is not None, "only files with Gaussians have rows"
-        return match_rows(self.rows, gaussians, self.path)
+        return match_rows(self.rows.attributes, gaussians, self.path)
 
     def vector(self, options: SelectionOptions, *names: str) -> NDArray[Any] | None:
         """The one-dimensional array that may be the selection, (M,), or None.
