@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -136,7 +134,7 @@ def test_opengaussian_clusters(tmp_path):
     assert select(path, object_id=(4, 2)) == [0, 1, 10, 11]
     with pytest.raises(InputError, match=r"0 \(5\), 1 \(3\), 2 \(2\), 4 \(2\)"):
         select(path)
-    with pytest.raises(InputError, match="12 cluster ids, but the scene has 5"):
+    with pytest.raises(InputError, match="no selection for 5 Gaussians"):
         load_selection(path, make_scene(5), SelectionOptions(object_id=(4,)))
 
 
@@ -158,10 +156,6 @@ def test_options_without_use_are_refused(tmp_path):
 def test_nothing_selected_is_said(tmp_path):
     with pytest.raises(InputError, match="selects none of the 12 Gaussians"):
         select(save(tmp_path / "m.npy", np.zeros(N, bool)))
-
-
-def test_everything_selected_is_left_to_the_caller(tmp_path):
-    assert select(save(tmp_path / "m.npy", np.ones(N, bool))) == list(range(N))
 
 
 def test_arrays_of_no_use_are_described(tmp_path):
@@ -187,44 +181,28 @@ def test_unknown_names(tmp_path):
         select(tmp_path / "mask.png")
 
 
-class TestHostileFiles:
-    def test_pickled_objects(self, tmp_path):
-        np.save(tmp_path / "m.npy", np.array([{"a": 1}] * N), allow_pickle=True)
-        with pytest.raises(InputError, match=r"type \|O; booleans or numbers are needed"):
-            select(tmp_path / "m.npy")
-        np.savez(tmp_path / "m.npz", mask=np.array([{"a": 1}] * N))
-        with pytest.raises(InputError, match="no array of numbers"):
-            select(tmp_path / "m.npz")
+def test_pickled_objects_are_not_loaded(tmp_path):
+    objects = np.array([{"a": 1}] * N)
+    np.save(tmp_path / "m.npy", objects, allow_pickle=True)
+    np.savez(tmp_path / "m.npz", mask=objects)
+    np.savez(tmp_path / "both.npz", mask=rows_mask(N, 2), names=objects)
+    with pytest.raises(InputError, match="no NumPy array of numbers"):
+        select(tmp_path / "m.npy")
+    with pytest.raises(InputError, match="no array of numbers"):
+        select(tmp_path / "m.npz")
+    assert select(tmp_path / "both.npz") == [2]
 
-    def test_text_and_damage(self, tmp_path):
-        for name in ("m.npy", "m.npz"):
-            (tmp_path / name).write_bytes(b"nonsense")
-            with pytest.raises(InputError, match="damaged"):
-                select(tmp_path / name)
-        (tmp_path / "m.txt").write_text("1 two")
-        with pytest.raises(InputError, match="no list of whole numbers"):
-            select(tmp_path / "m.txt")
-        with pytest.raises(InputError, match="type <U3"):
-            select(save(tmp_path / "s.npy", ["abc"] * N))
 
-    def test_truncated_array(self, tmp_path):
-        path = save(tmp_path / "m.npy", rows_mask(N, 2))
-        path.write_bytes(path.read_bytes()[:-3])
-        with pytest.raises(InputError, match="damaged"):
-            select(path)
-
-    @pytest.mark.parametrize("suffix", ["npy", "npz"])
-    def test_announced_size_is_not_allocated(self, tmp_path, suffix):
-        header = io.BytesIO()
-        np.lib.format.write_array_header_1_0(header, {"descr": "|b1", "fortran_order": False, "shape": (10**15,)})
-        path = tmp_path / f"m.{suffix}"
-        if suffix == "npy":
-            path.write_bytes(header.getvalue())
-        else:
-            with zipfile.ZipFile(path, "w") as archive:
-                archive.writestr("mask.npy", header.getvalue())
-        with pytest.raises(InputError, match=r"damaged|too many to be true"):
-            select(path)
+def test_text_and_damage(tmp_path):
+    (tmp_path / "m.txt").write_text("1 two")
+    with pytest.raises(InputError, match="no list of whole numbers"):
+        select(tmp_path / "m.txt")
+    with pytest.raises(InputError, match="type <U3"):
+        select(save(tmp_path / "s.npy", ["abc"] * N))
+    path = save(tmp_path / "m.npy", rows_mask(N, 2))
+    path.write_bytes(path.read_bytes()[:-3])
+    with pytest.raises(InputError, match="damaged"):
+        select(path)
 
 
 @dataclass(frozen=True)
@@ -247,7 +225,7 @@ def test_documented_commands_are_understood():
     for command in commands:
         parsed = tyro.cli(Command, args=command.split())
         given, kind = parsed.selection.given(), parsed.selection.kind
-        assert kind == "auto" or given <= set(KINDS[kind].options), command
+        assert kind == "auto" or given <= set(KINDS[kind][1]), command
 
 
 def test_benchmark_selection():

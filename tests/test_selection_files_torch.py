@@ -140,7 +140,7 @@ class TestCheckpoint:
 
     def test_other_gaussians_than_the_scene(self, tmp_path):
         path = save(tmp_path / "chkpnt.pth", (checkpoint_state(SCENE, torch.ones(N)), 1))
-        with pytest.raises(InputError, match=r"12 of the 12 Gaussians .* are not among the scene's 9"):
+        with pytest.raises(InputError, match=r"12 of the 12 rows .* match no row of the scene exactly"):
             select(path, make_scene(9, seed=4), threshold=0.5)
 
     def test_langsplat_points_to_lifting(self, tmp_path):
@@ -152,7 +152,7 @@ class TestCheckpoint:
         state = checkpoint_state(SCENE)
         assert len(state) == 12
         for value in ((state, 7000), state):
-            with pytest.raises(InputError, match="plain 3D Gaussian Splatting, which holds no selection"):
+            with pytest.raises(InputError, match="plain 3D Gaussian Splatting"):
                 select(save(tmp_path / "chkpnt7000.pth", value))
 
     def test_gaussian_grouping(self, tmp_path):
@@ -227,11 +227,6 @@ class TestHostileFiles:
             select(save(tmp_path / "bad.pt", value))
         assert capsys.readouterr().out == ""
 
-    def test_number_types_cannot_be_abused(self, tmp_path):
-        objects = np.array([None], object)
-        with pytest.raises(InputError, match="not loaded"):
-            select(save(tmp_path / "bad.pt", (torch.zeros(3), objects.dtype)))
-
     def test_expanded_tensor(self, tmp_path):
         with pytest.raises(InputError, match="expanded tensor"):
             select(save(tmp_path / "big.pt", torch.ones(1, dtype=torch.bool).expand(10**12)))
@@ -253,7 +248,3 @@ class TestHostileFiles:
         for name in ("old.pt", "mask.pt"):
             with pytest.raises(InputError, match="no torch file of the zip format"):
                 select(tmp_path / name)
-
-    def test_other_contents(self, tmp_path):
-        with pytest.raises(InputError, match="holds a str that is no selection"):
-            select(save(tmp_path / "text.pt", "hello"))

@@ -17,6 +17,7 @@ from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
+from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
@@ -132,11 +133,13 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"{f'array {shown(name)}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
     if len(file.arrays) > _LISTED:
         yield f"and {len(file.arrays) - _LISTED} more arrays"
-    longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
     options = SelectionOptions()
-    kinds = offered_kinds(file, longest, options)
+    labels = file.vector(options, *LABEL_NAMES)
+    longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
+    n = longest if labels is None else len(labels)
+    kinds = offered_kinds(file, n, options)
     for kind in kinds:
-        yield _USES[kind].format(n=longest)
+        yield _USES[kind].format(n=n)
     if "labels" in kinds and _distinct_rows(file, options):
         yield "selects the listed rows of a scene with more Gaussians"
     if not kinds:

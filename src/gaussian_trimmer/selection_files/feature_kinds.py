@@ -59,11 +59,6 @@ def classifier_of(file: SelectionFile) -> LinearClassifier | None:
     return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
 
 
-def offers_classifier(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file is a classifier, or holds features for which the options name one."""
-    return classifier_of(file) is not None or (file.has_features and options.classifier is not None)
-
-
 def select_classifier(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The Gaussians that the classifier gives one of the chosen ids with a probability above the threshold, (N,).
 
@@ -99,11 +94,6 @@ def select_classifier(file: SelectionFile, gaussians: Gaussians, options: Select
     return mask_of_rows(rows[chosen], len(gaussians))
 
 
-def offers_similarity(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file holds features and a query Gaussian is given."""
-    return file.has_features and options.query_row is not None
-
-
 def select_similarity(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The Gaussians for which (cos + 1) / 2 of their and the query's features is above the threshold, (N,).
 
@@ -125,11 +115,6 @@ def select_similarity(file: SelectionFile, gaussians: Gaussians, options: Select
     scores = (unit @ unit[at[0]] + 1) / 2
     threshold = _SIMILARITY if options.threshold is None else options.threshold
     return mask_of_rows(rows[scores > threshold], len(gaussians))
-
-
-def offers_checkpoint(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file is a checkpoint and nothing says that its features are to be used."""
-    return file.checkpoint is not None and options.classifier is None and options.query_row is None
 
 
 def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:

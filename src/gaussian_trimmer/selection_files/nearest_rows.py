@@ -90,7 +90,7 @@ def _neighbours(
     for start in range(0, len(wanted), _ROWS_PER_CHUNK):
         part = slice(start, start + _ROWS_PER_CHUNK)
         squared, beside = nearest(scene.means, places[part], min(_CANDIDATES, len(scene)))
-        yield part, beside, np.sqrt(squared), mine[part][:, None] - theirs[beside]
+        yield part, beside.astype(np.int64), np.sqrt(squared), mine[part][:, None] - theirs[beside]
 
 
 def _features(columns: Columns, rows: IntArray | slice) -> FloatArray:

@@ -8,7 +8,6 @@ so may have been moved, rounded or split, and is matched by what stays the same 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray

@@ -33,7 +33,7 @@ def load_objects(
     """
     path, options = Path(path), options or SelectionOptions()
     file = open_selection(path, len(gaussians))
-    if trimmed.offers_trimmed(file, len(gaussians), options):
+    if trimmed.is_trimmed(file) and options.property is None:
         rows = trimmed.rows_of_objects(file, len(gaussians))
         if ids:
             check_ids(ids, list(rows), [len(found) for found in rows.values()], path)
