@@ -82,13 +82,6 @@ def test_an_id_turns_a_two_valued_array_into_labels(tmp_path):
     assert select(path, object_id=(0,)) == list(range(2, N))
 
 
-def test_long_lists_of_ids_are_shortened(tmp_path):
-    scene = make_scene(60)
-    path = save(tmp_path / "labels.npy", np.arange(60) % 40)
-    with pytest.raises(InputError, match=r"19 \(2\).* and 16 more ids"):
-        load_selection(path, scene)
-
-
 @pytest.mark.parametrize("text", ["2\n9\n4\n", "2, 9 4", "# rows\n2 # lid\n9,4"])
 def test_index_lists_in_text(tmp_path, text):
     (tmp_path / "rows.txt").write_text(text)
@@ -99,13 +92,6 @@ def test_integers_of_another_length_are_row_numbers(tmp_path):
     assert select(save(tmp_path / "rows.npy", np.uint32([11, 0]))) == [0, 11]
     assert select(save(tmp_path / "rows.npy", [0, 1])) == [0, 1]
     assert select(save(tmp_path / "rows.npy", [1])) == [1]
-
-
-def test_row_numbers_as_many_as_the_scene_are_labels_unless_forced(tmp_path):
-    path = save(tmp_path / "rows.npy", np.arange(N))
-    with pytest.raises(InputError, match="several objects"):
-        select(path)
-    assert select(path, kind="indices") == list(range(N))
 
 
 @pytest.mark.parametrize(

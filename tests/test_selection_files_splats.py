@@ -40,13 +40,6 @@ class TestSubset:
         (tmp_path / "part.ply").write_bytes(header.encode() + part.tobytes())
         assert select(tmp_path / "part.ply", scene) == [3, 8]
 
-    def test_values_that_are_read_as_finite_ones(self, tmp_path):
-        raw = make_scene(N)
-        raw.opacity_logits[[3, 8]] = np.inf, -np.inf
-        raw.log_scales[3], raw.log_scales[8, 1] = -np.inf, -100
-        scene = formats.read(save_ply(tmp_path / "scene.ply", raw))
-        assert select(save_ply(tmp_path / "part.ply", raw, [8, 3]), scene) == [3, 8]
-
     def test_equal_rows_pair_off(self, tmp_path):
         scene = make_scene(N)
         twice = concatenate([scene, scene])
@@ -105,13 +98,6 @@ class TestSubset:
         found = load_selection(save_ply(tmp_path / "object.ply", part), scene, say=notes.append)
         assert np.count_nonzero(found ^ truth) <= 2
         assert "9 as parts of split Gaussians" in notes[0]
-
-    def test_large_scene_against_its_own_rows(self, tmp_path):
-        n = 150_000
-        scene = make_scene(n, coefficients=0)
-        rows = np.random.default_rng(2).permutation(n)[: n // 2]
-        selection = load_selection(save_ply(tmp_path / "part.ply", scene, rows.tolist()), scene)
-        assert np.array_equal(np.flatnonzero(selection), np.sort(rows))
 
 
 class TestMovedSubset:

@@ -12,7 +12,6 @@ import pytest
 from fuzz.torch_archives import Raw, named, storage, tensor, torch_file
 from selection_builders import make_scene, rows_mask
 
-from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.torch_files import as_array, load
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
@@ -89,27 +88,6 @@ def test_a_mask_and_a_checkpoint_without_torch(tmp_path):
     assert np.array_equal(load_selection(path, SCENE), MASK)
     assert read_checkpoint(path).iteration == 30_000
     np.testing.assert_array_equal(read_checkpoint(path).gaussians.sh_rest, SCENE.sh_rest)
-
-
-def test_signalling_nans_of_half_precision_make_no_noise(tmp_path):
-    """Conversions and functions of them raise warnings, which are errors here."""
-    logits = np.where(MASK, 5, -5).astype(np.float16)
-    logits.view(np.uint16)[0] = 0x7C01
-    parts = [
-        SCENE.means,
-        SCENE.sh_dc[:, None],
-        np.ascontiguousarray(SCENE.sh_rest.transpose(0, 2, 1)),
-        SCENE.log_scales,
-    ]
-    state = (3, *parts, SCENE.quaternions, SCENE.opacity_logits[:, None], logits, None, None, None, {}, 4.7)
-    assert np.array_equal(load_selection(save(tmp_path / "chkpnt.pth", torch_file((state, 1))), SCENE), MASK)
-    tensors = {"means": SCENE.means, "scales": SCENE.log_scales, "quats": SCENE.quaternions}
-    tensors |= {"features_dc": SCENE.sh_dc.astype(np.float16), "features_rest": np.zeros((N, 0, 3), np.float32)}
-    tensors["features_dc"].view(np.uint16)[5, 1] = 0x7C01
-    tensors["opacities"] = SCENE.opacity_logits[:, None]
-    named_tensors = {f"gauss_params.{name}": values for name, values in tensors.items()}
-    with pytest.raises(InputError, match=r"sh_dc that cannot be used, the first in row 5 \("):
-        formats.read(save(tmp_path / "a.ckpt", torch_file({"pipeline": named_tensors})))
 
 
 @pytest.mark.parametrize(
