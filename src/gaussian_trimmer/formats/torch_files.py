@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.formats.packing import with_finite_limits
+from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.archives import member_bytes, open_archive
 from gaussian_trimmer.io.reading import read_into
 
@@ -189,6 +191,35 @@ def as_arrays(file: TorchFile, tensors: dict[str, Any]) -> dict[str, NDArray[Any
 def as_array(file: TorchFile, tensor: Any) -> NDArray[Any]:
     """A dense tensor as an array; otherwise as `as_arrays`."""
     return as_arrays(file, {"": tensor})[""]
+
+
+def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gaussians:
+    """The Gaussians of a training.
+
+    Args:
+        file: where the tensors are.
+        tensors: centres, log scales, rotations, opacity logits and coefficients, by the names of splatfacto's.
+        expected: what the file is not, should the tensors not fit each other.
+
+    Raises:
+        InputError: they do not, or there are no Gaussians.
+    """
+    values = {name: np.asarray(array, np.float32) for name, array in as_arrays(file, tensors).items()}
+    n, rest = len(np.atleast_1d(values["means"])), values["features_rest"]
+    if n == 0:
+        raise InputError(f"'{file.path}' holds zero Gaussians.")
+    try:
+        gaussians = Gaussians(
+            means=values["means"],
+            log_scales=values["scales"],
+            quaternions=values["quats"],
+            opacity_logits=values["opacities"].reshape(n),
+            sh_dc=values["features_dc"].reshape(n, 3),
+            sh_rest=np.ascontiguousarray(rest.transpose(0, 2, 1)) if rest.size else np.zeros((n, 3, 0), np.float32),
+        )
+    except ValueError as error:
+        raise InputError(f"'{file.path}' is no {expected}: {shown(str(error))}") from error
+    return with_finite_limits(gaussians)
 
 
 def _number_type(file: TorchFile, tensor: Any) -> np.dtype[Any]:

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.io.reading import file_bytes
 
-_MAX_TEXT_BYTES, _MAX_JSON_BYTES = 1 << 27, 1 << 25
+_MAX_BYTES = 1 << 27
 _LARGEST_WHOLE = 2**53
-_SEPARATORS = re.compile(r"[\s,;]+")
 
 
 def read_numbers(path: Path) -> NDArray[Any]:
@@ -27,14 +26,12 @@ def read_numbers(path: Path) -> NDArray[Any]:
     Raises:
         InputError: the file holds something else, such as a table of several columns.
     """
-    header, _, rest = (text := re.sub(r"#.*", "", _text(file_bytes(path, _MAX_TEXT_BYTES), path)).lstrip()).partition(
-        "\n"
-    )
+    text = re.sub(r"#.*", "", _text(file_bytes(path, _MAX_BYTES), path)).lstrip()
+    header, _, rest = text.partition("\n")
     if header.lstrip("\"'")[:1].isalpha():
-        columns = _words(header)
-        if len(columns) > 1 and len(_words(rest.partition("\n")[0])) > 1:
+        if min(len(_words(header)), len(_words(rest.partition("\n")[0]))) > 1:
             raise InputError(
-                f"'{path}' is a table of {len(columns)} columns; give the row numbers alone, one in each line."
+                f"'{path}' is a table of {len(_words(header))} columns; give the row numbers alone, one in each line."
             )
         text = rest
     try:
@@ -50,19 +47,20 @@ def read_json(path: Path) -> NDArray[Any]:
         InputError: the file holds something else.
     """
     try:
-        value = json.loads(_text(file_bytes(path, _MAX_JSON_BYTES), path))
+        value = json.loads(_text(file_bytes(path, _MAX_BYTES), path))
     except (ValueError, RecursionError) as error:
         raise InputError(f"'{path}' is no JSON that can be read: {shown(str(error))}.") from error
     if isinstance(value, dict):
         lists = [entry for entry in value.values() if isinstance(entry, list)]
         value = lists[0] if len(lists) == 1 else None
-    if isinstance(value, list) and value and all(isinstance(entry, bool) for entry in value):
+    kinds = {type(entry) for entry in value} if isinstance(value, list) else {None}
+    if kinds == {bool}:
         return np.array(value, np.bool_)
-    if isinstance(value, list) and all(isinstance(entry, int | float) for entry in value):
-        try:
+    try:
+        if kinds <= {bool, int, float}:
             return np.array([_whole(str(entry)) for entry in value], np.int64)
-        except (ValueError, OverflowError):
-            pass
+    except (ValueError, OverflowError):
+        pass
     raise InputError(f"'{path}' is no list of whole numbers or booleans; give row numbers as [0, 5, 7].")
 
 
@@ -76,7 +74,7 @@ def _text(data: bytes, path: Path) -> str:
 
 
 def _words(text: str) -> list[str]:
-    return [word for word in _SEPARATORS.split(text) if word]
+    return text.replace(",", " ").replace(";", " ").split()
 
 
 def _whole(word: str) -> int:
