@@ -212,20 +212,3 @@ class TestUnbundled:
         (folder / "meta.json").write_text(text.replace("quats.webp", "../quats.webp"))
         with pytest.raises(InputError, match="no texture"):
             formats.read(folder)
-
-    def test_each_file_counts_once(self, tmp_path: Path) -> None:
-        """Textures of one colour are small whatever their size: the count is held against the bytes of the files."""
-        pixels = np.full((1000, 1000, 4), (5, 5, 5, 252), np.uint8)
-        for name in ("small", "large"):
-            (tmp_path / name).write_bytes(encode_webp(pixels) + bytes(150_000 * (name == "large")))
-        meta = {
-            "version": 2, "count": 10**6,
-            "means": {"mins": [0] * 3, "maxs": [1] * 3, "files": ["large"] * 2},
-            "scales": {"codebook": [-3.0] * 256, "files": ["large"]}, "quats": {"files": ["large"]},
-            "sh0": {"codebook": [0.1] * 256, "files": ["small"]},
-        }  # fmt: skip
-        for repeated in (["large"] * 2, ["large"] * 20_000):
-            meta["means"]["files"] = repeated  # type: ignore[index]
-            (tmp_path / "meta.json").write_text(json.dumps(meta))
-            with pytest.raises(InputError, match=r"announces 1000000 Gaussians|names of 2 files"):
-                formats.read(tmp_path / "meta.json")
