@@ -50,8 +50,9 @@ numba.njit = lambda *function, **options: compiled(*function, **{**options, "bou
 import numpy as np
 import test_extreme_values
 test_extreme_values.draw_extreme_scenes()
+from gaussian_trimmer.rendering.numba_kernels import bin_gaussians
 try:
-    test_extreme_values.bin_gaussians(np.zeros((2, 3), np.float32), 16, 16, np.array([0, 1]), 0)
+    bin_gaussians(np.zeros((2, 3), np.float32), 16, 16, np.array([0, 1]), 0)
 except IndexError:
     print("done")
 """

@@ -108,14 +108,6 @@ class TestMessages:
         assert printed.count("\\x1b]0;owned\\x07") >= 5
         assert not set("\x1b\x07") & set(printed)
 
-    def test_a_thousand_columns_are_not_listed(self, tmp_path):
-        names = [f"column_{chr(97 + i % 26)}{chr(97 + i // 26)}" for i in range(400)]
-        scene = SCENE.replace(extras={name: np.zeros(N, np.float32) for name in names})
-        path = save_ply(tmp_path / "a.ply", scene)
-        with pytest.raises(InputError, match=r"and 38\d more"):
-            load_selection(path, scene, SelectionOptions(property="absent"))
-        assert len(describe_file(path)) < 2000
-
     def test_a_name_beyond_ascii_on_an_ascii_terminal(self, tmp_path, monkeypatch):
         formats.write(sample(5, 0), tmp_path / "ä.ply")
         for name, code in (("ä.ply", 0), ("ö.ply", 2), (os.fsdecode(b"\xff.ply"), 2)):
@@ -286,14 +278,3 @@ class TestPaths:
         assert (camera.width, camera.height) == (24, 16)
         assert run("info", path) == 2
         assert run("info", path, "--trust-paths") == 0
-
-    def test_the_option_reaches_the_reader(self, tmp_path, capsys):
-        save(tmp_path / "secret.png", cv2.imencode(".png", np.zeros((16, 24), np.uint8))[1].tobytes())
-        path = self.document(tmp_path / "scene", "../secret.png")
-        formats.write(sample(40, 0), tmp_path / "a.ply")
-        for command in (["trim", "--output", tmp_path / "out"], ["select", "--box", 1, 1, 2, 2, "--view", "absent"]):
-            arguments = [command[0], tmp_path / "a.ply", *command[1:], "--cameras", path]
-            assert run(*arguments) == 2
-            assert "--trust-paths" in capsys.readouterr().err
-        assert run(*arguments, "--trust-paths") == 2
-        assert "views are named 'absent'" in capsys.readouterr().err

@@ -4,7 +4,6 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import benchmark_data
 import numpy as np
 import pytest
 import tyro
@@ -80,12 +79,6 @@ def test_an_id_turns_a_two_valued_array_into_labels(tmp_path):
     path = save(tmp_path / "labels.npy", rows_mask(N, 0, 1).astype(int))
     assert select(path) == [0, 1]
     assert select(path, object_id=(0,)) == list(range(2, N))
-
-
-@pytest.mark.parametrize("text", ["2\n9\n4\n", "2, 9 4", "# rows\n2 # lid\n9,4"])
-def test_index_lists_in_text(tmp_path, text):
-    (tmp_path / "rows.txt").write_text(text)
-    assert select(tmp_path / "rows.txt") == [2, 4, 9]
 
 
 def test_integers_of_another_length_are_row_numbers(tmp_path):
@@ -212,18 +205,6 @@ def test_documented_commands_are_understood():
         parsed = tyro.cli(Command, args=command.split())
         given, kind = parsed.selection.given(), parsed.selection.kind
         assert kind == "auto" or given <= set(KINDS[kind][1]), command
-
-
-def test_benchmark_selection():
-    scene = benchmark_data.benchmark_scene("tabletop")
-    for name in scene.objects:
-        expected = scene.coarse(name, "exact")
-        plain, packed = (scene.folder / "coarse" / end for end in (f"{name}/exact.npy", f"{name}.npz"))
-        if plain.is_file():
-            found = load_selection(plain, scene.gaussians)
-        else:
-            found = load_selection(packed, scene.gaussians, SelectionOptions(property="exact"))
-        assert np.array_equal(found, expected)
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def select_classifier(file: SelectionFile, gaussians: Gaussians, options: Select
     threshold = _PROBABILITY if options.threshold is None else options.threshold
     ids = range(len(classifier.bias))
     counts, chosen = np.zeros(len(ids), np.int64), np.zeros(len(features), np.bool_)
-    step = max(1, _PROBABILITIES_AT_ONCE // max(1, len(ids)))
+    step = max(1, min(1 << 14, _PROBABILITIES_AT_ONCE // max(1, len(ids))))
     for start in range(0, len(features), step):
         logits = features[start : start + step] @ classifier.weight.T + classifier.bias
         odds = np.exp(logits - logits.max(axis=1, keepdims=True))
