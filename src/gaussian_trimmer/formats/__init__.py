@@ -42,9 +42,8 @@ def format_suffix(path: str | Path) -> str:
     '.ply'
     """
     name = Path(path).name
-    for suffix in sorted(FORMATS | READ_ONLY, key=len, reverse=True):
-        if is_named(name, suffix):
-            return suffix
+    if suffix := _known_suffix(name):
+        return suffix
     hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
     raise InputError(f"'{name}' is of no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
 
@@ -60,7 +59,11 @@ def is_named(name: str, suffix: str) -> bool:
 
 def has_splats(path: Path) -> bool:
     """Whether a file is, by its name, one of splats."""
-    return any(is_named(path.name, suffix) for suffix in FORMATS | READ_ONLY)
+    return _known_suffix(path.name) is not None
+
+
+def _known_suffix(name: str) -> str | None:
+    return max((suffix for suffix in FORMATS | READ_ONLY if is_named(name, suffix)), key=len, default=None)
 
 
 def written_suffix(path: str | Path) -> str:
@@ -171,7 +174,8 @@ def _writable(path: str | Path) -> str:
     Raises:
         InputError: no format has that name, or it can only be read.
     """
-    if has_splats(Path(path)) and (suffix := format_suffix(path)) in FORMATS:
+    suffix = _known_suffix(Path(path).name)
+    if suffix in FORMATS:
         return suffix
     raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
 
