@@ -192,6 +192,11 @@ class TestDamage:
         with pytest.raises(InputError):
             formats.read(path) if name == "a.sog" else load_selection(path, SCENE)
 
+    def test_compression_that_takes_as_much_memory_as_it_likes(self, tmp_path):
+        path = save(tmp_path / "a.npz", zipped({"mask.npy": npy(shape("(12,)"))}, zipfile.ZIP_LZMA))
+        with pytest.raises(InputError, match="otherwise than by deflate"):
+            load_selection(path, SCENE)
+
     def test_damage_shows_in_the_checksum(self, tmp_path):
         data = bytearray(zipped({"mask.npy": npy(shape("(12,)"), bytes(12))}))
         data[data.index(b"\n", data.index(b"NUMPY")) + 3] ^= 1

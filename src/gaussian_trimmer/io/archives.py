@@ -16,6 +16,8 @@ _DAMAGE = (
     OverflowError, IndexError,
 )  # fmt: skip
 """What zipfile raises for damaged archives."""
+_KNOWN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Other ways of compression take as much memory as the archive likes."""
 
 
 @contextmanager
@@ -27,6 +29,8 @@ def open_archive(path: Path, expected: str) -> Iterator[zipfile.ZipFile]:
     """
     try:
         with zipfile.ZipFile(path) as archive:
+            if any(info.compress_type not in _KNOWN for info in archive.infolist()):
+                raise InputError(f"'{path}' has a member that is compressed otherwise than by deflate.")
             yield archive
     except InputError:
         raise
