@@ -55,7 +55,7 @@ def test_labels_of_another_scene_are_refused(ball, trimmed, tmp_path):
     with pytest.raises(InputError, match="made for another scene"):
         read_result(folder, scene.select(slice(0, 100)))
     np.savez(folder / "labels.npz", label=np.zeros(3))
-    with pytest.raises(InputError, match="not the arrays of one"):
+    with pytest.raises(InputError, match="lacks some of its arrays"):
         read_result(folder, scene)
     (folder / "labels.npz").unlink()
     with pytest.raises(InputError, match="did not write the folder"):
