@@ -107,9 +107,8 @@ def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeyp
     weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)
     at_once = assign_labels(weights, gamma)
     assert len(np.unique(at_once)) > 20
-    for objects, held in ((16, 1 << 25), (7, 1 << 25), (16, 3 * len(cloud)), (16, 1)):
+    for objects in (1, 7, 16):
         monkeypatch.setattr(lifting, "_OBJECTS_PER_PASS", objects)
-        monkeypatch.setattr(lifting, "_WEIGHTS_PER_PASS", held)
         found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
         np.testing.assert_array_equal(found, at_once)
 
@@ -133,11 +132,9 @@ def test_vote_threshold_must_be_exceeded() -> None:
     assert not lift_by_vote(scene(), cameras(4), masks, 0.5).any()
 
 
-def test_views_without_the_centre_abstain_unless_all_vote() -> None:
+def test_views_without_the_centre_abstain() -> None:
     away = Camera(look_at(np.array([0, 0, -3.0]), np.array([0, 0, -9.0]), np.array([0, -1.0, 0])), np.eye(3), 48, 40)
-    views, masks = [*cameras(3), away, away], [*left_masks(3), *left_masks(2)]
-    assert lift_by_vote(scene(), views, masks)[LEFT].all()
-    assert not lift_by_vote(scene(), views, masks, every_view_votes=True).any()
+    assert lift_by_vote(scene(), [*cameras(3), away, away], [*left_masks(3), *left_masks(2)])[LEFT].all()
 
 
 def test_permuted_gaussians_give_permuted_answers() -> None:
@@ -178,16 +175,6 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 def masks_of(bench: benchmark_data.BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
     return [(255 * bench.coverage(name, view.name)).round().astype(np.uint8) for view in views]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("where", "name"), [("scene0", "plant"), ("scene0", "avocado"), ("tabletop", "mug")])
-def test_benchmark_votes(where: str, name: str) -> None:
-    bench = benchmark_data.benchmark_scene(where)
-    views = bench.training_cameras
-    # The benchmark let every view vote, with a threshold of a half.
-    voted = lift_by_vote(bench.gaussians, views, masks_of(bench, name, views), 0.5, every_view_votes=True)
-    assert overlap(voted, bench.coarse(name, "centre_vote")) == 1.0
 
 
 @pytest.mark.slow

@@ -29,9 +29,8 @@ from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene, shown_weight
 from gaussian_trimmer.views import HALF
 
 _REACH_RADII = 3.0
@@ -63,8 +62,9 @@ _MIN_EDGE_WEIGHT = 0.05
 """Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
 _GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
-_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
-"""Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
+_BINS, _BIN_OFFSET, _BIN_SIZE = (22, 28, 28), np.array([6.25, 138, 138]), np.array([6.25, 10, 10])
+"""Bins of the colour histograms over L, a and b: their number, and where and how wide they are; the outermost are for
+the blur."""
 _MAX_RATIO = 2.0
 """Log-ratio at which colour evidence is clipped."""
 _HIDDEN_NEIGHBOURS, _HIDDEN_REACH = 4, 0.5
@@ -138,7 +138,7 @@ class SurfaceGraph:
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
-        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
+        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 1, np.array(_BINS) - 2).astype(np.int64)
         flat = np.ravel_multi_index(tuple(bins.T), _BINS)
         inside, outside = self.areas * part, self.areas * others
         models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
@@ -183,8 +183,8 @@ def build_surface_graph(
     local = gaussians.select(near)
     views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
-    in_view = _visible(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
-    weights = [_visible(local, view, scene.renderer) for view in views]
+    in_view = shown_weight(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
+    weights = [shown_weight(local, view, scene.renderer) for view in views]
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:
@@ -239,12 +239,6 @@ def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> li
     return ring(
         centre, axes, _DISTANCE_RADII * radius, yaws, pitches, Lens(_SIZE_PIXELS, _FOV_RADIANS, NEAR_RADII * radius)
     )
-
-
-def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
-    """Blend weight of each Gaussian in a view, in pixels, (N,)."""
-    labels = np.zeros((camera.height, camera.width), np.uint8)
-    return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
 
 
 def _directions(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
@@ -308,9 +302,8 @@ def _affinity(
 
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
-    """Normalised colour histogram over flat bins, blurred by one bin, flat."""
+    """Normalised colour histogram over flat bins, blurred by one bin, flat; the outermost bins hold no colours."""
     counts = np.bincount(bins, areas, int(np.prod(_BINS))).reshape(_BINS)
     for axis in range(3):
-        padded = np.pad(np.moveaxis(counts, axis, 0), ((1, 1), (0, 0), (0, 0)))
-        counts = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
+        counts = 0.25 * np.roll(counts, -1, axis) + 0.5 * counts + 0.25 * np.roll(counts, 1, axis)
     return np.asarray((counts / max(counts.sum(), 1e-12)).ravel())
