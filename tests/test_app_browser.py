@@ -114,7 +114,7 @@ def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeyp
         until(lambda option=option: panels.when.value == option, option)
         tab.page.keyboard.press("Space")
         until(lambda value=value: panels.when.value == value, value)
-    tab.switch("Not checked")
+    tab.switch("Virtual cameras")
     tab.page.keyboard.press("1")
     until(lambda: panels.part.value == "Both", "both parts")
 

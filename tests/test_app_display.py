@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.display import UNCHECKED, Painter, Showing, shown_rows, thinned
+from gaussian_trimmer.app.display import Painter, Showing, shown_rows, thinned
 from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.unchecked import find_unchecked
 from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, before_what_shows, box_at, pixel_at, surface_points
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
-from gaussian_trimmer.gaussians import concatenate, quaternions_of
+from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere, Viewpoint
@@ -106,32 +105,10 @@ def test_split_parts_and_filled_gaussians_are_shown():
     assert len(painter.paint(now, Showing("both", "after"))) == len(result.object) + len(result.background)
 
 
-def test_what_was_not_checked_is_highlighted_where_that_is_asked_for(session, painter):
-    now, scene = session.now, session.document.scene
-    floor = int(np.flatnonzero(~np.any([part.selected.mask for part in now.objects], axis=0))[0])
-    flags = np.arange(len(scene)) == floor
-    plain = painter.paint(now, Showing(when="after", tint=False), flags)
-    shown = painter.paint(now, Showing(when="after", tint=False, unchecked=True), flags)
-    (row,) = np.flatnonzero(tinted(shown, plain))
-    assert np.allclose(painter.frame.to_scene(shown.centres[row]), scene.means[floor], atol=1e-4)
-    assert np.abs(shown.colours[row] * 255 - UNCHECKED).max() < 40
-
-
-def test_what_no_view_shows_is_unchecked():
-    scene, truth = toy.ball_on_floor(n_ball=3000)
-    core = toy.gaussians(toy.CENTRE + np.random.default_rng(0).normal(0, 0.1, (40, 3)), (0.02, 0.02, 0.02), toy.RED)
-    result = trim(concatenate([scene, core]), np.append(truth, np.ones(40, bool)), up="z")
-    found = find_unchecked(result)
-    assert result.object_mask[-40:].all()
-    assert found[-40:].all()  # nothing shows the inside
-    assert found[:-40][truth].mean() < 0.4
-    assert not (found & ~result.object_mask).any()
-
-
 def test_large_scenes_are_thinned_for_display_only(session):
     n = len(session.document.scene)
     few = Painter(session.document.scene, n // 4)
-    assert few.shown == n // 4
+    assert few.shown == n // 4 == len(few._whole.covariances)
     shown = few.paint(session.now, Showing(tint=False))
     whole = Painter(session.document.scene, n).paint(session.now, Showing(tint=False))
     assert len(shown) == n // 4
@@ -192,13 +169,6 @@ def test_surface_points_lie_on_the_surface_and_are_none_in_the_void():
     assert np.linalg.norm(np.array(on_ball) - toy.CENTRE) == pytest.approx(toy.RADIUS, abs=0.12)
     assert on_ball[1] < 0
     assert void is None
-
-
-def test_a_painter_keeps_no_more_than_it_shows():
-    scene, _ = toy.ball_on_floor()
-    painter = Painter(scene, 50)
-    kept = painter._whole
-    assert len(kept.covariances) == len(kept.centres) == 50
 
 
 def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_before_it(session):

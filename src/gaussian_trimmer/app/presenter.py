@@ -7,8 +7,6 @@ from gaussian_trimmer.app.documents import Snapshot
 from gaussian_trimmer.app.panels import ARROW, VIEWS, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.unchecked import find_unchecked
-from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.result import TrimResult
 
@@ -23,7 +21,6 @@ class Presenter:
         self._listed: Snapshot | None = None
         self._up: UpVector | None = None
         self._arrow: tuple[UpVector, bool] | None = None
-        self._unchecked: tuple[TrimResult, BoolArray] | None = None
         self._views_of: TrimResult | None = None
 
     def refresh(self) -> None:
@@ -31,13 +28,12 @@ class Presenter:
         now = self._session.glance()
         if now is None:
             return
-        painter, showing, result = self.painter(), self._panels.showing, now.object.result
+        painter, showing = self.painter(), self._panels.showing
         if self._painted != (now, showing):
-            found = self._find_unchecked(result) if showing.unchecked and showing.when == "after" else None
-            self._view.show(painter.paint(now, showing, found))
+            self._view.show(painter.paint(now, showing))
             self._painted = now, showing
         self._show_up(now.up)
-        wanted = result if self._panels.overlays[VIEWS] else None
+        wanted = now.object.result if self._panels.overlays[VIEWS] else None
         if wanted is not self._views_of:
             self._view.show_views(wanted)
             self._views_of = wanted
@@ -64,10 +60,3 @@ class Presenter:
         if self._arrow != arrow:
             self._view.show_arrow(up.direction, arrow[1])
             self._arrow = arrow
-
-    def _find_unchecked(self, result: TrimResult | None) -> BoolArray | None:
-        if result is None:
-            return None
-        if self._unchecked is None or self._unchecked[0] is not result:
-            self._unchecked = result, find_unchecked(result)
-        return self._unchecked[1]

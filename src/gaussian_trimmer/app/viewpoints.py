@@ -11,7 +11,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.marks import Point, Viewpoint
+from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
 
 _SIZE = 5.0
@@ -124,9 +124,4 @@ def surface_points(
     depths = surface_depths(gaussians, small, rows, weights)
     rays = small.ray_directions(pixels + 0.5)
     points = small.centre + rays * (depths / (rays @ small.forward))[:, None]
-    return [_point(point) if np.isfinite(point).all() else None for point in points]
-
-
-def _point(values: Float64Array) -> Point:
-    x, y, z = values.tolist()
-    return x, y, z
+    return [point_of(point) if np.isfinite(point).all() else None for point in points]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.selection_files import SelectionOptions
 
 Effect = Literal["add", "remove", "intersect"]
@@ -18,6 +19,12 @@ Effect = Literal["add", "remove", "intersect"]
 Coordinates = Literal["scene", "up"]
 """Whether numbers are the scene's own coordinates, or turned so that z is up."""
 Point = tuple[float, float, float]
+
+
+def point_of(values: Float64Array) -> Point:
+    """An array (3,) as plain numbers."""
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 @dataclass(frozen=True, eq=False)
