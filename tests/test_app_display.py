@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.display import Painter, Showing, shown_rows, thinned
+from gaussian_trimmer.app.display import Painter, Showing, shown_rows
 from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, before_what_shows, box_at, pixel_at, surface_points
@@ -117,14 +117,6 @@ def test_large_scenes_are_thinned_for_display_only(session):
     ).mean()  # fmt: skip
     object_ = few.paint(session.now, Showing("object"))
     assert len(object_) == min(session.now.object.n_selected, n // 4)  # the object keeps all that there is room for
-
-
-def test_thinning_is_the_same_every_time():
-    visible = np.arange(1000) % 2 == 0
-    rows, growth = thinned(visible, 100)
-    assert np.array_equal(rows, thinned(visible, 100)[0])
-    assert len(np.unique(rows)) == 100 and visible[rows].all() and growth == 5
-    assert thinned(visible, 500)[1] == 1
 
 
 def test_the_frame_makes_any_scene_a_few_units_large():

@@ -153,16 +153,12 @@ def test_permuted_gaussians_give_permuted_answers() -> None:
 def test_impossible_masks() -> None:
     with pytest.raises(InputError, match="2 masks for 3 cameras"):
         lift_by_vote(scene(), cameras(), left_masks(2))
-    with pytest.raises(InputError, match="0 masks for 0 cameras"):
-        lift_by_assignment(scene(), [], [], REFERENCE)
     with pytest.raises(InputError, match=r"View '-0.6.png' has a mask of 20 x 10 pixels .* 48 x 40"):
         lift_by_assignment(scene(), cameras(), [np.ones((10, 20), bool)] * 3, REFERENCE)
     with pytest.raises(InputError, match="largest value is 1, and"):
         lift_by_assignment(scene(), cameras(), [mask.astype(np.uint8) for mask in left_masks()], REFERENCE)
     with pytest.raises(InputError, match="nothing but background"):
         lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.uint8)] * 3, REFERENCE)
-    with pytest.raises(InputError, match="object numbers from 0"):
-        lift_objects_by_assignment(scene(), cameras(), [np.full((40, 48), -1, np.int32)] * 3, REFERENCE)
     with pytest.raises(InputError, match="between -1 and 1"):
         lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma=float("nan"))
     with pytest.raises(InputError, match="threshold is 70"):

@@ -118,14 +118,6 @@ def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatc
         select_by_model(viewed(scene, camera), (100, 100), Oracle(scene, np.zeros_like(truth), camera))
 
 
-def test_a_model_that_sees_nothing_changes_nothing(ball):
-    scene, truth = ball
-    camera = camera_at((5, 0, 3))
-    box = box_of(scene, truth, camera)
-    pick = select_by_model(viewed(scene, camera), box, Oracle(scene, np.zeros_like(truth), camera))
-    np.testing.assert_array_equal(pick.selection, select_by_box(viewed(scene, camera), box).selection)
-
-
 def test_marks_outside_the_picture_are_refused_before_the_model_is_asked(ball):
     scene, truth = ball
     camera = camera_at((5, 0, 3))

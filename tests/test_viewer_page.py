@@ -72,11 +72,6 @@ def test_too_many_gaussians_are_refused_with_the_limit(parts, tmp_path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
-def test_nothing_to_show_is_refused(parts):
-    with pytest.raises(InputError, match="no Gaussians"):
-        viewer_page({"background": parts["object"].select(slice(0, 0))}, toy.UP, "empty")
-
-
 def test_the_page_opens_on_the_side_that_was_photographed():
     scene, truth = toy.ball_on_floor()
     places = [(np.cos(angle), np.sin(angle), 0.8) for angle in np.radians([170, 190, 210])]
@@ -136,11 +131,6 @@ def test_a_page_that_cannot_be_written_is_refused_before_any_work(ball, name, re
     assert reason in capsys.readouterr().err
     assert not (ball / "out").exists()
     assert (ball / "taken.html").read_text() == "mine"
-
-
-def test_pages_need_a_trim_of_one_object(ball, capsys):
-    assert run("select", ball / "scene.ply", "--view-index", 0, "--click", 1, 1, "--html") == 2
-    assert "--trim DIR" in capsys.readouterr().err
 
 
 def test_any_splat_file_can_be_converted_to_a_page(ball, capsys):
