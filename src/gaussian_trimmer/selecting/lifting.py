@@ -105,35 +105,6 @@ def _places(image: Ids, numbers: Ids) -> LabelArray:
     return np.where(image == 0, 0, np.where(found, places, len(numbers)) + 1).astype(np.uint8)
 
 
-def lift_by_vote(
-    gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[NDArray[Any]], threshold: float = 0.7
-) -> BoolArray:
-    """Gaussians whose centres are projected into more than a share of the masks, (N,), whether they are seen or not.
-
-    Args:
-        masks: one (H, W) a camera, boolean or coverage 0..255.
-        threshold: share of the views with the centre in their frame that must be exceeded.
-
-    Centres that are in no frame are left out. The label voting of SAGD (Hu et al. 2024).
-
-    Raises:
-        InputError: number or sizes of masks and cameras differ, the masks are empty, or the threshold is no share.
-    """
-    if not 0 <= threshold < 1:
-        raise InputError(f"The vote's threshold is {threshold}; it must be at least 0 and below 1.")
-    inside = _binary_masks(cameras, masks)
-    centres = np.asarray(gaussians.means, np.float64)
-    covered, in_frame = np.zeros(len(centres), np.int64), np.zeros(len(centres), np.int64)
-    for camera, mask in zip(cameras, inside, strict=True):
-        pixels, _ = camera.project(centres)
-        # Centres behind the camera have NaN pixels, which no comparison lets through.
-        rows = np.flatnonzero((pixels >= 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1))
-        columns, lines = pixels[rows].astype(np.int64).T
-        in_frame[rows] += 1
-        covered[rows] += mask[lines, columns]
-    return np.asarray((in_frame > 0) & (covered > threshold * in_frame))
-
-
 def sum_label_weights(
     gaussians: Gaussians, cameras: Sequence[Camera], labels: Sequence[LabelArray], n_labels: int, renderer: Renderer
 ) -> Float64Array:

@@ -119,11 +119,8 @@ class FromMasks:
     """What masks of posed pictures select; the pictures' cameras must be given to `select`."""
 
     folder: Path
-    method: Literal["assignment", "vote"] = "assignment"
     gamma: float = 0.0
-    """Bias of `assignment` towards the background, -1 to 1."""
-    threshold: float = 0.7
-    """A centre must lie in more than this share of the masks, for `vote`."""
+    """Bias towards the background, -1 to 1."""
     effect: Effect = "add"
 
 

@@ -27,6 +27,10 @@ _IN_FRONT_DEPTH = 0.2
 """Depth difference, in radii, from which something beside the mask may hide a part of the object."""
 _SURROUNDINGS = 1.0
 """Width of the surroundings that are looked at, in radii."""
+_MIN_PIECE_SHARE = 0.01
+"""Smallest share of the visible object that a piece of it must hold."""
+_MAX_REMNANT_AREA, _MIN_ATTACHED_LENGTH = 0.1, 0.5
+"""Area of a remnant relative to the object's, and length of its boundary with it relative to the root of its area."""
 
 
 def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> BoolArray:
@@ -60,7 +64,9 @@ def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> B
         allowed[rows] &= _at(possible, camera.project(ends)[0])
     outside, inside = (weights[graph.rows] for weights in scene.label_weights(mask))
     share = inside / np.maximum(inside + outside, 1e-12)
-    return graph.with_hidden(gaussians, _cut(graph, share, allowed[graph.rows]), allowed)
+    part = _cut(graph, share, allowed[graph.rows])
+    part = _with_remnants(graph, _without_specks(graph, part, graph.visible_in_view & (share > 0.5)))
+    return graph.with_hidden(gaussians, part, allowed)
 
 
 def _cut(graph: SurfaceGraph, share: FloatArray, allowed: BoolArray) -> BoolArray:
@@ -88,3 +94,31 @@ def _visible_background(picture: Rendering, mask: BoolArray, tolerance: float) -
     depths[nearest_pixel[mask]] = picture.depth[mask]
     in_front = (picture.alpha > 0.5) & (picture.depth < depths[nearest_pixel] - tolerance)
     return np.asarray(~mask & ~in_front)
+
+
+def _without_specks(graph: SurfaceGraph, part: BoolArray, visible: BoolArray) -> BoolArray:
+    """The connected pieces of a part (S,) that hold enough of what is visible of it, (S,)."""
+    rows, piece = graph.pieces(part)
+    if len(rows) == 0:
+        return part
+    areas = np.bincount(piece, graph.areas[rows] * visible[rows])
+    found = np.zeros(len(part), np.bool_)
+    found[rows] = (areas > _MIN_PIECE_SHARE * areas.sum())[piece]
+    return found
+
+
+def _with_remnants(graph: SurfaceGraph, part: BoolArray) -> BoolArray:
+    """A part (S,) and the small connected pieces of the rest that are attached to it and to nothing else, (S,)."""
+    rows, numbers = graph.pieces(~part)
+    if len(rows) == 0 or not part.any():
+        return part
+    piece = np.zeros(len(part), np.int64)
+    piece[rows] = numbers
+    across = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
+    outer = graph.edges[across][~part[graph.edges[across]]]
+    areas = np.bincount(piece[rows], graph.areas[rows], len(part))
+    attached = np.bincount(piece[outer], graph.lengths[across], len(part))
+    remnant = (areas < _MAX_REMNANT_AREA * graph.areas[part].sum()) & (attached > _MIN_ATTACHED_LENGTH * np.sqrt(areas))
+    found = part.copy()
+    found[rows] = remnant[piece[rows]]
+    return found
