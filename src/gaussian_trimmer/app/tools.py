@@ -12,7 +12,7 @@ from gaussian_trimmer.app.documents import normal_of
 from gaussian_trimmer.app.panels import BOX, BOX3D, BRUSH, CLICK, EFFECTS, LOOK, POINTS, TINT, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.viewpoints import BrowserCamera, before_what_shows, box_at, pixel_at, surface_points
+from gaussian_trimmer.app.viewpoints import before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
@@ -63,15 +63,7 @@ class Tools:
 
     def viewpoint(self, client: Any) -> Viewpoint:
         """Where a tab looks from."""
-        camera = client.camera
-        return BrowserCamera(
-            np.asarray(camera.position, np.float64),
-            np.asarray(camera.wxyz, np.float64),
-            float(camera.fov),
-            int(camera.image_width),
-            int(camera.image_height),
-            float(camera.near),
-        ).viewpoint(self._view.frame)
+        return viewpoint_of(client.camera, self._view.frame)
 
     def begin(self, tool: str, client: Any) -> str:
         """Listen for the clicks or boxes of a tool, and show what belongs to it."""
