@@ -9,23 +9,25 @@ surroundings. Where the box shows surfaces at several depths, each depth is sear
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array
 from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, MIN_NODES, SurfaceCut
-from gaussian_trimmer.selecting.surface_graph import axis_ends, build_surface_graph
+from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
-from gaussian_trimmer.views import HALF, Box, bounding_box, box_slices
+from gaussian_trimmer.views import Box, bounding_box, box_slices
 
 _UNARIES = np.geomspace(0.05, 1.6, 8)
 """Unary terms of the surface that is visible in the box to try, by area in squared radii."""
 _COLOUR_WEIGHT = 2.0
 """Weight of the colours' log-likelihood ratio, relative to that term."""
 _COLOUR_ROUNDS = 3
-_LATTICE_PIXELS = 40
-"""Number of pixels along half of the larger side of the box at which is looked up what shows."""
+_LATTICE_PIXELS = 16
+"""Number of pixels along each side of the box at which depth is measured."""
 _LAYER_GAP, _MIN_LAYER = 1.0, 0.03
 """Gap between the depths of two surfaces, in radii; smallest share of the pixels on one of them."""
 _SURROUNDINGS = 0.5
@@ -36,6 +38,10 @@ _MIN_VISIBLE_AREA = 0.02
 """Smallest area of a piece that is visible in the box, in squared radii."""
 _DEPTH_RATIO = 1.5
 """Largest ratio of the depths of a piece and of the surface that it was searched on."""
+_BORDER = 0.3
+"""Width of the border around the box in which pieces are drawn, relative to its larger side."""
+_PIECES_PER_PASS = 16
+"""Number of pieces that are drawn in one pass."""
 
 
 def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
@@ -59,30 +65,18 @@ def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
         allowed[unseen] &= _between(ends, camera, low, high)
     candidates = _between(gaussians.means, camera, low - margin, high + margin)
     reach = _REACH_BEYOND_EDGE if np.isinf([low, high]).any() else 1.0
-    half = max(box[2] - box[0], box[3] - box[1]) / 2
-    step = max(1, int(half / _LATTICE_PIXELS))
-    pixels = _pixels_around(box, int(half), step, camera)
-    contributors, weights = scene.renderer.top_contributors(gaussians, camera, pixels, CONTRIBUTORS)
-    within = ((pixels >= box[:2]) & (pixels < box[2:])).all(axis=1)
-    depths = surface_depths(gaussians, camera, contributors[within], weights[within])
-    ray = camera.ray_directions(np.array([[box[0] + box[2], box[1] + box[3]]]) / 2)[0]
-    best, best_overlap, best_score = np.zeros(len(gaussians), np.bool_), 0.0, 0.0
-    for depth in _layers(depths, half / camera.K[0, 0]):
-        centre = camera.centre + ray * depth / (ray @ camera.forward)
-        graph = build_surface_graph(scene, centre, half / camera.K[0, 0] * depth, candidates, reach)
+    best, best_overlap, best_score = np.zeros(len(gaussians), np.bool_), 0.0, -1.0
+    for centre, radius in _surfaces(scene, box):
+        graph = build_surface_graph(scene, centre, radius, candidates, reach)
         if len(graph.rows) < MIN_NODES:
             continue
-        cut = SurfaceCut(graph, np.zeros(len(graph.rows), np.bool_), True, graph.areas, _COLOUR_ROUNDS)
-        for part in _pieces(cut, allowed[graph.rows], camera, depth):
-            selection = np.zeros(len(gaussians), np.bool_)
-            selection[graph.rows[part]] = True
-            shown = pixels[(weights * selection[contributors]).sum(axis=1, where=contributors >= 0) > HALF]
-            if len(shown):
-                (x0, y0), (x1, y1) = shown.min(axis=0).tolist(), (shown.max(axis=0) + step).tolist()
-                overlap = box_overlap((x0, y0, x1, y1), box)
-                score = overlap**2 * cut.separation(part)
-                if score > best_score:
-                    best, best_overlap, best_score = graph.with_hidden(gaussians, part, allowed), overlap, score
+        nothing = np.zeros(len(graph.rows), np.bool_)
+        cut = SurfaceCut(graph, nothing, True, graph.areas, _COLOUR_ROUNDS)
+        parts = _pieces(cut, allowed[graph.rows], camera)
+        for part, overlap in zip(parts, _overlaps(scene, box, graph, parts), strict=True):
+            score = overlap**2 * cut.separation(part)
+            if score > best_score:
+                best, best_overlap, best_score = graph.with_hidden(gaussians, part, allowed), overlap, score
     return best, best_overlap
 
 
@@ -103,11 +97,12 @@ def fills(mask: BoolArray, box: Box) -> float:
     return box_overlap(bounding_box(mask), box) if mask.any() else 0.0
 
 
-def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera, depth: float) -> list[BoolArray]:
-    """All connected pieces of all cuts about as deep as the surface that was searched, each once, (S,) each."""
+def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArray]:
+    """All connected pieces of all cuts, each once, (S,) each."""
     graph = cut.graph
     visible = allowed & graph.visible_in_view
     depths = camera.project(graph.means.astype(np.float64))[1]
+    surface_depth = float(camera.to_camera(graph.centre[None])[0, 2])
     terms = (
         (np.where(allowed, graph.areas * np.where(visible, unary, HIDDEN_UNARY), -np.inf), _COLOUR_WEIGHT * unary)
         for unary in _UNARIES
@@ -119,24 +114,39 @@ def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera, depth: float) -
         for number in np.flatnonzero(areas > _MIN_VISIBLE_AREA):
             part = np.zeros(len(allowed), np.bool_)
             part[rows[piece == number]] = True
-            if 1 / _DEPTH_RATIO < np.median(depths[part & visible]) / depth < _DEPTH_RATIO:
-                found[part.tobytes()] = part
+            if 1 / _DEPTH_RATIO < np.median(depths[part & visible]) / surface_depth < _DEPTH_RATIO:
+                found.setdefault(part.tobytes(), part)
     return list(found.values())
 
 
-def _pixels_around(box: Box, border: int, step: int, camera: Camera) -> IntArray:
-    """A lattice of pixels over a box and a border of the picture, (P, 2)."""
-    columns = np.arange(max(0, box[0] - border), min(camera.width, box[2] + border), step)
-    lines = np.arange(max(0, box[1] - border), min(camera.height, box[3] + border), step)
-    return np.asarray(np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2))
+def _overlaps(scene: ViewedScene, box: Box, graph: SurfaceGraph, parts: Sequence[BoolArray]) -> list[float]:
+    """Intersection over union of the box and the bounding box of each visible part, (P,)."""
+    cropped, box = _cropped(scene.camera, box)
+    overlaps = []
+    for start in range(0, len(parts), _PIECES_PER_PASS):
+        some = parts[start : start + _PIECES_PER_PASS]
+        values = np.zeros((len(scene.gaussians), len(some)), np.float32)
+        values[graph.rows] = np.stack(some, axis=1)
+        shown = scene.renderer.blend_values(scene.gaussians, cropped, values) > 0.5
+        overlaps += [fills(shown[..., k], box) for k in range(len(some))]
+    return overlaps
 
 
-def _layers(depths: Float64Array, radius: float) -> list[float]:
-    """The depths of surfaces that pixels show, by the pixels' own depths (P,), and the radius relative to these."""
-    depths = np.sort(depths[np.isfinite(depths)])
-    ends = np.flatnonzero(np.diff(depths) > _LAYER_GAP * radius * depths[:-1]) + 1
-    layers = np.split(depths, ends)
-    return [float(np.median(layer)) for layer in layers if len(layer) >= max(1.0, _MIN_LAYER * len(depths))]
+def _surfaces(scene: ViewedScene, box: Box) -> list[tuple[Float64Array, float]]:
+    """For each depth at which the box shows a surface, the point in its middle (3,) and half its larger side there."""
+    camera = scene.camera
+    x0, y0, x1, y1 = box
+    columns, rows = (np.linspace(low, high - 1, _LATTICE_PIXELS).astype(np.int64) for low, high in ((x0, x1), (y0, y1)))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    contributors = scene.renderer.top_contributors(scene.gaussians, camera, pixels, CONTRIBUTORS)
+    depths = np.sort(surface_depths(scene.gaussians, camera, *contributors))
+    depths = depths[np.isfinite(depths)]
+    half = max(x1 - x0, y1 - y0) / 2 / camera.K[0, 0]
+    ray = camera.ray_directions(np.array([[x0 + x1, y0 + y1]]) / 2)[0]
+    ray /= ray @ camera.forward
+    ends = np.flatnonzero(np.diff(depths) > _LAYER_GAP * half * depths[:-1]) + 1
+    layers = [layer for layer in np.split(depths, ends) if len(layer) >= max(1.0, _MIN_LAYER * len(depths))]
+    return [(camera.centre + ray * np.median(layer), float(half * np.median(layer))) for layer in layers]
 
 
 def _limits(box: Box, camera: Camera) -> tuple[Float64Array, Float64Array]:
@@ -150,3 +160,12 @@ def _between(points: NDArray[np.floating], camera: Camera, low: Float64Array, hi
     """Which world points (N, 3) project between two corners (2,) of the image, (N,)."""
     pixels, depths = camera.project(points.astype(np.float64))
     return np.asarray((depths > 0) & (pixels > low).all(axis=1) & (pixels < high).all(axis=1))
+
+
+def _cropped(camera: Camera, box: Box) -> tuple[Camera, Box]:
+    """The part of a view around a box, and the box in it."""
+    x0, y0, x1, y1 = box
+    border = int(_BORDER * max(x1 - x0, y1 - y0)) + 2
+    left, top = max(0, x0 - border), max(0, y0 - border)
+    right, bottom = min(camera.width, x1 + border), min(camera.height, y1 + border)
+    return camera.part(left, top, right, bottom), (x0 - left, y0 - top, x1 - left, y1 - top)

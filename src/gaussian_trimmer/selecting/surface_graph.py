@@ -62,9 +62,8 @@ _MIN_EDGE_WEIGHT = 0.05
 """Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
 _GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
-_BINS, _BIN_OFFSET, _BIN_SIZE = (22, 28, 28), np.array([6.25, 138, 138]), np.array([6.25, 10, 10])
-"""Bins of the colour histograms over L, a and b: their number, and where and how wide they are; the outermost are for
-the blur."""
+_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
+"""Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
 _MAX_RATIO = 2.0
 """Log-ratio at which colour evidence is clipped."""
 _HIDDEN_NEIGHBOURS, _HIDDEN_REACH = 4, 0.5
@@ -138,7 +137,7 @@ class SurfaceGraph:
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
-        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 1, np.array(_BINS) - 2).astype(np.int64)
+        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
         flat = np.ravel_multi_index(tuple(bins.T), _BINS)
         inside, outside = self.areas * part, self.areas * others
         models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
@@ -302,8 +301,9 @@ def _affinity(
 
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
-    """Normalised colour histogram over flat bins, blurred by one bin, flat; the outermost bins hold no colours."""
+    """Normalised colour histogram over flat bins, blurred by one bin, flat."""
     counts = np.bincount(bins, areas, int(np.prod(_BINS))).reshape(_BINS)
     for axis in range(3):
-        counts = 0.25 * np.roll(counts, -1, axis) + 0.5 * counts + 0.25 * np.roll(counts, 1, axis)
+        padded = np.pad(np.moveaxis(counts, axis, 0), ((1, 1), (0, 0), (0, 0)))
+        counts = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
     return np.asarray((counts / max(counts.sum(), 1e-12)).ravel())
