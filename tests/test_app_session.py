@@ -16,7 +16,7 @@ from command_line import run, save_ball
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import TrimChoices, normal_of
 from gaussian_trimmer.app.saving import Target, command_for
-from gaussian_trimmer.app.session import MAX_STEPS, Cancelled, Session
+from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Box3D, Click, Sphere, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
@@ -175,17 +175,6 @@ def test_undo_and_redo_go_through_everything(session):
         session.redo()
 
 
-def test_the_history_is_bounded(session):
-    for number in range(MAX_STEPS + 5):
-        session.describe_object(f"object {number + 7}", (1, 2, 3))
-    steps = 0
-    with pytest.raises(InputError):
-        while True:
-            session.undo()
-            steps += 1
-    assert steps == MAX_STEPS
-
-
 def test_a_trim_is_that_of_the_library_and_a_mark_makes_it_out_of_date(session, ball):
     import gaussian_trimmer as gt
 
@@ -275,14 +264,6 @@ def test_files_that_do_not_fit_change_nothing(session, tmp_path):
         with pytest.raises(InputError):
             session.load(tmp_path / name)
         assert state(session) == before
-
-
-def test_the_up_vector_of_loaded_marks_comes_along(session, tmp_path):
-    basis = session.now.basis
-    write_marks(basis.__class__((Box3D((-9, -9, -9), (9, 0, 9), "up"),), (1.0, 0.0, 0.0)), tmp_path / "tilted.json")
-    session.load(tmp_path / "tilted.json")
-    assert session.now.up.direction.tolist() == [1, 0, 0]
-    assert session.now.up.source == "given"
 
 
 @pytest.mark.parametrize(

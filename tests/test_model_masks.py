@@ -89,16 +89,6 @@ def test_a_part_is_carried_around_the_object(ball, monkeypatch):
     assert np.count_nonzero(pick.selection & far) > 0.4 * np.count_nonzero(far)
 
 
-def test_what_leaks_away_while_it_is_carried_around_is_dropped(ball, monkeypatch):
-    scene, truth = ball
-    part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
-    camera = camera_at((5, 0, 3))
-    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, "piece"))
-    monkeypatch.setattr(model_masks, "_corrected", lambda *_: np.ones_like(truth))
-    pick = select_by_model(viewed(scene, camera), box_of(scene, part, camera), Oracle(scene, part, camera))
-    np.testing.assert_array_equal(pick.selection, truth)
-
-
 def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatch):
     """It is asked with the pixel's centre, and its mask with the best score is taken."""
     scene, truth = ball
