@@ -68,6 +68,6 @@ def real(name: str) -> Path:
     return benchmark_data.find(f"real/{name}")
 
 
-def round_trip(gaussians: Gaussians, path: Path) -> Gaussians:
+def round_trip(gaussians: Gaussians, path: str | Path) -> Gaussians:
     formats.write(gaussians, path)
     return formats.read(path)

@@ -114,7 +114,7 @@ def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeyp
         until(lambda option=option: panels.when.value == option, option)
         tab.page.keyboard.press("Space")
         until(lambda value=value: panels.when.value == value, value)
-    tab.switch("Not checked")
+    tab.switch("Virtual cameras")
     tab.page.keyboard.press("1")
     until(lambda: panels.part.value == "Both", "both parts")
 
@@ -231,15 +231,3 @@ def test_the_page_says_that_the_program_has_ended(browser):
         tab = Tab(browser, app, *SMALL)
         tab.wait("Open a scene.")
     tab.wait("The program has ended")
-
-
-@pytest.mark.slow
-def test_another_sites_page_cannot_frame_the_app(browser, tmp_path):
-    from gaussian_trimmer.app.serving import serving
-
-    with serving(None, None, port=0) as app:
-        (tmp_path / "other.html").write_text(f'<iframe src="{app.address}"></iframe>')
-        page = browser.new_page()
-        page.goto((tmp_path / "other.html").as_uri())
-        page.wait_for_timeout(5000)
-        assert not app.server.get_clients()

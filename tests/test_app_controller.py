@@ -99,14 +99,6 @@ def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(contro
     assert controller.session.now.object.n_selected  # something is in it
 
 
-def test_the_brush_is_a_net_of_the_brushs_size(controller):
-    do(controller, lambda: controller.tools.begin(controls.BRUSH, client(controller)))
-    ball = controller._view._ball
-    assert ball.wireframe
-    controller.panels.brush.value = 0.7
-    assert ball.radius == pytest.approx(0.7)
-
-
 def test_up_turns_the_view(controller):
     server = controller._server
     assert np.allclose(server.initial_camera.up, (0, 0, 1))
@@ -162,11 +154,3 @@ def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder):
         controller.tools.choose(controls.CLICK, None)
         finish(controller)
         assert "press C and click" in controller.panels.status_text
-
-
-def test_what_ends_is_said(folder):
-    from gaussian_trimmer.app.serving import serving
-
-    with serving(folder / "scene.ply", None, port=0) as app:
-        finish(app.controller)
-    assert "program has ended" in app.controller.panels.status_text

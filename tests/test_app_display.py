@@ -2,23 +2,23 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.display import UNCHECKED, Painter, Showing, shown_rows, thinned
+from gaussian_trimmer.app.display import Painter, Showing, shown_rows
 from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.unchecked import find_unchecked
-from gaussian_trimmer.app.viewpoints import BrowserCamera, Frame, before_what_shows, box_at, pixel_at, surface_points
+from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
-from gaussian_trimmer.gaussians import concatenate, quaternions_of
+from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
-from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
 from gaussian_trimmer.trimming.trim import BoundaryConfig, SplitConfig, TrimConfig, trim
 
 
@@ -106,32 +106,10 @@ def test_split_parts_and_filled_gaussians_are_shown():
     assert len(painter.paint(now, Showing("both", "after"))) == len(result.object) + len(result.background)
 
 
-def test_what_was_not_checked_is_highlighted_where_that_is_asked_for(session, painter):
-    now, scene = session.now, session.document.scene
-    floor = int(np.flatnonzero(~np.any([part.selected.mask for part in now.objects], axis=0))[0])
-    flags = np.arange(len(scene)) == floor
-    plain = painter.paint(now, Showing(when="after", tint=False), flags)
-    shown = painter.paint(now, Showing(when="after", tint=False, unchecked=True), flags)
-    (row,) = np.flatnonzero(tinted(shown, plain))
-    assert np.allclose(painter.frame.to_scene(shown.centres[row]), scene.means[floor], atol=1e-4)
-    assert np.abs(shown.colours[row] * 255 - UNCHECKED).max() < 40
-
-
-def test_what_no_view_shows_is_unchecked():
-    scene, truth = toy.ball_on_floor(n_ball=3000)
-    core = toy.gaussians(toy.CENTRE + np.random.default_rng(0).normal(0, 0.1, (40, 3)), (0.02, 0.02, 0.02), toy.RED)
-    result = trim(concatenate([scene, core]), np.append(truth, np.ones(40, bool)), up="z")
-    found = find_unchecked(result)
-    assert result.object_mask[-40:].all()
-    assert found[-40:].all()  # nothing shows the inside
-    assert found[:-40][truth].mean() < 0.4
-    assert not (found & ~result.object_mask).any()
-
-
 def test_large_scenes_are_thinned_for_display_only(session):
     n = len(session.document.scene)
     few = Painter(session.document.scene, n // 4)
-    assert few.shown == n // 4
+    assert few.shown == n // 4 == len(few._whole.covariances)
     shown = few.paint(session.now, Showing(tint=False))
     whole = Painter(session.document.scene, n).paint(session.now, Showing(tint=False))
     assert len(shown) == n // 4
@@ -140,14 +118,6 @@ def test_large_scenes_are_thinned_for_display_only(session):
     ).mean()  # fmt: skip
     object_ = few.paint(session.now, Showing("object"))
     assert len(object_) == min(session.now.object.n_selected, n // 4)  # the object keeps all that there is room for
-
-
-def test_thinning_is_the_same_every_time():
-    visible = np.arange(1000) % 2 == 0
-    rows, growth = thinned(visible, 100)
-    assert np.array_equal(rows, thinned(visible, 100)[0])
-    assert len(np.unique(rows)) == 100 and visible[rows].all() and growth == 5
-    assert thinned(visible, 500)[1] == 1
 
 
 def test_the_frame_makes_any_scene_a_few_units_large():
@@ -163,13 +133,16 @@ def test_the_frame_makes_any_scene_a_few_units_large():
 def browser(frame, eye=(0.0, -8.0, 4.0), width=200, height=100):
     pose = look_at(np.array(eye), toy.CENTRE, toy.UP)
     turn = quaternions_of(pose[:3, :3].T[None])[0]
-    return BrowserCamera(frame.to_viewer(np.array(eye)), turn, 0.8, width, height)
+    camera = SimpleNamespace(
+        position=frame.to_viewer(np.array(eye)), wxyz=turn, fov=0.8, image_width=width, image_height=height, near=0.01
+    )
+    return viewpoint_of(camera, frame)
 
 
 def test_a_browsers_camera_is_the_same_camera_in_the_scene():
     scene, _ = toy.ball_on_floor()
     frame = Frame.around(scene.means)
-    camera = browser(frame).viewpoint(frame).camera
+    camera = browser(frame).camera
     assert np.allclose(camera.centre, (0, -8, 4))
     assert np.allclose(camera.world_to_camera, look_at(np.array([0.0, -8, 4]), toy.CENTRE, toy.UP), atol=1e-6)
     assert np.allclose(camera.project(toy.CENTRE[None])[0], (100, 50), atol=1e-4)
@@ -177,7 +150,7 @@ def test_a_browsers_camera_is_the_same_camera_in_the_scene():
 
 
 def test_pixels_and_boxes_stay_within_the_picture():
-    view = Viewpoint(browser(Frame(np.zeros(3), 1.0)).viewpoint(Frame(np.zeros(3), 1.0)).camera)
+    view = browser(Frame(np.zeros(3), 1.0))
     assert pixel_at(view, (0.0, 0.0)) == (0, 0)
     assert pixel_at(view, (1.0, 1.0)) == (199, 99)
     assert pixel_at(view, (-3.0, 7.0)) == (0, 99)
@@ -187,18 +160,11 @@ def test_pixels_and_boxes_stay_within_the_picture():
 def test_surface_points_lie_on_the_surface_and_are_none_in_the_void():
     scene, _ = toy.ball_on_floor(n_floaters=0)
     frame = Frame.around(scene.means)
-    view = browser(frame).viewpoint(frame)
+    view = browser(frame)
     on_ball, void = surface_points(scene, view, [(0.5, 0.5), (0.5, 0.0)], get_renderer("numba"))
     assert np.linalg.norm(np.array(on_ball) - toy.CENTRE) == pytest.approx(toy.RADIUS, abs=0.12)
     assert on_ball[1] < 0
     assert void is None
-
-
-def test_a_painter_keeps_no_more_than_it_shows():
-    scene, _ = toy.ball_on_floor()
-    painter = Painter(scene, 50)
-    kept = painter._whole
-    assert len(kept.covariances) == len(kept.centres) == 50
 
 
 def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_before_it(session):
@@ -206,8 +172,7 @@ def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_b
     session.mark(Box3D((-2.0, -2.0, 0.02), (2.0, 2.0, 3.0)))  # the ball without the floor
     now, scene = session.now, session.document.scene
     shown = scene.select(np.flatnonzero(shown_rows(now, Showing("object"))))
-    from_below = browser(Frame(np.zeros(3), 1.0), eye=(0.5, 0.0, -6.0), width=160, height=160)
-    view = from_below.viewpoint(Frame(np.zeros(3), 1.0))
+    view = browser(Frame(np.zeros(3), 1.0), eye=(0.5, 0.0, -6.0), width=160, height=160)
     before = now.object.n_selected
     with pytest.raises(InputError, match="not selected"):
         session.mark(Click(80, 88, view, "remove"))  # meets the floor

@@ -16,7 +16,7 @@ from command_line import run, save_ball
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import TrimChoices, normal_of
 from gaussian_trimmer.app.saving import Target, command_for
-from gaussian_trimmer.app.session import MAX_STEPS, Cancelled, Session
+from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Box3D, Click, Sphere, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
@@ -112,14 +112,6 @@ def test_cameras_of_a_nerfstudio_training_are_brought_to_its_coordinates(ball, t
         np.testing.assert_allclose(other.centre, one.centre + np.array([0.1, 0, 0]), atol=1e-9)
 
 
-def test_warming_up_changes_nothing(session):
-    before = state(session)
-    session.warm_up()
-    assert state(session) == before
-    with pytest.raises(InputError, match="nothing to undo"):
-        session.undo()
-
-
 def test_marks_add_up_as_select_has_them(session, ball):
     from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selecting.view_lookup import resolve_views
@@ -183,26 +175,6 @@ def test_undo_and_redo_go_through_everything(session):
         session.redo()
 
 
-def test_what_was_undone_is_gone_after_another_step(session):
-    session.mark(BALL)
-    session.mark(TOP)
-    assert session.undo() == "mark (a sphere)"
-    session.mark(FLOOR)
-    with pytest.raises(InputError, match="nothing to redo"):
-        session.redo()
-
-
-def test_the_history_is_bounded(session):
-    for number in range(MAX_STEPS + 5):
-        session.describe_object(f"object {number + 7}", (1, 2, 3))
-    steps = 0
-    with pytest.raises(InputError):
-        while True:
-            session.undo()
-            steps += 1
-    assert steps == MAX_STEPS
-
-
 def test_a_trim_is_that_of_the_library_and_a_mark_makes_it_out_of_date(session, ball):
     import gaussian_trimmer as gt
 
@@ -228,11 +200,6 @@ def test_a_cancelled_trim_changes_nothing(session):
         session.trim(progress=stages.append, cancelled=lambda: len(stages) == 3)
     assert len(stages) == 3
     assert state(session) == before
-
-
-def test_trimming_nothing_is_an_error(session):
-    with pytest.raises(InputError, match="mark an object first"):
-        session.trim()
 
 
 def test_up_by_axis_by_points_and_found(session):
@@ -299,14 +266,6 @@ def test_files_that_do_not_fit_change_nothing(session, tmp_path):
         assert state(session) == before
 
 
-def test_the_up_vector_of_loaded_marks_comes_along(session, tmp_path):
-    basis = session.now.basis
-    write_marks(basis.__class__((Box3D((-9, -9, -9), (9, 0, 9), "up"),), (1.0, 0.0, 0.0)), tmp_path / "tilted.json")
-    session.load(tmp_path / "tilted.json")
-    assert session.now.up.direction.tolist() == [1, 0, 0]
-    assert session.now.up.source == "given"
-
-
 @pytest.mark.parametrize(
     ("choices", "up", "format"),
     [(TrimChoices(), None, None), (TrimChoices(False, False, True, False), (0.0, 0.1, 1.0), "splat")],
@@ -337,7 +296,6 @@ def test_saving_asks_for_a_trim_and_never_replaces_unasked(session, tmp_path):
     session.save(Target(tmp_path / "out"))
     with pytest.raises(InputError):
         session.save(Target(tmp_path / "out"))
-    session.save(Target(tmp_path / "out", overwrite=True))
     with pytest.raises(InputError, match="Unknown format"):
         session.save(Target(tmp_path / "other", "obj"))
     assert not (tmp_path / "other").exists()

@@ -57,11 +57,3 @@ def test_directions_that_no_training_camera_saw_are_not_judged():
     assert found.degrees == 60
     assert found.verdict(found.middle) == ""
     assert found.verdict(found.middle + 180) == "no photograph from here"
-
-
-def test_the_report_has_the_sentence_and_the_heights():
-    config = toy.small_config(plan=PlanConfig(size=64, yaw_range_degrees=(350, 390), pitch_degrees=12))
-    checked = trim(SCENE, TRUTH, config=config).report["checked"]
-    assert checked["sentence"] == "seen over 40 of 360 degrees; the far side was not checked"
-    assert checked["yaw_ranges_degrees"] == [[350, 390]]
-    assert checked["pitches_degrees"] == [12.0]

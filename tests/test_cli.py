@@ -200,17 +200,16 @@ def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monke
 
 def test_lifted_selection_finds_the_object(ball, tmp_path, capsys):
     folder, scene, truth = ball
-    for method in ("assignment", "vote"):
-        selection = tmp_path / f"{method}.npy"
-        command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
-        assert run(*command, "--output", selection, "--method", method) == 0
-        assert toy.jaccard(np.load(selection), truth) > 0.5
-        assert "4 masks" in capsys.readouterr().out
+    selection = tmp_path / "lifted.npy"
+    command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
+    assert run(*command, "--output", selection) == 0
+    assert toy.jaccard(np.load(selection), truth) > 0.5
+    assert "4 masks" in capsys.readouterr().out
     assert run(*command, "--output", selection) == 0  # its own file may be replaced
     np.save(selection, truth)
     assert run(*command, "--output", selection) == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert run(*command, "--output", tmp_path / "a.txt") == run(*command, "--object-ids", "--method", "vote") == 2
+    assert run(*command, "--output", tmp_path / "a.txt") == 2
     labels = tmp_path / "labels.npy"
     assert run(*command, "--output", labels, "--object-ids") == 0
     assert np.load(labels).dtype == np.uint8

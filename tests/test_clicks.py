@@ -14,10 +14,10 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.clicks import NothingFoundError, _views_around, select_by_box, select_by_click
+from gaussian_trimmer.selecting.clicks import NothingFoundError, select_by_box, select_by_click
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
-from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.trimming.trim import TrimConfig, trim
 from gaussian_trimmer.views import bounding_box
 
@@ -47,7 +47,7 @@ def box_in(scene, camera, box):
     return select_by_box(ViewedScene(scene, camera, toy.UP, RENDERER), box)
 
 
-@pytest.mark.parametrize("position", [(5, 0, 3), (-4, 3, 2), (0, -7, 4)])
+@pytest.mark.parametrize("position", [(5, 0, 3), (0, -7, 4)])
 def test_click_finds_what_stands_on_the_floor(ball, position):
     scene, truth = ball
     pick = click_on(toy.CENTRE, camera_at(position), scene)
@@ -105,7 +105,7 @@ def test_neighbours_stay_apart():
     assert toy.jaccard(click_on(toy.CENTRE + np.array([0, 2.7, 0]), camera, scene).selection, second) > 0.9
 
 
-@pytest.mark.parametrize("apart", [2.16, 2.2, 2.24, 2.28])
+@pytest.mark.parametrize("apart", [2.16, 2.24])
 def test_seeds_all_over_a_ball_mean_the_same_things(apart):
     """Some of the gaps that are tried join the balls: all seeds on one of them find it alone, or all find both."""
     rng = np.random.default_rng(0)
@@ -141,32 +141,6 @@ def test_what_few_large_gaussians_show_is_one_object():
     pick = click_on((0, 0, 1), camera, scene)
     assert pick.kind == "piece"
     np.testing.assert_array_equal(pick.selection, np.arange(n) < 60)
-
-
-@pytest.mark.slow
-def test_neighbouring_clicks_agree():
-    scene, first, second = two_balls(2.2)
-    camera = camera_at((6, 1, 4), (0, 1.3, 1))
-    x, y = pixel_of(camera, toy.CENTRE)
-    steps = [(0, 0), (8, 0), (-8, 0), (0, 8), (0, -8), (-8, -8), (-8, 8)]
-    viewed = ViewedScene(scene, camera, toy.UP, RENDERER)
-    found = [select_by_click(viewed, x + dx, y + dy).selection for dx, dy in steps]
-    assert all(toy.jaccard(selection, found[0]) > 0.95 for selection in found)
-    assert max(toy.jaccard(found[0], truth) for truth in (first, first | second)) > 0.9
-
-
-@pytest.mark.parametrize("position", [(5, 0, 3), (0.5, -4, 9), (0, 0, 9), (5, 0, 0.5)])
-def test_no_view_of_a_click_repeats_another(position):
-    camera = camera_at(position) if position[:2] != (0, 0) else replace(
-        camera_at((0, 0.5, 9)), world_to_camera=look_at(np.array([0.0, 0, 9]), toy.CENTRE, np.array([0.0, 1, 0]))
-    )  # fmt: skip
-    offset = camera.centre - toy.CENTRE
-    views = _views_around(camera, Target(toy.CENTRE, float(np.linalg.norm(offset)), np.zeros(0, np.float32)), toy.UP)
-    assert len(views) == 8
-    directions = np.array([view.centre for view in views]) - toy.CENTRE
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    assert (directions @ directions.T - 2 * np.eye(8)).max() < np.cos(np.radians(15))
-    np.testing.assert_allclose([view.forward for view in views], -directions, atol=1e-9)
 
 
 def test_box_finds_the_thing_that_fills_it():
@@ -227,13 +201,13 @@ def test_nearer_surface_comes_first():
     assert toy.jaccard(on_plinth[0], parts <= 1) > 0.9
 
 
-@pytest.mark.parametrize("pixel", [(-1, 5), (200, 5), (5, 200)])
+@pytest.mark.parametrize("pixel", [(-1, 5), (5, 200)])
 def test_pixels_outside_the_picture(ball, pixel):
     with pytest.raises(InputError, match="outside the view of 200 x 200"):
         select_by_click(ViewedScene(ball[0], camera_at((5, 0, 3)), toy.UP, RENDERER), *pixel)
 
 
-@pytest.mark.parametrize("box", [(5, 5, 5, 9), (9, 9, 5, 20), (200, 0, 220, 5), (-5, 0, 0, 5)])
+@pytest.mark.parametrize("box", [(5, 5, 5, 9), (200, 0, 220, 5)])
 def test_impossible_boxes(ball, box):
     with pytest.raises(InputError, match="holds no pixel of the view of 200 x 200 pixels"):
         box_in(ball[0], camera_at((5, 0, 3)), box)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from format_samples import error, real, rotation_error, round_trip, sample, smallest_three_error
+from format_samples import error, rotation_error, round_trip, sample, smallest_three_error
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
@@ -56,24 +56,6 @@ def test_round_trip_within_quantisation(tmp_path: Path, degree: int, n: int) -> 
     assert error(again, gaussians, "sh_rest") <= 4 / 256 + 1e-6  # 256 bins over 8 units, read at their centres
 
 
-def test_second_round_trip_changes_nothing(tmp_path: Path) -> None:
-    once = round_trip(sample(600, 2), tmp_path / "a.compressed.ply")
-    twice = round_trip(once, tmp_path / "b.compressed.ply")
-    for name in ("means", "log_scales", "opacity_logits", "sh_rest"):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
-    assert error(twice, once, "sh_dc") < 2e-6  # extremes of colours are rounded to float32
-    assert rotation_error(twice, once) <= smallest_three_error(1024)  # two components may tie for the largest
-
-
-def test_coefficients_beyond_the_range_are_clipped(tmp_path: Path) -> None:
-    gaussians = sample(3, 1)
-    sh_rest = np.full_like(gaussians.sh_rest, 9.0)
-    sh_rest[1] = -9.0
-    again = round_trip(gaussians.replace(sh_rest=sh_rest), tmp_path / "a.compressed.ply")
-    np.testing.assert_array_equal(again.sh_rest[0], 4.0)
-    np.testing.assert_array_equal(again.sh_rest[1], -4.0)
-
-
 def test_files_without_colour_extremes(tmp_path: Path) -> None:
     path = tmp_path / "a.compressed.ply"
     gaussians = sample(256, 0)
@@ -109,11 +91,4 @@ def test_damage_is_found(tmp_path: Path) -> None:
     start = good.index(b"end_header\n") + len(b"end_header\n")
     path.write_bytes(good[:start] + np.float32(np.nan).tobytes() + good[start + 4 :])
     with pytest.raises(InputError, match="means that cannot be used"):
-        compressed_ply.read(path)
-
-
-def test_real_file() -> None:
-    gaussians = formats.read(real("guitar.compressed.ply"))
-    assert len(gaussians) == 90_854
-    assert gaussians.sh_degree == 0
-    np.testing.assert_allclose(np.linalg.norm(gaussians.quaternions, axis=1), 1, atol=1e-6)
+        formats.read(path)

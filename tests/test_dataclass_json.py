@@ -47,13 +47,10 @@ def test_other_types_have_readers_and_writers():
     ("changes", "message"),
     [
         ({"path": None}, "it.path is None; it must be text"),
-        ({"path": "a\0b"}, "it.path .* must be a path"),
         ({"kind": "c"}, "it.kind is 'c'; it must be one of a, b"),
         ({"share": 1.5}, "it.share is 1.5; it must be a number from 0 to 1"),
         ({"share": True}, "it.share is True; it must be a finite number"),
-        ({"share": 10**400}, "it.share .* must be a finite number"),
         ({"ids": [1, 2.0]}, r"it.ids\[1\] is 2.0; it must be a whole number"),
-        ({"ids": [1 << 80]}, "must be a whole number"),
         ({"quick": 1}, "it.quick is 1; it must be true or false"),
         ({"inner": {"place": [1]}}, r"it.inner.place is \[1\]; it must be a list of 2 values"),
         ({"inner": []}, "an object with the fields of Inner"),
@@ -63,8 +60,3 @@ def test_other_types_have_readers_and_writers():
 def test_wrong_values_are_named(changes, message):
     with pytest.raises(InputError, match=message):
         from_plain({"path": "x"} | changes, Outer, "it")
-
-
-def test_fields_without_a_default_are_needed():
-    with pytest.raises(InputError, match="it has no path"):
-        from_plain({}, Outer, "it")

@@ -61,11 +61,6 @@ def test_what_is_selected_cannot_be_excluded():
     assert np.array_equal(trimmed(ball, excluded=np.ones(len(SCENE), bool)) & ball, trimmed(ball) & ball)
 
 
-def test_exclusions_must_fit_the_scene():
-    with pytest.raises(InputError, match="booleans are needed"):
-        trimmed(TRUTH, excluded=np.arange(3))
-
-
 def test_saved_selections_remember_what_was_removed(tmp_path):
     selection = ball_without_its_patch()
     save_selection(selection, tmp_path / "a.npy")
@@ -75,7 +70,7 @@ def test_saved_selections_remember_what_was_removed(tmp_path):
     assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None  # changed since
 
 
-@pytest.mark.parametrize("packed", ["", "A", 7, "eJz7/////wAK+gX+" * 1000])
+@pytest.mark.parametrize("packed", ["A", "eJz7/////wAK+gX+" * 1000])
 def test_damaged_notes_are_passed_over(tmp_path, packed):
     save_selection(ball_without_its_patch(), tmp_path / "a.npy")
     document = json.loads((tmp_path / "a.json").read_text())

@@ -6,41 +6,40 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from format_samples import error, real, rotation_error, round_trip, sample, splat_transform
+from format_samples import ATTRIBUTES, error, real, rotation_error, round_trip, sample, splat_transform
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS, compressed_ply, ply
 from gaussian_trimmer.formats.morton import morton_order
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.selection_files import load_selection
 
 SUFFIXES = list(FORMATS)
+EXACT_AGAIN = {
+    ".ply": ATTRIBUTES,
+    ".compressed.ply": ("means", "log_scales", "opacity_logits", "sh_rest"),  # extremes of colours are rounded
+    ".splat": ("means", "opacity_logits", "sh_dc"),
+    ".spz": ("means", "log_scales", "opacity_logits", "sh_dc", "sh_rest"),
+    ".sog": ("log_scales", "opacity_logits", "sh_dc", "sh_rest"),
+    ".ksplat": ("means", "opacity_logits", "sh_dc", "sh_rest"),
+    ".glb": ("means", "sh_dc", "sh_rest"),
+}
+"""What a second round trip leaves as it is, to the last bit."""
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_order_and_count_are_kept(tmp_path: Path, suffix: str) -> None:
-    gaussians = sample(700, 1)
-    again = round_trip(gaussians, tmp_path / f"a{suffix}")
-    assert len(again) == 700
-    assert error(again, gaussians, "means") < 0.02  # far less than the distance of neighbours in the file
-
-
-def test_strings_are_paths(tmp_path: Path) -> None:
-    path = str(tmp_path / "a.ply")
-    formats.write(sample(20, 1), path)
-    again = formats.convert(path, str(tmp_path / "b.ply"))
-    assert len(again) == len(formats.read(path)) == 20
-    selected = tmp_path / "first.npy"
-    np.save(selected, np.arange(20) < 3)
-    assert load_selection(str(selected), again).sum() == 3
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_arrays_are_float32(tmp_path: Path, suffix: str) -> None:
-    again = round_trip(sample(20, 2), tmp_path / f"a{suffix}")
-    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
-        assert getattr(again, name).dtype == np.float32
+def test_a_second_round_trip_changes_nearly_nothing(tmp_path: Path, suffix: str) -> None:
+    gaussians = sample(700, 2)
+    once = round_trip(gaussians, tmp_path / f"a{suffix}")
+    twice = round_trip(once, str(tmp_path / f"b{suffix}"))
+    assert error(once, gaussians, "means") < 0.02  # far less than the distance of neighbours in the file: its order
+    for name in ATTRIBUTES:
+        assert getattr(once, name).dtype == np.float32
+        if name in EXACT_AGAIN[suffix]:
+            np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
+        elif name != "quaternions":
+            assert error(twice, once, name) < 2e-6 * np.abs(getattr(once, name)).max(initial=1)
+    assert rotation_error(twice, once) <= 2 / 128  # normalised anew, and two components may tie for the largest
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -70,12 +69,6 @@ def test_formats_that_cannot_hold_nothing_say_so(tmp_path: Path, suffix: str) ->
     with pytest.raises(InputError, match="cannot hold zero Gaussians"):
         formats.write(sample(2).select(slice(0, 0)), tmp_path / f"a{suffix}")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_writing_into_no_folder(tmp_path: Path, suffix: str) -> None:
-    with pytest.raises(InputError, match="Cannot write"):
-        formats.write(sample(2, 0), tmp_path / "none" / f"a{suffix}")
 
 
 def test_a_plys_kind_is_told_by_its_header(tmp_path: Path) -> None:
@@ -153,10 +146,16 @@ def test_damage_anywhere_gives_one_sentence_or_finite_gaussians(tmp_path: Path, 
     assert refused > 10
 
 
-REAL_FILES = ["seal.splat", "plant.splat", "guitar.compressed.ply", "wolf.spz", "statue.sog"]
+REAL_FILES = {"guitar.compressed.ply": 90_854, "wolf.spz": 90_586, "statue.sog": 71_359}
+"""Number of Gaussians of real captures."""
 
 
 @pytest.mark.parametrize("name", REAL_FILES)
+def test_real_files_are_read(name: str) -> None:
+    assert len(formats.read(real(name))) == REAL_FILES[name]
+
+
+@pytest.mark.parametrize("name", ["seal.splat", *REAL_FILES])
 @pytest.mark.needs("splat-transform")
 def test_real_files_are_read_as_the_fields_converter_reads_them(tmp_path: Path, name: str) -> None:
     splat_transform(real(name), tmp_path / "a.ply")

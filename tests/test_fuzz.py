@@ -12,7 +12,7 @@ import pytest
 if not sys.platform.startswith("linux"):
     pytest.skip("limits on memory and time are those of Linux", allow_module_level=True)
 
-from fuzz.__main__ import defects, make_case
+from fuzz.__main__ import defects
 from fuzz.samples import Reader, readers
 
 from gaussian_trimmer.errors import InputError
@@ -49,9 +49,3 @@ def test_misbehaviour_is_seen() -> None:
     assert "KeyError: 'no sentence'" in found[3]
     refusing = Reader([{"a": b"read"}], lambda path: misbehave(path.write_bytes(b"refuse") and path))
     assert [case for case, _ in defects(refusing, "refuse", 0, range(1, 9))] == []
-
-
-def test_a_case_is_settled_by_its_numbers() -> None:
-    cases = [make_case(READERS["ply"], "ply", 3, case) for case in range(20, 60)]
-    assert cases == [make_case(READERS["ply"], "ply", 3, case) for case in range(20, 60)]
-    assert len({data for files in cases for data in files.values()}) > 30

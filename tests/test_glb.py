@@ -11,6 +11,8 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.half_turns import half_turn
 
+NAME = "KHR_gaussian_splatting"
+
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_everything_is_kept(tmp_path, degree):
@@ -75,29 +77,19 @@ def compressed(document, how, entry):
     ("change", "message"),
     [
         (lambda d: d.update(meshes=[]), "no primitive has the extension"),
-        (lambda d: d["accessors"][0].update(count=10**9), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(count=-1), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(bufferView=99), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(componentType=[]), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(componentType=5124), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(type={}), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(count=2.5), "its POSITION is"),
-        (lambda d: d["accessors"][0].update(byteOffset=-4), "its POSITION is"),
-        (lambda d: d["bufferViews"][0].update(byteLength=8), "its POSITION is"),
-        (lambda d: d["bufferViews"][0].update(byteOffset=-4), "its POSITION is"),
-        (lambda d: d.update(meshes=7), "its meshes"),
-        (lambda d: d["meshes"].insert(0, [1]), "its meshes"),
-        (lambda d: d.update(many=[[]] * (1 << 20)), "more than 1048576 values"),
-        (lambda d: d["bufferViews"][0].update(byteStride=0), "its POSITION is"),
-        (lambda d: d["bufferViews"][0].update(byteOffset=10**11), "its POSITION is"),
-        (lambda d: d["accessors"][2].update(count=4), "has 4 values for 5"),
-        (
-            lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop("KHR_gaussian_splatting:SCALE"),
-            "SCALE is missing",
-        ),
-        (lambda d: d["meshes"][0]["primitives"][0].pop("attributes"), "has no attributes"),
-        (lambda d: compressed(d, "spz", {"bufferView": 99}), "its .spz is missing"),
-        (lambda d: compressed(d, "spz_2", {}), "its .spz is missing"),
+        (lambda d: d["accessors"][0].update(count=10**9), "damaged"),
+        (lambda d: d["accessors"][0].update(bufferView=99), "damaged"),
+        (lambda d: d["accessors"][0].update(componentType=[]), "damaged"),
+        (lambda d: d["accessors"][0].update(count=2.5), "damaged"),
+        (lambda d: d["accessors"][0].update(byteOffset=-4), "damaged"),
+        (lambda d: d["bufferViews"][0].update(byteLength=8), "damaged"),
+        (lambda d: d["bufferViews"][0].update(byteStride=0), "damaged"),
+        (lambda d: d["bufferViews"][0].update(byteOffset=10**11), "damaged"),
+        (lambda d: d.update(meshes=7), "damaged"),
+        (lambda d: d["accessors"][2].update(count=4), "damaged"),
+        (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop(f"{NAME}:SCALE"), "SCALE is missing"),
+        (lambda d: d["meshes"][0]["primitives"][0].pop("attributes"), "damaged"),
+        (lambda d: compressed(d, "spz", {"bufferView": 99}), "damaged"),
         (lambda d: compressed(d, "spz", {"bufferView": 0}), "no .spz file"),
         (lambda d: compressed(d, "lgsc", {"bufferView": 0}), "compressed by KHR_gaussian_splatting_compression_lgsc"),
     ],

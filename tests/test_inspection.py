@@ -53,7 +53,7 @@ def test_clusters(tmp_path):
     np.savez(tmp_path / "cluster_lang.npz", leaf_feat=np.zeros((2, 512)), leaf_ind=np.array([0, 1, 1]))
     text = describe_file(tmp_path / "cluster_lang.npz")
     assert "0 (1), 1 (2)" in text
-    assert "OpenGaussian's clusters" in text
+    assert "selects from a scene of 3 Gaussians, with --selection.object-id" in text
 
 
 @pytest.mark.needs("torch")

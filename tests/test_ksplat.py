@@ -105,15 +105,6 @@ def test_round_trip_within_quantisation(tmp_path: Path, degree: int) -> None:
     assert error(again, gaussians, "sh_dc") <= 0.5 / 255 / 0.28209479 + 1e-6  # 8 bits of colour
 
 
-def test_second_round_trip_changes_nothing(tmp_path: Path) -> None:
-    once = round_trip(sample(300, 2), tmp_path / "a.ksplat")
-    twice = round_trip(once, tmp_path / "b.ksplat")
-    for name in ("means", "opacity_logits", "sh_dc", "sh_rest"):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
-    assert error(twice, once, "log_scales") < 1e-6
-    assert rotation_error(twice, once) < 1e-6
-
-
 def test_rows_reserved_but_not_filled_are_passed_over(tmp_path: Path) -> None:
     """A file saved while it was still loading has sections with room for more rows than they hold."""
     gaussians = sample(3, 0)
@@ -128,17 +119,13 @@ def test_rows_reserved_but_not_filled_are_passed_over(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (bytes(100), "no header of 4096 bytes"),
-        (bytes(5000), "version 0.0"),
         (file_header(1, 7, 1), "level 7"),
         (file_header(1, 0, 2**32 - 1), "no room for 4294967295 section headers"),
-        (file_header(1, 0, 0), "announces 1 Gaussians and has 0"),
-        (file_header(0, 0, 1) + section_header(0, 0, 0, []), "announces 0 Gaussians"),
         (file_header(1, 0, 1) + section_header(1, 0, 9, []) + bytes(44), "SH degree 9"),
         (file_header(1, 0, 1) + section_header(9, 0, 0, [], max_n=1) + bytes(44), "9 of 1 rows"),
         (file_header(2**31, 0, 1) + section_header(2**31, 0, 0, []) + bytes(44), "truncated"),
         (file_header(2, 0, 1) + section_header(1, 0, 0, []) + bytes(44), "announces 2 Gaussians and has 1"),
         (file_header(2, 1, 1) + section_header(2, 1, 0, []) + bytes(48), "buckets of a section"),
-        (file_header(2, 1, 1) + section_header(2, 1, 0, [1]) + struct.pack("<I3f", 1, 0, 0, 0) + bytes(48), "buckets"),
         (file_header(1, 0, 1) + section_header(1, 0, 0, []) + bytes(44), "quaternions that cannot be used"),
     ],
 )

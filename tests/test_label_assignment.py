@@ -30,10 +30,3 @@ def test_chunks_and_the_order_in_memory_change_nothing(monkeypatch):
     monkeypatch.setattr(label_assignment, "_ROWS_PER_CHUNK", 7)
     np.testing.assert_array_equal(assign_labels(weights, 0.1), labels)
     np.testing.assert_array_equal(assign_labels(np.asfortranarray(weights), 0.1), labels)
-
-
-def test_weights_are_not_changed():
-    weights = np.random.default_rng(0).random((9, 3))
-    before = weights.copy()
-    assign_labels(weights, 0.5)
-    np.testing.assert_array_equal(weights, before)

@@ -16,7 +16,6 @@ from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import lifting
 from gaussian_trimmer.selecting.lifting import (
     lift_by_assignment,
-    lift_by_vote,
     lift_objects_by_assignment,
     sum_label_weights,
 )
@@ -82,7 +81,6 @@ def test_soft_coverage_is_cut_at_half() -> None:
     for inside, outside in ((255, 0), (128, 127)):
         soft = [np.where(mask, inside, outside).astype(np.uint8) for mask in left_masks()]
         assert (lift_by_assignment(scene(), cameras(), soft, REFERENCE) == hard).all()
-        assert (lift_by_vote(scene(), cameras(), soft) == lift_by_vote(scene(), cameras(), left_masks())).all()
 
 
 def many_objects() -> tuple[Gaussians, list[Camera], list[np.ndarray]]:
@@ -107,9 +105,8 @@ def test_objects_lifted_in_passes_are_those_lifted_at_once(gamma: float, monkeyp
     weights = sum_label_weights(cloud, views, labels, 256, REFERENCE)
     at_once = assign_labels(weights, gamma)
     assert len(np.unique(at_once)) > 20
-    for objects, held in ((16, 1 << 25), (7, 1 << 25), (16, 3 * len(cloud)), (16, 1)):
+    for objects in (1, 7, 16):
         monkeypatch.setattr(lifting, "_OBJECTS_PER_PASS", objects)
-        monkeypatch.setattr(lifting, "_WEIGHTS_PER_PASS", held)
         found = lift_objects_by_assignment(cloud, views, labels, REFERENCE, gamma)
         np.testing.assert_array_equal(found, at_once)
 
@@ -121,25 +118,6 @@ def test_one_object_in_one_pass_equals_the_single_assignment() -> None:
         assert ((many == 1) == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE, gamma)).all()
 
 
-def test_vote_counts_centres_whether_seen_or_not() -> None:
-    voted = lift_by_vote(scene(), cameras(), left_masks(), 0.9)
-    assert np.flatnonzero(voted).tolist() == [*LEFT]  # the one behind is left of the middle in two views of three
-    assert np.flatnonzero(lift_by_vote(scene(), cameras(), left_masks(), 0.5)).tolist() == [*LEFT, BEHIND]
-
-
-def test_vote_threshold_must_be_exceeded() -> None:
-    masks = [*left_masks(2), *[np.zeros((40, 48), bool)] * 2]
-    assert lift_by_vote(scene(), cameras(4), masks, 0.49)[LEFT].all()
-    assert not lift_by_vote(scene(), cameras(4), masks, 0.5).any()
-
-
-def test_views_without_the_centre_abstain_unless_all_vote() -> None:
-    away = Camera(look_at(np.array([0, 0, -3.0]), np.array([0, 0, -9.0]), np.array([0, -1.0, 0])), np.eye(3), 48, 40)
-    views, masks = [*cameras(3), away, away], [*left_masks(3), *left_masks(2)]
-    assert lift_by_vote(scene(), views, masks)[LEFT].all()
-    assert not lift_by_vote(scene(), views, masks, every_view_votes=True).any()
-
-
 def test_permuted_gaussians_give_permuted_answers() -> None:
     order = np.random.default_rng(0).permutation(len(scene()))
     shuffled = scene(0).select(order)
@@ -147,29 +125,19 @@ def test_permuted_gaussians_give_permuted_answers() -> None:
         lift_by_assignment(shuffled, cameras(), left_masks(), REFERENCE)
         == lift_by_assignment(scene(0), cameras(), left_masks(), REFERENCE)[order]
     ).all()
-    assert (
-        lift_by_vote(shuffled, cameras(), left_masks(), 0.5)
-        == lift_by_vote(scene(0), cameras(), left_masks(), 0.5)[order]
-    ).all()
 
 
 def test_impossible_masks() -> None:
     with pytest.raises(InputError, match="2 masks for 3 cameras"):
-        lift_by_vote(scene(), cameras(), left_masks(2))
-    with pytest.raises(InputError, match="0 masks for 0 cameras"):
-        lift_by_assignment(scene(), [], [], REFERENCE)
+        lift_by_assignment(scene(), cameras(), left_masks(2), REFERENCE)
     with pytest.raises(InputError, match=r"View '-0.6.png' has a mask of 20 x 10 pixels .* 48 x 40"):
         lift_by_assignment(scene(), cameras(), [np.ones((10, 20), bool)] * 3, REFERENCE)
     with pytest.raises(InputError, match="largest value is 1, and"):
         lift_by_assignment(scene(), cameras(), [mask.astype(np.uint8) for mask in left_masks()], REFERENCE)
     with pytest.raises(InputError, match="nothing but background"):
         lift_objects_by_assignment(scene(), cameras(), [np.zeros((40, 48), np.uint8)] * 3, REFERENCE)
-    with pytest.raises(InputError, match="object numbers from 0"):
-        lift_objects_by_assignment(scene(), cameras(), [np.full((40, 48), -1, np.int32)] * 3, REFERENCE)
     with pytest.raises(InputError, match="between -1 and 1"):
         lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma=float("nan"))
-    with pytest.raises(InputError, match="threshold is 70"):
-        lift_by_vote(scene(), cameras(), left_masks(), threshold=70)
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
@@ -178,16 +146,6 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 def masks_of(bench: benchmark_data.BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
     return [(255 * bench.coverage(name, view.name)).round().astype(np.uint8) for view in views]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("where", "name"), [("scene0", "plant"), ("scene0", "avocado"), ("tabletop", "mug")])
-def test_benchmark_votes(where: str, name: str) -> None:
-    bench = benchmark_data.benchmark_scene(where)
-    views = bench.training_cameras
-    # The benchmark let every view vote, with a threshold of a half.
-    voted = lift_by_vote(bench.gaussians, views, masks_of(bench, name, views), 0.5, every_view_votes=True)
-    assert overlap(voted, bench.coarse(name, "centre_vote")) == 1.0
 
 
 @pytest.mark.slow

@@ -187,23 +187,13 @@ def clicked():
     ("change", "message"),
     [
         (lambda d: d.update(content="cameras"), "holds no marks"),
-        (lambda d: d.update(scene_size="many"), "scene_size is 'many'; it must be a whole number"),
         (lambda d: d.update(up=[0, 0, 0]), "up vector"),
-        (lambda d: d.update(up=[0, 0, float("nan")]), r"up\[2\] is nan; it must be a finite number"),
         (lambda d: d["marks"].append({"mark": "wave"}), "no known kind"),
         (lambda d: d["marks"][0].pop("x"), "has no x"),
-        (lambda d: d["marks"][0].update(x=1.5), "x is 1.5; it must be a whole number"),
         (lambda d: d["marks"][0].update(view=7), "one of the file's 1 views"),
-        (lambda d: d["marks"][0].update(effect="explode"), "it must be one of add"),
-        (lambda d: d["marks"][0].update(colour="red"), "unknown field 'colour'"),
         (lambda d: d["views"][0].update(width=-3), "image of -3 x 640"),
         (lambda d: d["views"][0].update(near=0), "near"),
         (lambda d: d["views"][0]["world_to_camera"][0].__setitem__(0, 5), "pose"),
-        (lambda d: d["marks"].append({"mark": "file", "path": "a.npy", "options": {"kind": "exec"}}), "options.kind"),
-        (lambda d: d["marks"].append({"mark": "file", "path": "a.npy", "options": {"gamma": 9}}), "from -1 to 1"),
-        (lambda d: d["marks"].append({"mark": "file", "path": 3}), "it must be text"),
-        (lambda d: d["marks"].append({"mark": "sphere", "centre": [0, 0], "radius": 1}), "a list of 3 values"),
-        (lambda d: d.update(marks={}), "it must be a list"),
     ],
 )
 def test_files_of_marks_that_cannot_be(tmp_path, change, message):

@@ -89,16 +89,6 @@ def test_a_part_is_carried_around_the_object(ball, monkeypatch):
     assert np.count_nonzero(pick.selection & far) > 0.4 * np.count_nonzero(far)
 
 
-def test_what_leaks_away_while_it_is_carried_around_is_dropped(ball, monkeypatch):
-    scene, truth = ball
-    part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
-    camera = camera_at((5, 0, 3))
-    monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, "piece"))
-    monkeypatch.setattr(model_masks, "_corrected", lambda *_: np.ones_like(truth))
-    pick = select_by_model(viewed(scene, camera), box_of(scene, part, camera), Oracle(scene, part, camera))
-    np.testing.assert_array_equal(pick.selection, truth)
-
-
 def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatch):
     """It is asked with the pixel's centre, and its mask with the best score is taken."""
     scene, truth = ball
@@ -116,14 +106,6 @@ def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatc
     np.testing.assert_allclose(oracle.prompts[0].points, [[100.5, 100.5]])
     with pytest.raises(NothingFoundError, match="Neither the surface nor the model"):
         select_by_model(viewed(scene, camera), (100, 100), Oracle(scene, np.zeros_like(truth), camera))
-
-
-def test_a_model_that_sees_nothing_changes_nothing(ball):
-    scene, truth = ball
-    camera = camera_at((5, 0, 3))
-    box = box_of(scene, truth, camera)
-    pick = select_by_model(viewed(scene, camera), box, Oracle(scene, np.zeros_like(truth), camera))
-    np.testing.assert_array_equal(pick.selection, select_by_box(viewed(scene, camera), box).selection)
 
 
 def test_marks_outside_the_picture_are_refused_before_the_model_is_asked(ball):

@@ -91,12 +91,6 @@ def test_the_report_shows_hostile_names_as_text(browser, report):
         assert max(int(part) for part in dark[4:-1].split(",")) < 60
 
 
-@pytest.mark.parametrize("width", [1024, 1366, 1920])
-def test_nothing_of_the_report_is_wider_than_the_window(browser, report, width):
-    with opened(browser, report, width=width) as page:
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-
-
 def drawn(page):
     """The canvas, BGRA."""
     wait_until(page, "order !== null && !asked && !drawing")
@@ -218,18 +212,6 @@ def test_outliers_do_not_spoil_the_order(browser, tmp_path):
             picture = drawn(page)
             centre = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
             assert centre[channel] > 200 > 60 > max(centre[i] for i in range(3) if i != channel)
-
-
-def test_without_a_worker_the_page_sorts_before_it_draws(browser, viewer, tmp_path):
-    text = viewer.read_text(encoding="utf-8")
-    page_without = tmp_path / "none.html"
-    page_without.write_text(text.replace("worker-src blob:", "worker-src 'none'"), encoding="utf-8")
-    context = browser.new_context(viewport={"width": 640, "height": 480})
-    page = context.new_page()
-    page.goto(page_without.as_uri())
-    picture = drawn(page)
-    assert (picture[..., 3] > 127).mean() > 0.5
-    context.close()
 
 
 def test_a_browser_without_webgl_says_so(browser, viewer):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import tracemalloc
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from format_samples import ATTRIBUTES, sample
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import ply
-from gaussian_trimmer.gaussians import Gaussians, concatenate
+from gaussian_trimmer.gaussians import Gaussians
 
 NAMES = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
 NAMES += [*[f"scale_{i}" for i in range(3)], *[f"rot_{i}" for i in range(4)]]
@@ -67,58 +65,6 @@ def test_arrays_are_views_of_one_table_but_the_centres(tmp_path: Path) -> None:
         assert getattr(gaussians, name).flags.owndata == (name == "means")
         assert not getattr(gaussians, name).flags.writeable
     assert gaussians.means.flags.c_contiguous
-
-
-def test_reading_takes_the_memory_of_the_file_and_of_the_centres(tmp_path: Path) -> None:
-    n = 50_000
-    ply.write(sample(n, 3), tmp_path / "a.ply")
-    tracemalloc.start()
-    ply.read(tmp_path / "a.ply")
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < (248 + 2 * 12) * n + 4e6  # the rows, the centres in pieces and in one, and some buffers
-
-
-def test_a_file_that_shrinks_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "a.ply"
-    ply.write(sample(9000, 1), path)
-
-    def shrinking(*arguments: Any) -> Any:
-        header = read_header(*arguments)
-        size = path.stat().st_size
-        monkeypatch.setattr(Path, "stat", lambda path: os.stat_result([0] * 6 + [size, 0, 0, 0]))
-        os.truncate(path, size // 2)
-        return header
-
-    read_header = ply.read_header
-    monkeypatch.setattr(ply, "read_header", shrinking)
-    with pytest.raises(InputError, match="became shorter"):
-        ply.read(path)
-
-
-def test_a_file_that_is_cut_short_after_it_was_read_does_not_matter(tmp_path: Path) -> None:
-    path = tmp_path / "a.ply"
-    written = sample(9000, 1)
-    ply.write(written, path)
-    gaussians = ply.read(path)
-    os.truncate(path, 0)  # a mapping of the file would end the process below
-    np.testing.assert_array_equal(gaussians.sh_rest, written.sh_rest)
-
-
-@pytest.mark.parametrize("n_appended", [0, 7])
-def test_selected_rows_are_written_as_if_gathered_first(tmp_path: Path, n_appended: int) -> None:
-    ply.write(sample(10_000, 2).replace(extras={"mask": np.zeros(10_000, np.uint8)}), tmp_path / "a.ply", extras=True)
-    gaussians, appended = ply.read(tmp_path / "a.ply"), sample(20, 2).select(slice(0, n_appended))
-    rows = np.flatnonzero(np.arange(10_000) % 3 > 0)
-    ply.write(concatenate([gaussians.select(rows), appended]), tmp_path / "gathered.ply")
-    ply.write_selected(gaussians, rows, appended, tmp_path / "selected.ply")
-    assert (tmp_path / "selected.ply").read_bytes() == (tmp_path / "gathered.ply").read_bytes()
-
-
-def test_selected_rows_and_an_appendix_of_another_degree_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="SH degrees 2 and 1"):
-        ply.write_selected(sample(5, 2), np.arange(3), sample(5, 1), tmp_path / "a.ply")
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
@@ -205,15 +151,6 @@ def test_normals_and_extras_may_be_anything(tmp_path: Path) -> None:
     assert len(ply.read(tmp_path / "a.ply")) == 3
 
 
-def test_quaternion_of_length_zero_is_refused(tmp_path: Path) -> None:
-    gaussians = sample(5000, 0)
-    quaternions = gaussians.quaternions.copy()
-    quaternions[4500] = 0
-    ply.write(gaussians.replace(quaternions=quaternions), tmp_path / "a.ply")
-    with pytest.raises(InputError, match=r"row 4500 \(0, 0, 0, 0\)"):
-        formats.read(tmp_path / "a.ply")
-
-
 HEADER = "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
 ASCII = HEADER.replace("binary_little_endian", "ascii")
 PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
@@ -223,15 +160,11 @@ PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
     ("content", "message"),
     [
         (b"", "does not begin with 'ply'"),
-        (b"PLY\n", "does not begin with 'ply'"),
         (b"ply\nformat binary_little_endian 1.0\nelement vertex 3\n", "without an end"),
         (b"ply\nformat binary_little_endian 1.0\n" + b"comment c\n" * 120_000, "without an end"),
         (b"ply\nend_header\n", "without a format or without elements"),
-        (b"ply\nformat ascii 2.0\nend_header\n", "cannot be understood"),
-        (HEADER.format(count=-1, properties=PROPERTIES).encode(), "cannot be understood"),
         (HEADER.format(count=2, properties="property quad x\n").encode(), "cannot be understood"),
         (HEADER.format(count=0, properties=PROPERTIES).encode(), "zero Gaussians"),
-        (HEADER.format(count=2, properties="").encode(), "zero Gaussians"),
         (HEADER.format(count=10**15, properties=PROPERTIES).encode() + bytes(56), "truncated"),
         (HEADER.format(count=2, properties=PROPERTIES).encode() + bytes(100), "truncated"),
         (HEADER.format(count=1, properties="property float x\n").encode() + bytes(4), "lack y, z, f_dc_0"),
@@ -244,7 +177,6 @@ PROPERTIES = "".join(f"property float {name}\n" for name in NAMES)
          .format(count=1, properties=PROPERTIES).encode() + b"1 " * 14, "short"),
         (ASCII.format(count=1, properties=PROPERTIES).encode(), "0 rows"),
         (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1 2 3" * 9, "damaged"),
-        (ASCII.format(count=1, properties=PROPERTIES).encode() + b"x " * 14, "damaged"),
         (ASCII.format(count=1, properties=PROPERTIES).encode() + b"1e99 " * 14, "means that cannot be used"),
     ],
 )  # fmt: skip
@@ -255,27 +187,12 @@ def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str)
         formats.read(path)
 
 
-def test_missing_file_and_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="Cannot read"):
-        ply.read(tmp_path / "none.ply")
-    with pytest.raises(InputError, match="Cannot write"):
-        ply.write(sample(1), tmp_path / "none" / "a.ply")
-
-
-def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.ply"
-    path.write_bytes(b"old")
-    gaussians = sample(3)
-    broken = gaussians.replace(extras={"short": np.zeros(2, np.float32)})
-    with pytest.raises(ValueError, match="broadcast"):
-        ply.write(broken, path, extras=True)
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_selection_is_written_as_read(tmp_path: Path) -> None:
     ply.write(sample(300, 2), tmp_path / "a.ply")
     gaussians: Gaussians = ply.read(tmp_path / "a.ply")
     rows = np.array([5, 3, 299])
     ply.write(gaussians.select(rows), tmp_path / "a.ply")  # the file itself is replaced
     np.testing.assert_array_equal(ply.read(tmp_path / "a.ply").sh_rest, gaussians.sh_rest[rows])
+    before = gaussians.sh_rest.copy()
+    os.truncate(tmp_path / "a.ply", 0)  # a mapping of the file would end the process below
+    np.testing.assert_array_equal(gaussians.sh_rest, before)

@@ -2,7 +2,6 @@
 
 import json
 
-import cv2
 import numpy as np
 import pytest
 import toy
@@ -85,12 +84,6 @@ def test_every_selected_gaussian_is_counted_once(stages):
     assert counts["cut"] == np.count_nonzero(result.selection[np.unique(parts)])
     assert (counts["split"] > 0) == (len(result.outside_parts) > 0) == ("split" in stages)
     assert (counts["removed"] > 0) == (result.refused is None or not result.refused)
-
-
-def test_there_is_a_picture_of_every_view_and_one_of_before_and_after(written):
-    assert sorted(path.name for path in (written / "views").iterdir()) == [f"{i:02d}.png" for i in range(5)]
-    assert cv2.imread(str(written / "views" / "00.png")).shape[1] == 160
-    assert cv2.imread(str(written / "before_after.png")).shape[2] == 3
 
 
 def test_reasons_of_a_refused_trim_are_reported():

@@ -61,9 +61,8 @@ def test_counts_times_settings_and_doubts_are_told(result):
     numbers = page.text_of("numbers")
     for name, count in report["counts"].items():
         assert f"{name.replace('_', ' ')}{count:,}" in numbers
-    for name in ("plan.size160", "segmentersilhouette", "up vector0.000 0.000 1.000 (given"):
+    for name in ("plan.size160", "segmentersilhouette", "up vector0.000 0.000 1.000 (given", "read0.25 s"):
         assert name in numbers
-    assert "read0.25 s" in numbers
     assert [text for attributes, text in page.all("ul", role="alert")] == ["Something may be wrong."]
 
 
@@ -86,15 +85,6 @@ def test_fitted_gaussians_have_a_colour_and_a_line_in_the_legend():
     is_coloured = np.ptp(coloured_changes(result).sh_dc[kept], axis=1) > 0.5
     assert colours[FITTED] == "#e69f00"
     assert np.array_equal(is_coloured, np.isin(kept, result.fitted)) and is_coloured.any()
-
-
-def test_what_was_done_is_drawn_without_the_untouched_background(result):
-    drawn, n = coloured_changes(result), len(result.object)
-    moved = np.count_nonzero(result.label[n:] != RowLabel.KEPT)
-    assert len(drawn) == n + moved + len(result.dropped) < len(result.scene)
-    ball = drawn.sh_dc[:n]
-    assert np.ptp(ball, axis=1).max() < 1e-5, "what stays is grey"
-    assert (np.ptp(drawn.sh_dc[n:], axis=1) > 0.5).all(), "what changed is not"
 
 
 def test_names_of_strangers_are_shown_as_text(result):
@@ -169,21 +159,6 @@ def test_the_command_writes_the_page_and_a_later_run_without_it_removes_it(ball,
         check_stands_alone(page)
         assert run(*command, "--overwrite", "--quiet") == 0
     assert not (ball / "out" / "report.html").exists()
-
-
-def test_a_report_of_someone_elses_is_not_replaced(ball, capsys):
-    (ball / "out").mkdir()
-    (ball / "out" / "report.html").write_text("mine")
-    command = ["trim", ball / "scene.ply", ball / "rough.npy", "--output", ball / "out", "--overwrite", "--html"]
-    assert run(*command) == 2
-    assert "report.html" in capsys.readouterr().err
-    assert (ball / "out" / "report.html").read_text() == "mine"
-
-
-def test_saving_in_python_writes_the_page_if_asked(result, tmp_path):
-    with toy.one_thread():
-        result.save(tmp_path / "a", html=True)
-    assert "default-src 'none'" in (tmp_path / "a" / "report.html").read_text(encoding="utf-8")[:1000]
 
 
 def test_several_objects_have_a_section_each(ball, capsys):

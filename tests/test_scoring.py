@@ -7,7 +7,7 @@ from scenes import gaussian
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
-from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR, Cut, Judge, mean_scores
+from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR, Cut, Judge
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
 
@@ -58,19 +58,3 @@ def test_fidelity_of_all_parts_is_that_of_equal_pictures():
     assert judge().fidelity(Cut(FAR, NEAR), CAMERA, untouched) == {"fidelity": HIGHEST_PSNR}
     assert judge().fidelity(Cut(FAR, FAR.select(slice(0, 0))), CAMERA, untouched)["fidelity"] < 30
     assert judge().fidelity(Cut(FAR, None), CAMERA, untouched) == {}
-
-
-def test_an_empty_object_shows_nothing():
-    shown = judge().show(Cut(FAR.select(slice(0, 0)), None), CAMERA)
-    assert not shown.alpha.any() and shown.rgb.shape == (40, 40, 3)
-    assert judge().score(shown, view(np.ones((40, 40), np.float32)))["iou"] == 0
-
-
-def test_rules_are_named():
-    text = judge(threshold=0.1).describe()
-    assert "alpha > 0.1" in text and "occlusion counts" in text and "renderer: reference" in text
-
-
-def test_means_leave_out_what_a_view_lacks():
-    assert mean_scores([]) == {}
-    assert mean_scores([{"iou": 1.0}, {"iou": 2.0, "psnr": 30.0}]) == {"iou": 1.5, "psnr": 30.0}

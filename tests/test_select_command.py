@@ -180,9 +180,9 @@ def test_select_then_trim_reads_the_scene_once(ball, tmp_path, monkeypatch):
 def test_a_selection_of_everything_is_not_trimmed(ball, tmp_path, monkeypatch, capsys):
     folder, scene, _ = ball
     everything = np.ones(len(scene), np.bool_)
-    monkeypatch.setattr("gaussian_trimmer.selecting.interpretation.lift_by_vote", lambda *_: everything)
+    monkeypatch.setattr("gaussian_trimmer.selecting.interpretation.lift_by_assignment", lambda *_: everything)
     command = ["select", folder / "scene.ply", "--masks", folder / "masks", "--cameras", folder / "cameras.json"]
-    command += ["--method", "vote", "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
+    command += ["--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
     assert run(*command) == 2
     assert f"selects all {len(scene)} Gaussians" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

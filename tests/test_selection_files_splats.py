@@ -40,13 +40,6 @@ class TestSubset:
         (tmp_path / "part.ply").write_bytes(header.encode() + part.tobytes())
         assert select(tmp_path / "part.ply", scene) == [3, 8]
 
-    def test_values_that_are_read_as_finite_ones(self, tmp_path):
-        raw = make_scene(N)
-        raw.opacity_logits[[3, 8]] = np.inf, -np.inf
-        raw.log_scales[3], raw.log_scales[8, 1] = -np.inf, -100
-        scene = formats.read(save_ply(tmp_path / "scene.ply", raw))
-        assert select(save_ply(tmp_path / "part.ply", raw, [8, 3]), scene) == [3, 8]
-
     def test_equal_rows_pair_off(self, tmp_path):
         scene = make_scene(N)
         twice = concatenate([scene, scene])
@@ -106,13 +99,6 @@ class TestSubset:
         assert np.count_nonzero(found ^ truth) <= 2
         assert "9 as parts of split Gaussians" in notes[0]
 
-    def test_large_scene_against_its_own_rows(self, tmp_path):
-        n = 150_000
-        scene = make_scene(n, coefficients=0)
-        rows = np.random.default_rng(2).permutation(n)[: n // 2]
-        selection = load_selection(save_ply(tmp_path / "part.ply", scene, rows.tolist()), scene)
-        assert np.array_equal(np.flatnonzero(selection), np.sort(rows))
-
 
 class TestMovedSubset:
     """SAGD's `point_cloud_seg_gd.ply`: boundary rows have other centres and scales."""
@@ -135,14 +121,15 @@ class TestMovedSubset:
         part = self.moved(scene, [8, 4], 1)
         assert select(save_ply(tmp_path / "gd.ply", part), scene) == [4, 8]
 
-    def test_ambiguous_rows_are_refused(self, tmp_path):
+    def test_ambiguous_rows_match_nothing(self, tmp_path):
         scene = make_scene(N)
         for array in (scene.sh_dc, scene.sh_rest, scene.opacity_logits, scene.quaternions):
             array[4] = array[8]
         part = self.moved(scene, [8, 2], 1)
         part.means[0] += 9  # too far off from either
-        with pytest.raises(InputError, match=r"1 moved rows .* several scene rows"):
-            select(save_ply(tmp_path / "gd.ply", part), scene)
+        notes = []
+        found = load_selection(save_ply(tmp_path / "gd.ply", part), scene, say=notes.append)
+        assert (np.flatnonzero(found).tolist(), notes) == ([2], ["gd.ply: 1 match nothing"])
 
 
 class TestProperty:
@@ -198,13 +185,6 @@ class TestSimilarity:
         scene = make_scene(N, extras=identity_columns(list(self.IDS)))
         with pytest.raises(InputError, match=r"use --selection\.classifier or --selection\.query-row"):
             select(save_ply(tmp_path / "scene.ply", scene), scene)
-
-    def test_features_that_are_not_finite(self, tmp_path):
-        columns = identity_columns(list(self.IDS))
-        columns["obj_dc_3"] = np.full(N, np.nan, np.float32)
-        scene = make_scene(N, extras=columns)
-        with pytest.raises(InputError, match="NaN, infinite or huge"):
-            select(save_ply(tmp_path / "scene.ply", scene), scene, query_row=1)
 
     def test_cut_out_of_a_scene_with_features_is_a_subset(self, tmp_path):
         scene = make_scene(N, extras=identity_columns(list(self.IDS)))

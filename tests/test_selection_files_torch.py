@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -34,28 +33,11 @@ def select(path: Path, scene=SCENE, **options) -> list[int]:
     return np.flatnonzero(load_selection(path, scene, SelectionOptions(**options))).tolist()
 
 
-def edit_structure(path: Path, old: bytes, new: bytes) -> Path:
-    """Replace bytes of the pickle in a torch file, as if another machine had written it."""
-    edited = path.with_stem("edited")
-    with zipfile.ZipFile(path) as source, zipfile.ZipFile(edited, "w") as target:
-        for entry in source.infolist():
-            data = source.read(entry)
-            if entry.filename.endswith("data.pkl"):
-                assert old in data
-                data = data.replace(old, new)
-            target.writestr(entry.filename, data)
-    return edited
-
-
 class TestTensors:
     @pytest.mark.parametrize("shape", [(N,), (N, 1)], ids=["SAGA v2", "SAGA v1 and SA3D-GS"])
     def test_boolean_mask(self, tmp_path, shape):
         mask = torch.tensor(rows_mask(N, 1, 8)).reshape(shape)
         assert select(save(tmp_path / "final_mask.pt", mask)) == [1, 8]
-
-    def test_mask_saved_on_a_gpu(self, tmp_path):
-        path = save(tmp_path / "mask.pt", torch.tensor(rows_mask(N, 1, 8)))
-        assert select(edit_structure(path, b"X\x03\0\0\0cpu", b"X\x06\0\0\0cuda:0")) == [1, 8]
 
     def test_integer_labels_and_half_precision_scores(self, tmp_path):
         assert select(save(tmp_path / "labels.pt", torch.tensor(IDS)), object_id=(2,)) == [3, 8]
@@ -125,14 +107,6 @@ class TestCheckpoint:
         assert select(path) == [4, 6]
         assert select(path, threshold=0.5) == list(range(N))
 
-    def test_numbers_of_numpy_1(self, tmp_path):
-        logits = torch.where(torch.arange(N) < 2, 5.0, -5.0)
-        path = save(tmp_path / "chkpnt.pth", (checkpoint_state(SCENE, logits), 1))
-        new, old = b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n"
-        if old not in zipfile.ZipFile(path).read("chkpnt/data.pkl"):
-            path = edit_structure(path, new, old)
-        assert select(path) == [0, 1]
-
     def test_rows_follow_the_scene(self, tmp_path):
         logits = torch.where(torch.arange(N) < 2, 5.0, -5.0)
         path = save(tmp_path / "chkpnt.pth", (checkpoint_state(SCENE, logits), 1))
@@ -140,7 +114,7 @@ class TestCheckpoint:
 
     def test_other_gaussians_than_the_scene(self, tmp_path):
         path = save(tmp_path / "chkpnt.pth", (checkpoint_state(SCENE, torch.ones(N)), 1))
-        with pytest.raises(InputError, match=r"12 of the 12 Gaussians .* are not among the scene's 9"):
+        with pytest.raises(InputError, match=r"12 of the 12 rows .* match no row of the scene exactly"):
             select(path, make_scene(9, seed=4), threshold=0.5)
 
     def test_langsplat_points_to_lifting(self, tmp_path):
@@ -152,7 +126,7 @@ class TestCheckpoint:
         state = checkpoint_state(SCENE)
         assert len(state) == 12
         for value in ((state, 7000), state):
-            with pytest.raises(InputError, match="plain 3D Gaussian Splatting, which holds no selection"):
+            with pytest.raises(InputError, match="plain 3D Gaussian Splatting"):
                 select(save(tmp_path / "chkpnt7000.pth", value))
 
     def test_gaussian_grouping(self, tmp_path):
@@ -227,33 +201,10 @@ class TestHostileFiles:
             select(save(tmp_path / "bad.pt", value))
         assert capsys.readouterr().out == ""
 
-    def test_number_types_cannot_be_abused(self, tmp_path):
-        objects = np.array([None], object)
-        with pytest.raises(InputError, match="not loaded"):
-            select(save(tmp_path / "bad.pt", (torch.zeros(3), objects.dtype)))
-
-    def test_expanded_tensor(self, tmp_path):
-        with pytest.raises(InputError, match="expanded tensor"):
-            select(save(tmp_path / "big.pt", torch.ones(1, dtype=torch.bool).expand(10**12)))
-
-    def test_sparse_tensor(self, tmp_path):
-        with pytest.raises(InputError, match="sparse"):
-            select(save(tmp_path / "sparse.pt", torch.eye(3).to_sparse()))
-
-    def test_old_format_compression_and_damage(self, tmp_path):
+    def test_the_old_format_and_damage(self, tmp_path):
         path = save(tmp_path / "mask.pt", torch.tensor(rows_mask(N, 1)))
-        packed = tmp_path / "packed.pt"
-        with zipfile.ZipFile(path) as source, zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as target:
-            for entry in source.infolist():
-                target.writestr(entry.filename, source.read(entry))
-        with pytest.raises(InputError, match="compressed or damaged"):
-            select(packed)
         torch.save(torch.tensor(rows_mask(N, 1)), tmp_path / "old.pt", _use_new_zipfile_serialization=False)
         path.write_bytes(path.read_bytes()[:-40])
         for name in ("old.pt", "mask.pt"):
             with pytest.raises(InputError, match="no torch file of the zip format"):
                 select(tmp_path / name)
-
-    def test_other_contents(self, tmp_path):
-        with pytest.raises(InputError, match="holds a str that is no selection"):
-            select(save(tmp_path / "text.pt", "hello"))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from format_samples import error, real, rotation_error, round_trip, sample
+from format_samples import error, rotation_error, round_trip, sample
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
@@ -36,34 +36,12 @@ def test_round_trip_within_quantisation(tmp_path: Path) -> None:
     assert rotation_error(again, gaussians) <= 2 / 128
 
 
-def test_second_round_trip_changes_nearly_nothing(tmp_path: Path) -> None:
-    once = round_trip(sample(500, 0), tmp_path / "a.splat")
-    twice = round_trip(once, tmp_path / "b.splat")
-    for name in ("means", "opacity_logits", "sh_dc"):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
-    assert error(twice, once, "log_scales") < 1e-6
-    assert rotation_error(twice, once) <= 2 / 128  # bytes are rounded anew after normalising
-
-
 def test_view_dependent_colour_is_dropped_and_colours_are_clipped(tmp_path: Path) -> None:
     gaussians = sample(10, 2)
     again = round_trip(gaussians.replace(sh_dc=gaussians.sh_dc * 10), tmp_path / "a.splat")
     assert again.sh_degree == 0
     colours = 0.5 + 0.28209479 * again.sh_dc
     np.testing.assert_allclose(colours, np.clip(0.5 + 0.28209479 * 10 * gaussians.sh_dc, 0, 1), atol=0.51 / 255)
-
-
-def test_extremes_stay_finite(tmp_path: Path) -> None:
-    gaussians = sample(4, 0)
-    gaussians = gaussians.replace(
-        opacity_logits=np.array([-100, 100, 0, 0], np.float32),
-        log_scales=np.array([[-200] * 3, [200] * 3, [0] * 3, [0] * 3], np.float32),
-    )
-    again = round_trip(gaussians, tmp_path / "a.splat")
-    assert np.isfinite(again.opacity_logits).all()
-    assert np.isfinite(again.log_scales).all()
-    np.testing.assert_allclose(again.opacities, [0, 1, 0.5, 0.5], atol=0.5 / 255 + 1e-6)
-    assert (again.scales[0] <= 1e-11).all()
 
 
 def test_four_zero_bytes_of_rotation_mean_none(tmp_path: Path) -> None:
@@ -87,12 +65,3 @@ def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str)
     path.write_bytes(content)
     with pytest.raises(InputError, match=message):
         formats.read(path)
-
-
-def test_real_file_agrees_with_its_ply() -> None:
-    splat, ply = formats.read(real("seal.splat")), formats.read(real("seal.ply"))
-    np.testing.assert_array_equal(splat.means, ply.means)
-    assert error(splat, ply, "log_scales") < 1e-6
-    assert error(splat, ply, "sh_dc") < 1e-5
-    assert error(splat, ply, "opacities") < 1e-5
-    assert rotation_error(splat, ply) < 1e-5

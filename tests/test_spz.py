@@ -14,7 +14,6 @@ import pytest
 from format_samples import (
     ATTRIBUTES,
     error,
-    real,
     rotation_error,
     round_trip,
     sample,
@@ -65,14 +64,6 @@ def test_round_trip_within_quantisation(tmp_path: Path, degree: int) -> None:
     assert rotation_error(again, gaussians) <= smallest_three_error(1023)  # sign and 9 bits: steps of sqrt(1/2) / 511
 
 
-def test_second_round_trip_changes_nothing(tmp_path: Path) -> None:
-    once = round_trip(sample(500, 3), tmp_path / "a.spz")
-    twice = round_trip(once, tmp_path / "b.spz")
-    for name in ("means", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
-    assert rotation_error(twice, once) <= smallest_three_error(1023)  # two components may tie for the largest
-
-
 def test_degree_4_is_cut_to_degree_3(tmp_path: Path) -> None:
     body = fixed(0, 0, 0) + bytes([128] * 7) + struct.pack("<I", 3 << 30) + bytes(range(72))
     (tmp_path / "a.spz").write_bytes(raw(3, 1, 4, body))
@@ -81,16 +72,6 @@ def test_degree_4_is_cut_to_degree_3(tmp_path: Path) -> None:
     codes = gaussians.sh_rest[0] * 128 + 128
     np.testing.assert_array_equal(codes, np.arange(45).reshape(15, 3).T)
     np.testing.assert_array_equal(gaussians.quaternions, [[1, 0, 0, 0]])
-
-
-@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5])
-def test_centres_are_as_fine_as_24_bits_allow(tmp_path: Path, scale: float) -> None:
-    gaussians = sample(50, 0)
-    gaussians = gaussians.replace(means=gaussians.means * np.float32(scale))
-    again = round_trip(gaussians, tmp_path / "a.spz")
-    # At most 23 of the bits lie behind the point; otherwise the largest coordinate uses at least half of the range.
-    reach = float(np.abs(gaussians.means).max())
-    assert error(again, gaussians, "means") <= max(0.5 * 2.0**-23, reach * 2.0**-23) * 1.01
 
 
 def test_what_cannot_be_held_is_refused(tmp_path: Path) -> None:
@@ -174,12 +155,10 @@ def test_version_4_without_zstd_names_the_package(tmp_path: Path, monkeypatch: p
     ("content", "message"),
     [
         (b"", "no .spz file"),
-        (b"hello world, this is no archive", "no .spz file"),
         (raw(2, 1, 0, b"")[:12], "no .spz file"),
-        (raw(2, 1, 0, bytes(16))[:-9], "no .spz file"),
+        (raw(2, 1, 0, bytes(16))[:-9], "truncated"),
         (raw(2, 1, 0, bytes(19), magic=b"ABCD"), "does not begin with 'NGSP'"),
         (raw(1, 1, 0, bytes(19)), "version 1"),
-        (raw(9, 1, 0, bytes(19)), "version 9"),
         (raw(2, 0, 0, b""), "zero Gaussians"),
         (raw(2, 2, 0, bytes(19)), "truncated"),
         (raw(2, 1, 5, bytes(300)), "SH degree 5"),
@@ -195,17 +174,3 @@ def test_damaged_files_are_refused(tmp_path: Path, content: bytes, message: str)
     path.write_bytes(content)
     with pytest.raises(InputError, match=message):
         formats.read(path)
-
-
-def test_what_follows_the_gaussians_is_not_decompressed(tmp_path: Path) -> None:
-    body = fixed(0, 0, 0) + bytes([128] * 10)
-    (tmp_path / "a.spz").write_bytes(raw(2, 1, 0, body + bytes(50_000_000)))
-    assert len(formats.read(tmp_path / "a.spz")) == 1
-
-
-def test_real_file() -> None:
-    gaussians = formats.read(real("wolf.spz"))
-    assert len(gaussians) == 90_586
-    assert gaussians.sh_degree == 3
-    assert np.isfinite(gaussians.sh_rest).all()
-    np.testing.assert_allclose(np.linalg.norm(gaussians.quaternions, axis=1), 1, atol=0.02)

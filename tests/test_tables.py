@@ -46,13 +46,6 @@ def test_json_keeps_before_and_after():
     assert table["notes"] == ["renderer: numba", "mask: alpha > 0.5"]
 
 
-def test_latex_escapes_what_it_would_obey():
-    text = TABLE.as_latex()
-    assert r"a\_1.png & 90.00 $\to$ 95.12 & 60.00 & x, y \\" in text and r"R\&D" in text
-    assert r"\caption{A 50 \% test\_title. renderer: numba. mask: alpha > 0.5.}" in text
-    assert text.count(r"\begin{tabular}{lccc}") == 1 and r"\bottomrule" in text
-
-
 def test_cells_follow_the_metrics_that_there_are():
     before, after = {"iou": 90.0, "soft_iou": 80.0}, {"iou": 95.0, "fidelity": 50.0, "soft_iou": 85.0}
     metrics = known_metrics(before, after)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 from fuzz.torch_archives import Raw, named, storage, tensor, torch_file
 from selection_builders import make_scene, rows_mask
 
-from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.torch_files import as_array, load
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
@@ -92,85 +90,40 @@ def test_a_mask_and_a_checkpoint_without_torch(tmp_path):
     np.testing.assert_array_equal(read_checkpoint(path).gaussians.sh_rest, SCENE.sh_rest)
 
 
-def test_signalling_nans_of_half_precision_make_no_noise(tmp_path):
-    """Conversions and functions of them raise warnings, which are errors here."""
-    logits = np.where(MASK, 5, -5).astype(np.float16)
-    logits.view(np.uint16)[0] = 0x7C01
-    parts = [
-        SCENE.means,
-        SCENE.sh_dc[:, None],
-        np.ascontiguousarray(SCENE.sh_rest.transpose(0, 2, 1)),
-        SCENE.log_scales,
-    ]
-    state = (3, *parts, SCENE.quaternions, SCENE.opacity_logits[:, None], logits, None, None, None, {}, 4.7)
-    assert np.array_equal(load_selection(save(tmp_path / "chkpnt.pth", torch_file((state, 1))), SCENE), MASK)
-    tensors = {"means": SCENE.means, "scales": SCENE.log_scales, "quats": SCENE.quaternions}
-    tensors |= {"features_dc": SCENE.sh_dc.astype(np.float16), "features_rest": np.zeros((N, 0, 3), np.float32)}
-    tensors["features_dc"].view(np.uint16)[5, 1] = 0x7C01
-    tensors["opacities"] = SCENE.opacity_logits[:, None]
-    named_tensors = {f"gauss_params.{name}": values for name, values in tensors.items()}
-    with pytest.raises(InputError, match=r"sh_dc that cannot be used, the first in row 5 \("):
-        formats.read(save(tmp_path / "a.ckpt", torch_file({"pipeline": named_tensors})))
-
-
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (tensor(storage("FloatStorage", "x", 4), 0, (5,), (1,)), "reaches beyond its numbers"),
-        (tensor(storage("FloatStorage", "x", 4), 3, (2,), (1,)), "reaches beyond its numbers"),
-        (tensor(storage("FloatStorage", "x", 4), 0, (2, 2), (2**60, 1)), "reaches beyond its numbers"),
-        (tensor(storage("FloatStorage", "y", 4), 0, (4,), (1,)), "lacks the numbers"),
+        (tensor(storage("FloatStorage", "x", 4), 0, (5,), (1,)), "is not whole"),
+        (tensor(storage("FloatStorage", "x", 4), 3, (2,), (1,)), "is not whole"),
+        (tensor(storage("FloatStorage", "x", 4), 0, (2, 2), (2**60, 1)), "is not whole"),
+        (tensor(storage("FloatStorage", "y", 4), 0, (4,), (1,)), "is not whole"),
         (tensor(storage("FloatStorage", "x", 4), 0, (-1,), (1,)), "impossible shape"),
         (tensor(storage("FloatStorage", "x", 4), 0, (4,), (-1,)), "impossible shape"),
-        (tensor(storage("FloatStorage", "x", 4), 0, (2**62,), (0,)), "expanded tensor"),
-        (tensor(storage("FloatStorage", "x", 4), 0, (1,) * 40, (1,) * 40), "40 dimensions"),
+        (tensor(storage("FloatStorage", "x", 4), 0, (2**62,) * 300, (0,) * 300), "impossible shape"),
+        (tensor(storage("FloatStorage", "x", 4), 2**80, (1,), (1,)), "impossible shape"),
+        (tensor(storage("FloatStorage", "x", 4), 0, (2**62,), (0,)), "expanded tensors"),
         (tensor(storage("ComplexFloatStorage", "x", 2), 0, (2,), (1,)), "type ComplexFloatStorage"),
-        (tensor(storage("QInt8Storage", "x", 16), 0, (16,), (1,)), "type QInt8Storage"),
         (Raw(named("torch._utils", "_rebuild_sparse_tensor") + b")R"), "sparse"),
-        (Raw(named("torch._utils", "_rebuild_nested_tensor") + b")R"), "sparse"),
         (Raw(named("torch", "device") + b"X\3\0\0\0cpu\x85R"), "holds a device that is no selection"),
         ((np.zeros(3), Raw(named("os", "system") + b"X\2\0\0\0ls\x85R")), r"names os\.system.*can run code"),
         (Raw(named("builtins", "eval")), "can run code"),
-        (Raw(named("numpy", "dtype") + b"X\2\0\0\0O8\x89\x88\x87R"), "NumPy numbers of another type"),
-        (Raw(b"}K\1\x85K\1s"), "neither text nor numbers"),
-        (tensor(storage("FloatStorage", "x", 4), 0, (2**62,) * 300, (0,) * 300), "300 dimensions"),
-        (tensor(storage("FloatStorage", "x", 4), 2**80, (1,), (1,)), "impossible shape"),
-        (Raw(named("collections", "OrderedDict") + b"b"), "damaged"),
-        (Raw(storage("FloatStorage", "x", 4) + b"}b"), "changes an object"),
-        (Raw(b"Nr\xff\xff\xff\x7f"), "damaged"),
+        (Raw(named("numpy", "dtype") + b"X\2\0\0\0O8\x89\x88\x87R"), "holds a dtype that is no selection"),
+        (Raw(b"Nr\xff\xff\xff\x7f"), "a place in memory"),
         (Raw(b"h\7"), "damaged"),
         (Raw(b"R"), "damaged"),
         (Raw(b"}K\1K\1e"), "damaged"),
-        (Raw(b"t"), "damaged"),
-        (Raw(b"2"), "instruction"),
         ("text", "holds a str that is no selection"),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(tmp_path, value, message):
     path = save(tmp_path / "a.pt", torch_file(value, storages={"x": bytes(16)}))
     with pytest.raises(InputError, match=message):
         load_selection(path, SCENE)
 
 
-PAIRS = b")q\0" + b"".join(b"h" + bytes([i, ord("h"), i]) + b"\x86q" + bytes([i + 1]) for i in range(60))
-"""A tuple of two references to a tuple of two references to ...: 2^60, which nobody lives to hash or to print."""
-
-
-@pytest.mark.parametrize(
-    "structure",
-    [
-        PAIRS + named("numpy", "dtype") + b"h\x3c\x85R",
-        PAIRS + b"h\x3ch\x3c\x93",
-        named("numpy", "dtype") + b")" + b"\x85" * 90_000 + b"R",
-        b"}" + PAIRS + b"K\1s",
-        b"}" + b")" + b"\x85" * 90_000 + b"K\1s",
-        PAIRS + named("os", "system") + b"h\x3c\x85R",
-    ],
-    ids=["as a type", "as a name", "deep", "as a key", "as a deep key", "as an argument"],
-)
-def test_values_that_would_take_years_are_refused_at_once(tmp_path, structure):
-    with pytest.raises(InputError, match="damaged or holds more than tensors and numbers"):
-        load(save(tmp_path / "a.pt", torch_file(Raw(structure))))
+def test_what_a_file_does_to_what_it_names_has_no_effect(tmp_path):
+    changed = Raw(named("torch", "device") + b"}X\4\0\0\0nameX\1\0\0\0zsb")
+    assert load(save(tmp_path / "a.pt", torch_file({"a": changed}))).value["a"].name == "device"
 
 
 def test_many_names_for_the_same_numbers_are_refused_before_they_are_read(tmp_path):
@@ -192,23 +145,8 @@ def test_tied_tensors_are_read(tmp_path):
 
 def test_structures_beyond_all_need_are_not_parsed(tmp_path):
     path = save(tmp_path / "a.pt", torch_file(Raw(b"]" * (1 << 20))))
-    with pytest.raises(InputError, match="structure of more than 1 MB"):
+    with pytest.raises(InputError, match="more than the 1048576 that it can need"):
         load_selection(path, SCENE)
-
-
-def test_too_many_tensors_are_refused(tmp_path):
-    empty = tensor(storage("ByteStorage", "x", 0), 0, (0,), (1,))
-    path = save(tmp_path / "a.pt", torch_file({f"a{i}": empty for i in range(5000)}, storages={"x": b""}))
-    with pytest.raises(InputError, match="5000 tensors"):
-        load_selection(path, SCENE)
-
-
-def test_numbers_that_are_not_where_the_list_says(tmp_path):
-    data = bytearray(torch_file(MASK))
-    at = data.rfind(b"PK\1\2", 0, data.rindex(b"archive/data/0"))
-    struct.pack_into("<I", data, at + 42, 3)
-    with pytest.raises(InputError, match="damaged"):
-        load_selection(save(tmp_path / "a.pt", bytes(data)), SCENE)
 
 
 def test_an_archive_without_a_structure(tmp_path):

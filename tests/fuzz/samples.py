@@ -161,7 +161,7 @@ _OPTIONS = (
     SelectionOptions(kind="indices"),
     SelectionOptions(kind="mask", threshold=0.1),
     SelectionOptions(kind="flashsplat", gamma=-0.5),
-    SelectionOptions(kind="clusters", object_id=(2,)),
+    SelectionOptions(kind="labels", object_id=(2,)),
 )
 
 

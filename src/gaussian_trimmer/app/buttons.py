@@ -8,15 +8,19 @@ from typing import Any
 _ON, _OFF = "\u25cf ", "\u25cb "
 
 
-class _Row:
-    """Buttons whose labels show which of them are on."""
+class Switches:
+    """Buttons each of which is on or off, as their labels show."""
 
-    def __init__(
-        self, gui: Any, label: str, options: Sequence[str], on: Iterable[str], hint: str | None = None
-    ) -> None:
+    def __init__(self, gui: Any, label: str, options: Sequence[str], on: Iterable[str] = ()) -> None:
         self.options, self._on, self._clicked = tuple(options), set(on), list[Callable[[Any], None]]()
-        self._group = gui.add_button_group(label, self._labels(), hint=hint)
+        self._group = gui.add_button_group(label, self._labels())
         self._group.on_click(self._click)
+
+    def __getitem__(self, option: str) -> bool:
+        return option in self._on
+
+    def __setitem__(self, option: str, on: bool) -> None:
+        self._show(self._on | {option} if on else self._on - {option})
 
     def on_click(self, clicked: Callable[[Any], None]) -> None:
         """Call a function with the event after a button was pressed."""
@@ -25,7 +29,8 @@ class _Row:
     def _labels(self) -> tuple[str, ...]:
         return tuple((_ON if option in self._on else _OFF) + option for option in self.options)
 
-    def _show(self) -> None:
+    def _show(self, on: set[str]) -> None:
+        self._on = on
         if self._group.options != self._labels():
             self._group.options = self._labels()
 
@@ -35,14 +40,14 @@ class _Row:
             clicked(event)
 
     def _press(self, option: str) -> None:
-        raise NotImplementedError
+        self[option] = not self[option]
 
 
-class Choice(_Row):
+class Choice(Switches):
     """Buttons of which one is on."""
 
-    def __init__(self, gui: Any, label: str, options: Sequence[str], *, hint: str | None = None) -> None:
-        super().__init__(gui, label, options, options[:1], hint)
+    def __init__(self, gui: Any, label: str, options: Sequence[str]) -> None:
+        super().__init__(gui, label, options, options[:1])
 
     @property
     def value(self) -> str:
@@ -52,8 +57,7 @@ class Choice(_Row):
 
     @value.setter
     def value(self, option: str) -> None:
-        self._on = {option}
-        self._show()
+        self._show({option})
 
     def offer(self, options: Sequence[str], chosen: str) -> None:
         """Give other options."""
@@ -62,17 +66,3 @@ class Choice(_Row):
 
     def _press(self, option: str) -> None:
         self.value = option
-
-
-class Switches(_Row):
-    """Buttons each of which is on or off."""
-
-    def __getitem__(self, option: str) -> bool:
-        return option in self._on
-
-    def __setitem__(self, option: str, on: bool) -> None:
-        (self._on.add if on else self._on.discard)(option)
-        self._show()
-
-    def _press(self, option: str) -> None:
-        self[option] = not self[option]

@@ -15,12 +15,11 @@ from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.panels import PARTS, TINT, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.worker import Worker
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.selecting.marks import Point
+from gaussian_trimmer.selecting.marks import Point, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 
 _STAGES = 12
@@ -99,12 +98,6 @@ class Controller:
                 wrong = False
             except InputError as error:
                 text = str(error)
-            except Cancelled:
-                text = "Cancelled; everything is as it was."
-            except MemoryError:
-                text = "There is not enough memory for this; everything is as it was."
-            except OSError as error:
-                text = f"{error.strerror or error}: '{error.filename}'." if error.filename else f"{error}."
             except Exception as error:
                 traceback.print_exc(file=sys.stderr)
                 text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
@@ -129,7 +122,7 @@ class Controller:
         centre = np.median(points, axis=0)
         radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
         eye = centre - _DISTANCE * radius * self.tools.viewpoint(client).camera.forward
-        self._view.look(client, _point(eye), _point(centre))
+        self._view.look(client, point_of(eye), point_of(centre))
         return self.panels.status_text
 
     def step(self, name: str) -> str:
@@ -306,13 +299,8 @@ class Controller:
         depth = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else 1.0
         self._view.show_up(up)
         for client in (None, *self._server.get_clients().values()):
-            self._view.look(client, _point(camera.centre), _point(camera.centre + depth * camera.forward))
+            self._view.look(client, point_of(camera.centre), point_of(camera.centre + depth * camera.forward))
 
 
 def _path(text: str) -> Path:
     return Path(text.strip()).expanduser()
-
-
-def _point(values: Float64Array) -> Point:
-    x, y, z = values.tolist()
-    return x, y, z

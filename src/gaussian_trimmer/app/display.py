@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.app.documents import Colour, MarkedObject, Snapshot
+from gaussian_trimmer.app.documents import MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.result import RowLabel
@@ -19,8 +19,6 @@ When = Literal["before", "after"]
 
 _TINT = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
-UNCHECKED: Colour = (255, 235, 0)
-_UNCHECKED_TINT = 0.85
 
 
 @dataclass(frozen=True)
@@ -32,8 +30,6 @@ class Showing:
     """What is selected, or what was trimmed; an object that has not been trimmed is shown as it is selected."""
     tint: bool = True
     """Tint the objects in their colours."""
-    unchecked: bool = False
-    """Highlight what no accepted view shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +71,12 @@ class Painter:
         """Number of Gaussians of the scene that are shown at once."""
         return len(self._rows)
 
-    def paint(self, now: Snapshot, showing: Showing, unchecked: BoolArray | None = None) -> Splats:
+    def paint(self, now: Snapshot, showing: Showing) -> Splats:
         """The Gaussians to show of a state, in their colours.
 
         Args:
             now: the state.
             showing: what of it is to be seen.
-            unchecked: Gaussians to highlight, (N,), as `find_unchecked` has them.
         """
         after = showing.when == "after"
         splats = self._splats(shown_rows(now, showing) & ~_replaced_rows(now, after))
@@ -90,9 +85,8 @@ class Painter:
         colours, owner = splats.colours.copy(), np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
         if showing.tint:
             for place, marked in enumerate(now.objects):
-                _tint(colours, owner == place, marked.colour, _TINT)
-        if showing.unchecked and unchecked is not None:
-            _tint(colours, (splats.rows >= 0) & unchecked[splats.rows], UNCHECKED, _UNCHECKED_TINT)
+                mine = owner == place
+                colours[mine] = (1 - _TINT) * colours[mine] + _TINT * np.array(marked.colour, np.float32) / 255
         return replace(splats, colours=colours)
 
     def _splats(self, visible: BoolArray) -> Splats:
@@ -174,11 +168,6 @@ def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
         if after and part.result is not None:
             replaced[part.result.source_index[_changed_rows(part)]] = True
     return replaced
-
-
-def _tint(colours: FloatArray, rows: BoolArray, colour: Colour, share: float) -> None:
-    """Mix a colour into those of some rows, in place."""
-    colours[rows] = (1 - share) * colours[rows] + share * np.array(colour, np.float32) / 255
 
 
 def _joined(parts: list[Splats]) -> Splats:

@@ -21,7 +21,7 @@ from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
-from gaussian_trimmer.selecting.marks import Mark, Marks, Point
+from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
 from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.trimming.trim import TrimConfig
 
@@ -80,8 +80,7 @@ class TrimChoices:
             fill=self.fill, background="clean" if self.clean else "exact", refine="fit" if self.fit else "off"
         )
         if up.source == "given":
-            x, y, z = up.direction.tolist()
-            config = replace(config, up=(x, y, z))
+            config = replace(config, up=point_of(up.direction))
         return replace(config, evidence=replace(config.evidence, recover=self.recover))
 
     def arguments(self) -> list[str]:
@@ -304,5 +303,4 @@ def normal_of(points: Sequence[Point], eye: Point) -> Point:
         raise InputError("The three points lie in a line; click three that span the ground.")
     if normal @ (np.array(eye) - first) < 0:
         normal = -normal
-    x, y, z = (normal / np.linalg.norm(normal)).tolist()
-    return x, y, z
+    return point_of(normal / np.linalg.norm(normal))

@@ -19,7 +19,7 @@ PARTS = {"Both": "both", "Object": "object", "Background": "background"}
 WHENS = {"Before": "before", "After": "after"}
 UPS = ("Automatic", "+X", "-X", "+Y", "-Y", "+Z", "-Z")
 AS_SCENE = "as the scene"
-TINT, UNCHECKED, VIEWS, ARROW = "Tint", "Not checked", "Virtual cameras", "Up arrow"
+TINT, VIEWS, ARROW = "Tint", "Virtual cameras", "Up arrow"
 _ATTACHED, _FIT, _CLEAN, _FILL = "Take in what is attached", "Fit the outline", "Clean the background", "Close the hole"
 _HINTS = {
     LOOK: "Drag to turn, right-drag to move, use the wheel to zoom.",
@@ -89,7 +89,7 @@ class Panels:
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
         part, when = cast("Part", PARTS[self.part.value]), cast("When", WHENS[self.when.value])
-        return Showing(part, when, self.overlays[TINT], self.overlays[UNCHECKED])
+        return Showing(part, when, self.overlays[TINT])
 
     def look_at_whole(self) -> None:
         """Show the whole scene before the trim, as marking begins."""
@@ -150,7 +150,7 @@ class Panels:
 
     def _make_marks(self, gui: Any) -> None:
         self.tool = Choice(gui, "Tool", TOOLS)
-        self.effect = Choice(gui, "Mode", tuple(EFFECTS), hint="Shift adds and Ctrl removes, whatever is chosen here.")
+        self.effect = Choice(gui, "Mode", tuple(EFFECTS))
         self.hint = gui.add_markdown(_HINTS[LOOK])
         self.brush = gui.add_slider("Brush radius", 0.02, 2.0, 0.02, 0.3, visible=False)
         self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
@@ -174,7 +174,7 @@ class Panels:
         with gui.add_folder("Show"):
             self.part = Choice(gui, "Part", tuple(PARTS))
             self.when = Choice(gui, "Trim", tuple(WHENS))
-            self.overlays = Switches(gui, "Also", (TINT, UNCHECKED, VIEWS, ARROW), (TINT, ARROW))
+            self.overlays = Switches(gui, "Also", (TINT, VIEWS, ARROW), (TINT, ARROW))
 
     def _make_save(self, gui: Any) -> None:
         self.folder = gui.add_text("Folder", "", hint="New or empty, or with earlier results that may be replaced.")

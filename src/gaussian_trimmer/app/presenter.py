@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from gaussian_trimmer.app.display import Painter, Showing
-from gaussian_trimmer.app.documents import Snapshot
+from gaussian_trimmer.app.display import Painter
 from gaussian_trimmer.app.panels import ARROW, VIEWS, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.unchecked import find_unchecked
-from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.result import TrimResult
 
 
 class Presenter:
@@ -19,31 +14,25 @@ class Presenter:
     def __init__(self, session: Session, panels: Panels, view: SceneView, most: int) -> None:
         self._session, self._panels, self._view, self._most = session, panels, view, most
         self._painter: Painter | None = None
-        self._painted: tuple[Snapshot, Showing] | None = None
-        self._listed: Snapshot | None = None
-        self._up: UpVector | None = None
-        self._arrow: tuple[UpVector, bool] | None = None
-        self._unchecked: tuple[TrimResult, BoolArray] | None = None
-        self._views_of: TrimResult | None = None
+        self._shown: dict[str, object] = {}
 
     def refresh(self) -> None:
         """Show the present state, if a scene is open."""
         now = self._session.glance()
         if now is None:
             return
-        painter, showing, result = self.painter(), self._panels.showing, now.object.result
-        if self._painted != (now, showing):
-            found = self._find_unchecked(result) if showing.unchecked and showing.when == "after" else None
-            self._view.show(painter.paint(now, showing, found))
-            self._painted = now, showing
-        self._show_up(now.up)
-        wanted = result if self._panels.overlays[VIEWS] else None
-        if wanted is not self._views_of:
-            self._view.show_views(wanted)
-            self._views_of = wanted
-        if now is not self._listed:  # otherwise, what somebody is typing is kept
+        painter, showing, overlays = self.painter(), self._panels.showing, self._panels.overlays
+        if self._is_new("splats", (now, showing)):
+            self._view.show(painter.paint(now, showing))
+        if self._is_new("up", now.up):
+            self._view.show_up(now.up.direction)
+        if self._is_new("arrow", (now.up, overlays[ARROW])):
+            self._view.show_arrow(now.up.direction, overlays[ARROW])
+        views = now.object.result if overlays[VIEWS] else None
+        if self._is_new("views", views):
+            self._view.show_views(views)
+        if self._is_new("state", now):  # otherwise, what somebody is typing is kept
             self._panels.refresh(now)
-            self._listed = now
 
     def painter(self) -> Painter:
         """What draws the open scene; made anew, with a view without tools, for another scene."""
@@ -56,18 +45,9 @@ class Presenter:
             self._view.show_points([])
         return self._painter
 
-    def _show_up(self, up: UpVector) -> None:
-        if self._up is not up:
-            self._view.show_up(up.direction)
-            self._up = up
-        arrow = up, self._panels.overlays[ARROW]
-        if self._arrow != arrow:
-            self._view.show_arrow(up.direction, arrow[1])
-            self._arrow = arrow
-
-    def _find_unchecked(self, result: TrimResult | None) -> BoolArray | None:
-        if result is None:
-            return None
-        if self._unchecked is None or self._unchecked[0] is not result:
-            self._unchecked = result, find_unchecked(result)
-        return self._unchecked[1]
+    def _is_new(self, what: str, state: object) -> bool:
+        """Whether something is not in this state yet; it is from now on."""
+        if self._shown.get(what) == state:
+            return False
+        self._shown[what] = state
+        return True

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.app.display import Splats
 from gaussian_trimmer.app.viewpoints import Frame
-from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, quaternions_of
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.selecting.marks import Box3D, Effect, Point
+from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, point_of
 from gaussian_trimmer.views import TrimmedView
 
 _GOOD, _BAD = (60, 200, 90), (230, 60, 60)
@@ -61,11 +60,10 @@ class SceneView:
 
     def show_up(self, up: Float64Array) -> None:
         """Turn the view of all tabs, and of those to come, so that up is up."""
-        x, y, z = up.tolist()
-        self._server.scene.set_up_direction((x, y, z))
-        self._server.initial_camera.up = (x, y, z)
+        self._server.scene.set_up_direction(point_of(up))
+        self._server.initial_camera.up = point_of(up)
         for client in self._server.get_clients().values():
-            client.camera.up_direction = (x, y, z)
+            client.camera.up_direction = point_of(up)
 
     def show_arrow(self, up: Float64Array, visible: bool) -> None:
         """Show the up vector as an arrow, or hide it."""
@@ -124,8 +122,7 @@ class SceneView:
             return None
         centre = up_frame(up) @ self.frame.to_scene(self._box[0].position)
         half = np.array(size, np.float64) / 2
-        low, high = (centre - half).tolist(), (centre + half).tolist()
-        return Box3D((low[0], low[1], low[2]), (high[0], high[1], high[2]), "up", effect)
+        return Box3D(point_of(centre - half), point_of(centre + half), "up", effect)
 
     def resize_box(self, size: Sequence[float]) -> None:
         """Give the box another size."""
@@ -170,9 +167,8 @@ class SceneView:
         """Ends of the edges of a box in the viewer's units, around its middle, (12, 2, 3)."""
         return np.asarray((_SIGNS * np.array(size, np.float64) * self.frame.scale)[_EDGES], np.float32)
 
-    def _place(self, point: Point) -> tuple[float, float, float]:
-        x, y, z = self.frame.to_viewer(np.array(point)).tolist()
-        return x, y, z
+    def _place(self, point: Point) -> Point:
+        return point_of(self.frame.to_viewer(np.array(point)))
 
     def _frustum(self, name: str, view: TrimmedView, size: float) -> Any:
         camera = view.view.camera
@@ -185,14 +181,9 @@ class SceneView:
             image=_thumbnail(view),
             format="jpeg",
             wxyz=quaternions_of(camera.rotation.T[None])[0],
-            position=self._place(_centre(camera)),
+            position=self._place(point_of(camera.centre)),
             cast_shadow=False,
         )
-
-
-def _centre(camera: Camera) -> Point:
-    x, y, z = camera.centre.tolist()
-    return x, y, z
 
 
 def _thumbnail(view: TrimmedView) -> NDArray[np.uint8]:

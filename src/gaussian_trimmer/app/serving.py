@@ -85,16 +85,9 @@ def _start(port: int) -> Any:
     except ImportError as error:
         raise InputError(f"The app needs viser: {INSTALL}.") from error
 
-    class Server(viser.ViserServer):  # type: ignore[misc, unused-ignore]
-        """A server whose pages cannot be published through a stranger's tunnel."""
-
-        def request_share_url(self, verbose: bool = True) -> str | None:
-            """Refuse."""
-            return None
-
     with guarding_viser() as guards, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
         # Without a label, the panel says in its place whether the page is connected.
-        server = Server(host=HOST, port=port, verbose=False)
+        server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if not guards:
         server.stop()
         raise InputError(f"This version of viser, {viser.__version__}, cannot be guarded; install another: {INSTALL}.")

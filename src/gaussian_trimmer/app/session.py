@@ -36,8 +36,11 @@ _MAX_NAME = 60
 _DEFAULTS = TrimChoices()
 
 
-class Cancelled(Exception):  # noqa: N818
-    """The user has stopped what was going on; everything is as before."""
+class Cancelled(InputError):  # noqa: N818
+    """The user has stopped what was going on."""
+
+    def __init__(self) -> None:
+        super().__init__("Cancelled; everything is as it was.")
 
 
 class Session:

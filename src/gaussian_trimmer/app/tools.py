@@ -12,11 +12,11 @@ from gaussian_trimmer.app.documents import normal_of
 from gaussian_trimmer.app.panels import BOX, BOX3D, BRUSH, CLICK, EFFECTS, LOOK, POINTS, TINT, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.viewpoints import BrowserCamera, before_what_shows, box_at, pixel_at, surface_points
+from gaussian_trimmer.app.viewpoints import before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.selecting.marks import Box, Click, Effect, Mark, Point, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks import Box, Click, Effect, Mark, Point, Sphere, Viewpoint, point_of
 
 Place = Sequence[float]
 """A place in the browser's picture, from (0, 0) at the upper left to (1, 1)."""
@@ -63,15 +63,7 @@ class Tools:
 
     def viewpoint(self, client: Any) -> Viewpoint:
         """Where a tab looks from."""
-        camera = client.camera
-        return BrowserCamera(
-            np.asarray(camera.position, np.float64),
-            np.asarray(camera.wxyz, np.float64),
-            float(camera.fov),
-            int(camera.image_width),
-            int(camera.image_height),
-            float(camera.near),
-        ).viewpoint(self._view.frame)
+        return viewpoint_of(client.camera, self._view.frame)
 
     def begin(self, tool: str, client: Any) -> str:
         """Listen for the clicks or boxes of a tool, and show what belongs to it."""
@@ -117,9 +109,9 @@ class Tools:
                 raise InputError("Nothing is in the middle of the picture; turn towards the object, then choose again.")
             centre = np.array(point)
             size = np.full(3, _BOX_SHARE * float(np.linalg.norm(centre - view.camera.centre)))
-        sides = _numbers(size)
+        sides = point_of(size)
         self._panels.box_size.value = sides
-        self._view.show_box(_numbers(centre), sides, now.up.direction)
+        self._view.show_box(point_of(centre), sides, now.up.direction)
 
     def _effect(self, modifier: str | None) -> Effect:
         return _MODIFIERS.get(modifier) or cast("Effect", EFFECTS[self._panels.effect.value])
@@ -156,7 +148,7 @@ class Tools:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
         self._view.show_points([])
-        up = self._session.set_up(normal_of(corners, _numbers(view.camera.centre)))
+        up = self._session.set_up(normal_of(corners, point_of(view.camera.centre)))
         self._panels.show_tool(LOOK)
         self.begin(LOOK, None)
         return f"Up is {' '.join(f'{value:.3f}' for value in up.direction)}."
@@ -225,8 +217,3 @@ class Tools:
     @property
     def _radius(self) -> float:
         return float(self._panels.brush.value / self._view.frame.scale)
-
-
-def _numbers(values: Float64Array) -> Point:
-    x, y, z = values.tolist()
-    return x, y, z

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.marks import Point, Viewpoint
+from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
 
 _SIZE = 5.0
@@ -51,33 +52,21 @@ class Frame:
         return np.asarray(np.asarray(points, np.float64) / self.scale + self.centre)
 
 
-@dataclass(frozen=True, eq=False)
-class BrowserCamera:
-    """Where a browser looks from, in the viewer's coordinates."""
+def viewpoint_of(camera: Any, frame: Frame) -> Viewpoint:
+    """The view of the scene that a browser has, to which marks can refer.
 
-    position: Float64Array
-    """(3,)."""
-    quaternion: Float64Array
-    """Rotation (w, x, y, z) from camera axes, x right, y down, z forward, to the viewer's, (4,)."""
-    fov_radians: float
-    """Vertical field of view."""
-    width: int
-    """Pixels of the picture."""
-    height: int
-    near: float = 0.01
-    """Nothing nearer than this is drawn."""
-
-    def viewpoint(self, frame: Frame) -> Viewpoint:
-        """The same view of the scene, to which marks can refer."""
-        width, height = (int(np.clip(size, 1, _LARGEST_PICTURE)) for size in (self.width, self.height))
-        rotation = rotation_matrices(np.asarray(self.quaternion, np.float32)[None])[0].T
-        pose = np.eye(4)
-        pose[:3, :3] = rotation
-        pose[:3, 3] = -rotation @ frame.to_scene(self.position)
-        fov = float(np.clip(self.fov_radians, _SMALLEST_FOV, _LARGEST_FOV))
-        focal = height / 2 / np.tan(fov / 2)
-        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
-        return Viewpoint(Camera(pose, K, width, height, near=max(self.near / frame.scale, 1e-9)))
+    Args:
+        camera: viser's, in the viewer's coordinates; its axes are x right, y down, z forward.
+        frame: these coordinates.
+    """
+    width, height = (int(np.clip(size, 1, _LARGEST_PICTURE)) for size in (camera.image_width, camera.image_height))
+    rotation = rotation_matrices(np.asarray(camera.wxyz, np.float32)[None])[0].T
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ frame.to_scene(camera.position)
+    focal = height / 2 / np.tan(float(np.clip(camera.fov, _SMALLEST_FOV, _LARGEST_FOV)) / 2)
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    return Viewpoint(Camera(pose, K, width, height, near=max(float(camera.near) / frame.scale, 1e-9)))
 
 
 def pixel_at(view: Viewpoint, place: Sequence[float]) -> tuple[int, int]:
@@ -124,9 +113,4 @@ def surface_points(
     depths = surface_depths(gaussians, small, rows, weights)
     rays = small.ray_directions(pixels + 0.5)
     points = small.centre + rays * (depths / (rays @ small.forward))[:, None]
-    return [_point(point) if np.isfinite(point).all() else None for point in points]
-
-
-def _point(values: Float64Array) -> Point:
-    x, y, z = values.tolist()
-    return x, y, z
+    return [point_of(point) if np.isfinite(point).all() else None for point in points]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import traceback
 from collections.abc import Callable
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
 
-_PATIENCE_SECONDS = 10.0
 Job = Callable[[], None]
 
 
@@ -16,14 +14,12 @@ class Worker:
     """Does one job after the other, in the order in which they were submitted. One that fails is printed."""
 
     def __init__(self) -> None:
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
         self._cancelled, self.busy = threading.Event(), False
-        self._thread = threading.Thread(target=self._work, name="gaussian-trimmer-app", daemon=True)
-        self._thread.start()
 
     def submit(self, job: Job) -> None:
         """Do a job after those that were submitted before."""
-        self._jobs.put(job)
+        self._thread.submit(self._do, job)
 
     def cancel(self) -> None:
         """Ask the present job to stop; later ones are done."""
@@ -36,20 +32,15 @@ class Worker:
 
     def stop(self) -> None:
         """Let the present job be the last, ask it to stop, and wait for that."""
-        with suppress(queue.Empty):
-            while True:
-                self._jobs.get_nowait()
-        self._jobs.put(None)
         self.cancel()
-        self._thread.join(_PATIENCE_SECONDS)
+        self._thread.shutdown(cancel_futures=True)
 
-    def _work(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            self._cancelled.clear()
-            self.busy = True
-            try:
-                job()
-            except BaseException:
-                traceback.print_exc()
-            finally:
-                self.busy = False
+    def _do(self, job: Job) -> None:
+        self._cancelled.clear()
+        self.busy = True
+        try:
+            job()
+        except Exception:
+            traceback.print_exc()
+        finally:
+            self.busy = False

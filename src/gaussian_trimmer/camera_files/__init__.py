@@ -68,7 +68,7 @@ def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet
             frames, up = read_json_frames(found, trust_paths=trust_paths)
         else:
             with reading(found.with_stem("cameras")):
-                frames = list(read_colmap_frames(found))
+                frames = read_colmap_frames(found)
     if not frames:
         raise InputError(f"'{found}' holds no posed images; give the cameras of a finished reconstruction.")
     cameras = tuple(

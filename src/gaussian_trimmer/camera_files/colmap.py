@@ -5,9 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, TextIO, cast
 
 import numpy as np
 
@@ -17,242 +16,141 @@ from gaussian_trimmer.camera_files.frames import (
     Lens,
     floats,
     make_lens,
-    numbers,
     rigid_transforms,
 )
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, rotation_matrices
 
-_MAX_NAME_BYTES = 4096
-_MAX_LINE = 1 << 14
-_IMAGES_AT_ONCE = 1024
-_SHORTEST, _LONGEST = 1e-6, 1e100
-"""Lengths of quaternions that a rotation can be computed from."""
+_MODELS = {
+    "SIMPLE_PINHOLE": (3, 1),
+    "PINHOLE": (4, 2),
+    "SIMPLE_RADIAL": (4, 1),
+    "RADIAL": (5, 1),
+    "OPENCV": (8, 2),
+    "OPENCV_FISHEYE": (8, 2),
+    "FULL_OPENCV": (12, 2),
+    "FOV": (5, 2),
+    "SIMPLE_RADIAL_FISHEYE": (4, 1),
+    "RADIAL_FISHEYE": (5, 1),
+    "THIN_PRISM_FISHEYE": (12, 2),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (16, 2),
+}
+"""Camera model -> number of parameters, and of focal lengths, which come first; then the principal point, then the
+distortion. The place in the table is the model's id in binary files."""
 
 
-@dataclass(frozen=True)
-class _Model:
-    """A COLMAP camera model: `focals` focal lengths, the principal point, then distortion."""
-
-    name: str
-    parameters: int
-    focals: int
-    fisheye: bool = False
-
-
-_MODELS = (  # the row number is the model's id in binary files
-    _Model("SIMPLE_PINHOLE", 3, 1),
-    _Model("PINHOLE", 4, 2),
-    _Model("SIMPLE_RADIAL", 4, 1),
-    _Model("RADIAL", 5, 1),
-    _Model("OPENCV", 8, 2),
-    _Model("OPENCV_FISHEYE", 8, 2, fisheye=True),
-    _Model("FULL_OPENCV", 12, 2),
-    _Model("FOV", 5, 2),
-    _Model("SIMPLE_RADIAL_FISHEYE", 4, 1, fisheye=True),
-    _Model("RADIAL_FISHEYE", 5, 1, fisheye=True),
-    _Model("THIN_PRISM_FISHEYE", 12, 2, fisheye=True),
-    _Model("RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, fisheye=True),
-)
-_MODEL_NAMES = {model.name: model for model in _MODELS}
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Image:
-    """An entry of the images file; its numbers may still be text."""
+    """An entry of the images file."""
 
     camera_id: int
     name: str
-    quaternion: Sequence[Any]
-    translation: Sequence[Any]
-
-
-@dataclass(frozen=True)
-class _LensEntry:
-    """An entry of the cameras file, unchecked; its numbers may still be text."""
-
-    model: _Model
-    parameters: Sequence[Any]
-    width: Any
-    height: Any
     where: str
+    """What messages on it begin with."""
+    pose: Float64Array
+    """Quaternion (w, x, y, z) and translation, (7,)."""
 
 
-def read_colmap_frames(images: Path) -> Iterator[Frame]:
+def read_colmap_frames(path: Path) -> list[Frame]:
     """The frames of an images file and of the cameras file beside it.
 
     Raises:
         InputError: a file is damaged, the two do not fit each other, or a camera is not possible.
     """
-    cameras = images.with_stem("cameras")
-    if images.suffix == ".bin":
-        lens_entries, entries = dict(_binary_lenses(cameras)), _binary_images(images)
-    else:
-        lens_entries, entries = dict(_text_lenses(cameras)), _text_images(images)
-    lenses: dict[int, Lens] = {}
-    while some := list(islice(entries, _IMAGES_AT_ONCE)):
-        for image in some:
-            if image.camera_id not in lens_entries:
-                raise InputError(
-                    f"{_where(images, image)}: its camera {image.camera_id} is not in '{cameras.name}'; export both "
-                    "files together."
-                )
-            if image.camera_id not in lenses:
-                lenses[image.camera_id] = _model_lens(lens_entries[image.camera_id])
-        for image, pose in zip(some, _poses(some, images), strict=True):
-            yield Frame(image.name, pose, lenses[image.camera_id])
-
-
-def _poses(images: Sequence[_Image], path: Path) -> Float64Array:
-    """World-to-camera transforms of some images, (V, 4, 4).
-
-    Raises:
-        InputError: one has no rotation or is not finite.
-    """
+    binary, cameras = path.suffix == ".bin", path.with_stem("cameras")
     try:
-        quaternions = np.array([[float(value) for value in image.quaternion] for image in images])
-        translations = np.array([[float(value) for value in image.translation] for image in images])
-    except ValueError:  # a word is no number: the checks below find which
-        quaternions = np.array([_quaternion(image, path) for image in images])
-        translations = np.array(
-            [floats(image.translation, (3,), f"{_where(path, image)}: the translation") for image in images]
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        lengths = np.linalg.norm(quaternions, axis=1)
-    for image, length in zip(images, lengths, strict=True):
-        if not _SHORTEST <= length <= _LONGEST:
-            _quaternion(image, path)
-    # The rotation is computed in float64; the annotation of the scene's quaternions is float32.
-    rotations = rotation_matrices(cast(FloatArray, quaternions))
-    last = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(images), 1, 4))
-    poses = np.concatenate([np.concatenate([rotations, translations[:, :, None]], axis=2), last], axis=1)
-    return rigid_transforms(list(poses), lambda i: _where(path, images[i]))
+        lenses = dict(_binary_lenses(cameras) if binary else _text_lenses(cameras))
+        images = list(_binary_images(path) if binary else _text_images(path))
+    except InputError:
+        raise
+    except (struct.error, ValueError) as error:
+        raise InputError(
+            f"The COLMAP model '{path.parent}' is truncated or damaged: a file ends inside an entry; export it again."
+        ) from error
+    for image in images:
+        if image.camera_id not in lenses:
+            raise InputError(
+                f"{image.where}: its camera {image.camera_id} is not in '{cameras.name}'; export both files together."
+            )
+    numbers = np.array([image.pose for image in images]).reshape(-1, 7)
+    poses = np.empty((len(images), 3, 4))
+    with np.errstate(all="ignore"):  # a quaternion without a direction makes a pose that is not finite
+        # The rotation is computed in float64; the annotation of the scene's quaternions is float32.
+        poses[:, :, :3] = rotation_matrices(cast(FloatArray, numbers[:, :4]))
+    poses[:, :, 3] = numbers[:, 4:]
+    transforms = rigid_transforms(list(poses), lambda i: images[i].where)
+    return [Frame(image.name, pose, lenses[image.camera_id]) for image, pose in zip(images, transforms, strict=True)]
 
 
-def _quaternion(image: _Image, path: Path) -> Float64Array:
-    """The quaternion of an image.
-
-    Raises:
-        InputError: it is none, or of a length with which no rotation can be computed.
-    """
-    where = f"{_where(path, image)}: the quaternion"
-    quaternion = floats(image.quaternion, (4,), where)
-    largest = np.abs(quaternion).max()
-    if not _SHORTEST <= largest <= _LONGEST / 2:
-        raise InputError(f"{where} has length {'zero' if largest < _SHORTEST else f'{largest:.3g}'}.")
-    return quaternion
-
-
-def _where(path: Path, image: _Image) -> str:
-    return f"'{path}', image '{shown(image.name)}'"
-
-
-def _binary_lenses(path: Path) -> Iterator[tuple[int, _LensEntry]]:
+def _binary_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
     with path.open("rb") as file:
-        data = _BinaryFile(file, path)
-        (count,) = data.values("Q")
-        for _ in range(count):
-            camera_id, model_id, width, height = data.values("IiQQ")
+        for _ in range(_values(file, "Q")[0]):
+            camera_id, model_id, width, height = _values(file, "IiQQ")
             where = f"'{path}', camera {camera_id}"
-            if not 0 <= model_id < len(_MODELS):
-                raise InputError(f"{where}: unknown camera model {model_id}; undistort to PINHOLE with COLMAP first.")
-            model = _MODELS[model_id]
-            yield camera_id, _LensEntry(model, data.values(f"{model.parameters}d"), width, height, where)
+            name = list(_MODELS)[model_id] if 0 <= model_id < len(_MODELS) else str(model_id)
+            count, _ = _MODELS.get(name, (0, 0))
+            yield camera_id, _lens(name, _values(file, f"{count}d"), width, height, where)
 
 
 def _binary_images(path: Path) -> Iterator[_Image]:
     with path.open("rb") as file:
-        data = _BinaryFile(file, path)
-        (count,) = data.values("Q")
-        for _ in range(count):
-            _, *pose, camera_id = data.values("I7dI")
-            name = data.text()
-            (n_points,) = data.values("Q")
-            data.skip(24 * n_points)
-            yield _Image(camera_id, name, pose[:4], pose[4:])
+        for _ in range(_values(file, "Q")[0]):
+            _, *pose, camera_id = _values(file, "I7dI")
+            name = bytearray()
+            while (character := file.read(1)) not in (b"\0", b""):
+                name += character
+            file.seek(24 * _values(file, "Q")[0], 1)  # the image's 2D points
+            yield _image(path, camera_id, name.decode("utf-8", "replace"), pose)
 
 
-def _text_lenses(path: Path) -> Iterator[tuple[int, _LensEntry]]:
-    with path.open("rb") as file:
-        for line in _lines(file, path):
+def _values(file: BinaryIO, layout: str) -> tuple[Any, ...]:
+    """Little-endian values in a layout of `struct`; struct.error where the file ends too early."""
+    return struct.unpack(f"<{layout}", file.read(struct.calcsize(f"<{layout}")))
+
+
+def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in _lines(file):
+            where = f"'{path}', line '{shown(line)}'"
             words = line.split()
-            where = f"'{path}', line '{shown(line.strip())}'"
-            if len(words) < 5 or words[1] not in _MODEL_NAMES:
-                raise InputError(f"{where}: no known camera model; undistort to PINHOLE with COLMAP first.")
-            model, (width, height, *parameters) = _MODEL_NAMES[words[1]], words[2:]
-            yield _integer(words[0], where), _LensEntry(model, parameters, width, height, where)
+            if len(words) < 5:
+                raise InputError(f"{where}: a camera needs more than four entries; is the file damaged?")
+            camera_id, name, width, height, *parameters = words
+            yield _integer(camera_id, where), _lens(name, parameters, width, height, where)
 
 
 def _text_images(path: Path) -> Iterator[_Image]:
-    with path.open("rb") as file:
-        for line in _lines(file, path):
-            words = line.split(maxsplit=9)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in _lines(file):
+            where, words = f"'{path}', line '{shown(line)}'", line.split(maxsplit=9)
             if len(words) < 10:
-                raise InputError(f"'{path}', line '{shown(line.strip())}': an image needs ten entries; is it damaged?")
-            name = words[9].strip()
-            yield _Image(_integer(words[8], f"'{path}', image '{shown(name)}'"), name, words[1:5], words[5:8])
-            while (rest := file.readline(_MAX_LINE)) and not rest.endswith(b"\n"):
-                pass  # the image's 2D points, a line of its own that may be empty, and of any length
+                raise InputError(f"{where}: an image needs ten entries; is the file damaged?")
+            next(file, None)  # the image's 2D points, a line of its own that may be empty
+            yield _image(path, _integer(words[8], where), words[9], words[1:8])
 
 
-def _lines(file: BinaryIO, path: Path) -> Iterator[str]:
-    """The lines that are neither empty nor comments.
-
-    Raises:
-        InputError: one is longer than a line of this kind can be.
-    """
-    while line := file.readline(_MAX_LINE):
-        if len(line) == _MAX_LINE and not line.endswith(b"\n"):
-            raise InputError(f"'{path}' has a line of more than {_MAX_LINE} characters; is it damaged?")
-        if line.strip() and not line.lstrip().startswith(b"#"):
-            yield line.decode("utf-8", "replace")
-
-
-def _model_lens(entry: _LensEntry) -> Lens:
-    model = entry.model
-    p = numbers(entry.parameters, model.parameters, f"{entry.where}: the parameters of {model.name}")
-    fx, fy, (cx, cy) = p[0], p[model.focals - 1], p[model.focals : model.focals + 2]
-    distorted = model.fisheye or any(abs(coefficient) > DISTORTION_TOLERANCE for coefficient in p[model.focals + 2 :])
-    return make_lens((fx, fy, cx, cy), entry.width, entry.height, distorted, entry.where)
+def _lines(file: TextIO) -> Iterator[str]:
+    """The lines that are neither empty nor comments."""
+    return (line.strip() for line in file if line.strip() and not line.lstrip().startswith("#"))
 
 
 def _integer(text: str, where: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise InputError(f"{where}: '{shown(text)}' is no whole number; is the file damaged?") from None
+        raise InputError(f"{where}: '{shown(text)}' is not a whole number; is the file damaged?") from None
 
 
-class _BinaryFile:
-    """Little-endian values of a file that may end too early."""
+def _image(path: Path, camera_id: int, name: str, pose: Sequence[Any]) -> _Image:
+    where = f"'{path}', image '{shown(name)}'"
+    return _Image(camera_id, name, where, floats(pose, (7,), f"{where}: quaternion and translation"))
 
-    def __init__(self, file: BinaryIO, path: Path) -> None:
-        self.file = file
-        self.path = path
-        self.size = path.stat().st_size
 
-    def values(self, layout: str) -> tuple[Any, ...]:
-        """Values in a layout of `struct`, given without its byte order."""
-        layout = f"<{layout}"
-        data = self.file.read(struct.calcsize(layout))
-        if len(data) < struct.calcsize(layout):
-            raise self._truncated()
-        return struct.unpack(layout, data)
-
-    def text(self) -> str:
-        """Characters up to a NUL."""
-        start = self.file.tell()
-        head, nul, _ = self.file.read(_MAX_NAME_BYTES).partition(b"\0")
-        if not nul:
-            raise self._truncated()
-        self.file.seek(start + len(head) + 1)
-        return head.decode("utf-8", "replace")
-
-    def skip(self, n_bytes: int) -> None:
-        """Leaves out bytes that must be there."""
-        if n_bytes > self.size - self.file.tell():
-            raise self._truncated()
-        self.file.seek(n_bytes, 1)
-
-    def _truncated(self) -> InputError:
-        return InputError(f"'{self.path}' is truncated or damaged: it ends inside an entry; export the model again.")
+def _lens(name: str, parameters: Sequence[Any], width: Any, height: Any, where: str) -> Lens:
+    if name not in _MODELS:
+        raise InputError(f"{where}: unknown camera model '{shown(name)}'; undistort to PINHOLE with COLMAP first.")
+    count, focals = _MODELS[name]
+    p = floats(parameters, (count,), f"{where}: the parameters of {name}").tolist()
+    fx, fy, (cx, cy) = p[0], p[focals - 1], p[focals : focals + 2]
+    distorted = "FISHEYE" in name or any(abs(coefficient) > DISTORTION_TOLERANCE for coefficient in p[focals + 2 :])
+    return make_lens((fx, fy, cx, cy), width, height, distorted, where)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.camera_files.frames import floats, inverses, rigid_transform
+from gaussian_trimmer.camera_files.frames import floats, inverse, rigid_transform
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
@@ -47,7 +47,7 @@ def in_training_world(cameras: CameraSet, dataparser: Path, source: Path) -> Cam
     turn = rigid_transform(document.get("transform"), f"'{dataparser}'")
     scale = _positive(document.get("scale"), f"'{dataparser}': the scale")
     applied, applied_scale = _applied(source)
-    turn, scale = turn @ inverses(applied[None])[0], scale / applied_scale
+    turn, scale = turn @ inverse(applied), scale / applied_scale
     moved = []
     for camera in cameras.cameras:
         pose = np.eye(4)

@@ -79,7 +79,7 @@ class _EvaluateDataset:
         variant: dict[str, Variant] = {
             self.preset: Variant(self.config, segmenter_with(self.segmenter, self.segmenter_options))
         }
-        # Lines on the progress belong to no CSV, JSON or LaTeX.
+        # Lines on the progress belong to no CSV or JSON.
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
         methods: dict[str, list[Run]] = {}
         for name, predictions in zip(names, found, strict=True):

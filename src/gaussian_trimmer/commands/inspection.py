@@ -17,7 +17,7 @@ from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
-from gaussian_trimmer.selection_files.array_kinds import CLUSTERS
+from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
@@ -34,7 +34,6 @@ _USES = {
     "mask": "selects from a scene of {n} Gaussians",
     "labels": f"selects from a scene of {{n}} Gaussians, with {flag('object_id')}",
     "indices": "selects the listed rows",
-    "clusters": f"selects OpenGaussian's clusters, with {flag('object_id')}",
     "flashsplat": f"selects from a scene of {{n}} Gaussians by FlashSplat's weights, with {flag('object_id')}",
 }
 
@@ -86,13 +85,8 @@ def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
 
 
 def describe_splats(path: Path) -> Iterator[str]:
-    """Lines on a splat file, and on what its Gaussians would lose in other formats."""
-    gaussians = formats.read(path)
-    yield from describe_gaussians(gaussians)
-    own = formats.format_suffix(path)
-    for suffix, other in formats.FORMATS.items():
-        if suffix != own:
-            yield f"as {suffix}: {other.loses or 'loses nothing'}"
+    """Lines on a splat file."""
+    yield from describe_gaussians(formats.read(path))
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
@@ -139,11 +133,13 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"{f'array {shown(name)}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
     if len(file.arrays) > _LISTED:
         yield f"and {len(file.arrays) - _LISTED} more arrays"
-    longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
     options = SelectionOptions()
-    kinds = ["clusters"] if CLUSTERS in file.arrays else offered_kinds(file, longest, options)
+    labels = file.vector(options, *LABEL_NAMES)
+    longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
+    n = longest if labels is None else len(labels)
+    kinds = offered_kinds(file, n, options)
     for kind in kinds:
-        yield _USES[kind].format(n=longest)
+        yield _USES[kind].format(n=n)
     if "labels" in kinds and _distinct_rows(file, options):
         yield "selects the listed rows of a scene with more Gaussians"
     if not kinds:

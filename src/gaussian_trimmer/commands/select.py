@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_
 from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
-from gaussian_trimmer.settings import Range, Share, check_settings
+from gaussian_trimmer.settings import Range, check_settings
 
 _LISTING = "select --list-views"
 
@@ -70,12 +70,8 @@ class Select(TrimSettings):
     it. An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
     """Also trim the selection, with all settings of trim, and write the results to this folder."""
-    method: Literal["assignment", "vote"] = "assignment"
-    """How masks select Gaussians: by the pixels that a Gaussian contributes to, or by votes for its centre."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0
-    """For `assignment`: bias towards the background, -1 to 1."""
-    threshold: Share = 0.7
-    """For `vote`: a centre must lie in more than this share of the masks."""
+    """Bias of --masks towards the background, -1 to 1."""
     object_ids: bool = False
     """The masks hold object numbers, 0 for the background; all objects are selected at once."""
 
@@ -135,7 +131,7 @@ class Select(TrimSettings):
         views = self._overview(scene, None, up).views if cameras is None else None
         marks: list[Mark] = self.mark_options.marks()
         if self.masks is not None:
-            marks.insert(0, FromMasks(self.masks, self.method, self.gamma, self.threshold))
+            marks.insert(0, FromMasks(self.masks, self.gamma))
         resolved = resolve_views(scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.cameras)
         if self.marks is None:
             return resolved
@@ -158,8 +154,8 @@ class Select(TrimSettings):
             )
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
-        if self.object_ids and (self.masks is None or self.method == "vote" or marks or self.marks):
-            raise InputError("Object numbers are lifted from --masks alone and only by 'assignment'.")
+        if self.object_ids and (self.masks is None or marks or self.marks):
+            raise InputError("Object numbers are lifted from --masks alone.")
         if self.object_ids and self.trim is not None:
             raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
         if self.pages.wished() and self.trim is None:

@@ -31,10 +31,10 @@ class Findings:
 class TableOptions:
     """Where tables go."""
 
-    format: Literal["table", "csv", "json", "latex"] = "table"
+    format: Literal["table", "csv", "json"] = "table"
     """How tables are printed."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to which all tables are also written, as .md, .csv, .json and .tex."""
+    """Folder to which all tables are also written, as .md, .csv and .json."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
 

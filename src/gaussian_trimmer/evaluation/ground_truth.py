@@ -20,11 +20,11 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
+from gaussian_trimmer.views import HALF_COVERAGE
 
 _MAX_FILE_BYTES = 1 << 28
 _MAX_PIXELS = 1 << 26
 _JPEG = b"\xff\xd8"
-_HALF_GREY = 127
 _ASPECT_TOLERANCE = 0.02
 """Relative difference of aspect ratios up to which two pictures show the same: sizes are rounded to whole pixels."""
 _SAME_COVERAGE = 1.5 / 255
@@ -75,16 +75,12 @@ def read_mask(path: Path) -> FloatArray:
     """
     grey, is_jpeg = _decoded(path, cv2.IMREAD_GRAYSCALE)
     if is_jpeg:
-        return (grey > _HALF_GREY).astype(np.float32)
+        return (grey > HALF_COVERAGE).astype(np.float32)
     return grey.astype(np.float32) / np.float32(1 if grey.max() == 1 else 255)
 
 
 def read_picture(path: Path) -> FloatArray:
-    """A picture in [0, 1], (H, W, 3).
-
-    Raises:
-        InputError: the file cannot be read as a picture, or has more than 67 million pixels.
-    """
+    """A picture in [0, 1], (H, W, 3). Raises as `read_mask`."""
     bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
     return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
@@ -204,9 +200,7 @@ def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)
-    if header is None:
-        raise InputError(f"'{path}' is no picture that can be read; masks are best saved as PNG.")
-    if header.n_pixels > _MAX_PIXELS:
+    if header is not None and header.n_pixels > _MAX_PIXELS:
         raise InputError(
             f"The picture '{path}' has {header.width} x {header.height} pixels, too many; make it smaller."
         )

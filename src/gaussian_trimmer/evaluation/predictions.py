@@ -37,7 +37,6 @@ _SELECTIONS = (
 )
 _CAMERAS = ("cameras.json", "transforms.json", "sparse/0", "sparse")
 _ITERATION = re.compile(r"iteration_(\d+)")
-_N_EXAMPLES = 4
 _PLACEHOLDERS = "{scene} and {object} stand for the task's names"
 
 
@@ -77,45 +76,42 @@ def find_prediction(folder: Path, task: LayoutTask, patterns: PredictionPatterns
     own = [f"{home}/" for home in _TASK_FOLDERS]
     homes = [*own, f"{_SCENE_FOLDER}/"]
     # In a folder that tasks share, a selection must bear the task's name.
-    named = [home + name for home in (f"{_SCENE_FOLDER}/", "") for name in _SELECTIONS if "{object}" in name]
-    scenes = [home + name for home in homes for name in _SCENES]
-    selections = [home + name for home in own for name in _SELECTIONS] + named
+    named = [(folder, home + name) for home in (f"{_SCENE_FOLDER}/", "") for name in _SELECTIONS if "{object}" in name]
+    scenes = [(folder, home + name) for home in homes for name in _SCENES]
+    selections = [(folder, home + name) for home in own for name in _SELECTIONS] + named
     cameras = [(folder, home + name) for home in homes for name in _CAMERAS]
     cameras += [(root, f"{_SCENE_FOLDER}/{name}") for name in _CAMERAS]
-    find = _Finder(folder, task)
+
+    def given(pattern: str | None) -> list[tuple[Path, str]]:
+        return [] if pattern is None else [(folder, pattern)]
+
     return Prediction(
-        find("splat file", "--scenes", patterns.scenes, [(folder, pattern) for pattern in scenes]),
-        find("selection", "--selections", patterns.selections, [(folder, pattern) for pattern in selections]),
-        find("cameras", "--cameras", patterns.cameras, cameras),
+        _find(task, "splat file", "--scenes", given(patterns.scenes) or scenes),
+        _find(task, "selection", "--selections", given(patterns.selections) or selections),
+        _find(task, "cameras", "--cameras", given(patterns.cameras) or cameras),
     )
 
 
-@dataclass(frozen=True)
-class _Finder:
-    folder: Path
-    task: LayoutTask
+def _find(task: LayoutTask, what: str, option: str, places: Sequence[tuple[Path, str]]) -> Path:
+    """The file or folder that the first pattern matches that matches any."""
 
-    def __call__(self, what: str, option: str, given: str | None, usual: Sequence[tuple[Path, str]]) -> Path:
-        """The file that the given pattern matches, or else the first of the usual ones that matches any."""
-        places = usual if given is None else [(self.folder, given)]
-        for folder, pattern in places:
-            found = _last_iteration(_matches(folder, self._filled(pattern, glob.escape)))
-            if len(found) > 1:
-                names = ", ".join(map(str, found[:_N_EXAMPLES]))
-                raise InputError(
-                    f"The task '{self.task.name}' has {len(found)} files that may be its {what} ({names}); name one "
-                    f"with {option} PATTERN, in which {_PLACEHOLDERS}."
-                )
-            if found:
-                return found[0]
-        folder, pattern = places[0]
-        raise InputError(
-            f"There is no {what} of the task '{self.task.name}', such as '{folder / self._filled(pattern, str)}'; name "
-            f"it with {option} PATTERN, in which {_PLACEHOLDERS}."
-        )
+    def filled(pattern: str, quote: Callable[[str], str] = str) -> str:
+        return pattern.replace("{scene}", quote(task.scene)).replace("{object}", quote(task.object))
 
-    def _filled(self, pattern: str, quote: Callable[[str], str]) -> str:
-        return pattern.replace("{scene}", quote(self.task.scene)).replace("{object}", quote(self.task.object))
+    for folder, pattern in places:
+        found = _last_iteration(_matches(folder, filled(pattern, glob.escape)))
+        if len(found) > 1:
+            raise InputError(
+                f"The task '{task.name}' has {len(found)} files that may be its {what} ({found[0]}, {found[1]} ...); "
+                f"name one with {option} PATTERN, in which {_PLACEHOLDERS}."
+            )
+        if found:
+            return found[0]
+    folder, pattern = places[0]
+    raise InputError(
+        f"There is no {what} of the task '{task.name}', such as '{folder / filled(pattern)}'; name it with {option} "
+        f"PATTERN, in which {_PLACEHOLDERS}."
+    )
 
 
 def _matches(folder: Path, pattern: str) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Tables of scores as Markdown, CSV, JSON and LaTeX; each carries notes on how its figures were measured."""
+"""Tables of scores as Markdown, CSV and JSON; each carries notes on how its figures were measured."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ScoreTable:
     rows: Sequence[Sequence[Cell]]
     notes: Sequence[str] = ()
     digits: int = 2
-    """Decimals of numbers in Markdown and LaTeX; CSV and JSON have four."""
+    """Decimals of numbers in Markdown; CSV and JSON have four."""
 
     def as_markdown(self) -> str:
         """A Markdown table with aligned columns."""
@@ -66,28 +66,14 @@ class ScoreTable:
         rows = [{name: _json(cell) for name, cell in zip(self.columns, row, strict=True)} for row in self.rows]
         return {"title": self.title, "notes": list(self.notes), "rows": rows}
 
-    def as_latex(self) -> str:
-        """A table environment for the booktabs package; the notes end the caption."""
-        rows = [[_tex(cell_text(cell, self.digits)).replace("->", r"$\to$") for cell in row] for row in self.rows]
-        head, *body = ["  " + " & ".join(row) + r" \\" for row in [[_tex(name) for name in self.columns], *rows]]
-        begin = [
-            r"\begin{table}[htbp]",
-            r"  \centering",
-            rf"  \caption{{{_tex('. '.join([self.title, *self.notes]))}.}}",
-            rf"  \begin{{tabular}}{{l{'c' * (len(self.columns) - 1)}}}",
-        ]
-        end = [r"  \bottomrule", r"  \end{tabular}", r"\end{table}", ""]
-        return "\n".join([*begin, r"  \toprule", head, r"  \midrule", *body, *end])
-
 
 FORMATS: Mapping[str, Callable[[ScoreTable], str]] = {
     "table": ScoreTable.as_markdown,
     "csv": ScoreTable.as_csv,
     "json": lambda table: json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n",
-    "latex": ScoreTable.as_latex,
 }
 """How a table is printed, by name."""
-ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json", "latex": ".tex"}
+ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json"}
 """Ending of each format's file."""
 
 
@@ -134,16 +120,3 @@ def _json(cell: Cell) -> Any:
     if isinstance(cell, Change):
         return {"before": _json(cell.before), "after": _json(cell.after)}
     return round(cell, 4) if isinstance(cell, float) else cell
-
-
-_TEX = {character: f"\\{character}" for character in "&%$#_{}"}
-_TEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
-
-
-def _tex(text: str) -> str:
-    r"""Text whose special characters are escaped for LaTeX.
-
-    >>> print(_tex("100 % of a_b"))
-    100 \% of a\_b
-    """
-    return "".join(_TEX.get(character, character) for character in text)

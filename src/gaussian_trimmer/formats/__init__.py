@@ -2,61 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
 from gaussian_trimmer.io.reading import is_file, is_folder, reading
 
-
-@dataclass(frozen=True)
-class Format:
-    """A format of splat files."""
-
-    module: str
-    """Module with `read(path) -> Gaussians`, where it can be written `write(gaussians, path) -> None`, which takes zero
-    Gaussians or raises InputError, and perhaps `write_selected` as below."""
-    loses: str = ""
-    """What Gaussians lose in it, in words; see docs/formats.md."""
-
-
-# The longest suffix wins.
 FORMATS = {
-    ".ply": Format("gaussian_trimmer.formats.ply"),
-    ".compressed.ply": Format(
-        "gaussian_trimmer.formats.compressed_ply",
-        "rounds centres and scales to 11 bits over the range of each 256 rows (less with --sort), all else to 8 or 10",
-    ),
-    ".splat": Format(
-        "gaussian_trimmer.formats.splat",
-        "loses view-dependent colours; rounds rotations, colours and opacities to 8 bits",
-    ),
-    ".spz": Format(
-        "gaussian_trimmer.formats.spz",
-        "rounds centres to 24 bits, rotations to 10, all else to 8; cuts off scales beyond e^-10 and e^5.94",
-    ),
-    ".sog": Format(
-        "gaussian_trimmer.formats.sog",
-        "rounds centres to 16 bits, scales and colours to 256 values, view-dependent colours to 65,536 sets",
-    ),
-    ".ksplat": Format(
-        "gaussian_trimmer.formats.ksplat",
-        "loses spherical harmonics of degree 3; rounds colours and opacities to 8 bits",
-    ),
-    ".glb": Format("gaussian_trimmer.formats.glb"),
+    ".ply": "ply",
+    ".compressed.ply": "compressed_ply",
+    ".splat": "splat",
+    ".spz": "spz",
+    ".sog": "sog",
+    ".ksplat": "ksplat",
+    ".glb": "glb",
 }
-READ_ONLY = {
-    "meta.json": Format("gaussian_trimmer.formats.sog"),
-    ".ckpt": Format("gaussian_trimmer.formats.nerfstudio"),
-}
-"""Formats, by the ends of names, that can be read but not written."""
+"""Ends of names, of which the longest wins -> module with `read(path) -> Gaussians`, whose values are not yet checked,
+`write(gaussians, path) -> None` and perhaps `write_selected` as below."""
+READ_ONLY = {"meta.json": "sog", ".ckpt": "nerfstudio"}
+"""Formats that can be read but not written."""
 _WRITTEN_INSTEAD = {"meta.json": ".sog", ".ckpt": ".ply"}
+_HOLD_NOTHING = (".ply", ".splat")
+"""Formats that can hold zero Gaussians."""
 _ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".pt", ".pth", ".txt", ".csv", ".json")
 
 
@@ -70,9 +42,8 @@ def format_suffix(path: str | Path) -> str:
     '.ply'
     """
     name = Path(path).name
-    for suffix in sorted(FORMATS | READ_ONLY, key=len, reverse=True):
-        if is_named(name, suffix):
-            return suffix
+    if suffix := _known_suffix(name):
+        return suffix
     hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
     raise InputError(f"'{name}' is of no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
 
@@ -88,7 +59,11 @@ def is_named(name: str, suffix: str) -> bool:
 
 def has_splats(path: Path) -> bool:
     """Whether a file is, by its name, one of splats."""
-    return any(is_named(path.name, suffix) for suffix in FORMATS | READ_ONLY)
+    return _known_suffix(path.name) is not None
+
+
+def _known_suffix(name: str) -> str | None:
+    return max((suffix for suffix in FORMATS | READ_ONLY if is_named(name, suffix)), key=len, default=None)
 
 
 def written_suffix(path: str | Path) -> str:
@@ -117,7 +92,7 @@ def find_scene(path: Path) -> Path:
     return latest_splats(path)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by each reader's check
+@np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by the check of values
 def read(path: str | Path) -> Gaussians:
     """The Gaussians of a splat file, rows in the file's own order; of a training's folder, see `find_scene`.
 
@@ -130,9 +105,8 @@ def read(path: str | Path) -> Gaussians:
     if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
     with reading(path):
-        if suffix.endswith(".ply"):
-            suffix = _kind_of_ply(path)
-        gaussians: Gaussians = _module(suffix).read(path)
+        gaussians: Gaussians = _module(_kind_of_ply(path) if suffix.endswith(".ply") else suffix).read(path)
+        check_values(gaussians, path)
     return gaussians
 
 
@@ -149,22 +123,25 @@ def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:
     Raises:
         InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
     """
-    _writable(path).write(gaussians, Path(path), **options)
+    suffix = _writable(path)
+    if len(gaussians) == 0 and suffix not in _HOLD_NOTHING:
+        raise InputError(f"Cannot write '{path}': a {suffix} file cannot hold zero Gaussians.")
+    _module(suffix).write(gaussians, Path(path), **options)
 
 
 def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: str | Path) -> None:
     """Write some rows of a scene, (R,), and then other Gaussians, without extra columns; otherwise as `write`.
 
-    Formats that can be written piece by piece are, since a background is nearly as large as its scene.
+    A PLY is written piece by piece, since a background is nearly as large as its scene.
 
     Raises:
         InputError: as for `write`.
     """
-    module = _writable(path)
+    module = _module(_writable(path))
     if hasattr(module, "write_selected"):
         module.write_selected(gaussians, rows, appended, Path(path))
     else:
-        module.write(concatenate([gaussians.select(rows), appended]), Path(path))
+        write(concatenate([gaussians.select(rows), appended]), path)
 
 
 def convert(source: str | Path, target: str | Path, *, sort: bool = False, **options: Any) -> Gaussians:
@@ -187,18 +164,19 @@ def convert(source: str | Path, target: str | Path, *, sort: bool = False, **opt
     return gaussians
 
 
-def _module(suffix: str) -> ModuleType:
-    return import_module((FORMATS | READ_ONLY)[suffix].module)
+def _module(suffix: str) -> Any:
+    return import_module(f"gaussian_trimmer.formats.{(FORMATS | READ_ONLY)[suffix]}")
 
 
-def _writable(path: str | Path) -> ModuleType:
-    """The module that writes a file of this name.
+def _writable(path: str | Path) -> str:
+    """The suffix of a file that can be written.
 
     Raises:
         InputError: no format has that name, or it can only be read.
     """
-    if has_splats(Path(path)) and (suffix := format_suffix(path)) in FORMATS:
-        return _module(suffix)
+    suffix = _known_suffix(Path(path).name)
+    if suffix in FORMATS:
+        return suffix
     raise InputError(f"'{Path(path).name}' cannot be written: give it one of the endings {', '.join(FORMATS)}.")
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
     colours_of,
     drop_largest,
@@ -65,7 +64,7 @@ def read(path: Path) -> Gaussians:
     if len(chunks["min_x"]) != -(-n // _CHUNK):
         raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks['min_x'])} chunks of 256.")
     position, rotation, scale, colour = (np.asarray(rows[name], np.uint32) for name in _PACKED)
-    gaussians = Gaussians(
+    return Gaussians(
         means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXES).astype(np.float32),
         log_scales=_between_extremes(_split_11_10_11(scale), (11, 10, 11), chunks, _SCALES).astype(np.float32),
         quaternions=_unpack_rotations(rotation),
@@ -73,8 +72,6 @@ def read(path: Path) -> Gaussians:
         sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
         sh_rest=_read_sh(path, header, n),
     )
-    check_values(gaussians, path)
-    return gaussians
 
 
 def write(gaussians: Gaussians, path: Path) -> None:
@@ -87,8 +84,6 @@ def write(gaussians: Gaussians, path: Path) -> None:
         InputError: there are no Gaussians, which this format cannot hold.
     """
     n = len(gaussians)
-    if n == 0:
-        raise InputError(f"Cannot write '{path}': a compressed PLY cannot hold zero Gaussians.")
     position, position_ends = _pack_11_10_11(gaussians.means)
     scale, scale_ends = _pack_11_10_11(gaussians.log_scales)
     colours = colours_of(gaussians.sh_dc)

@@ -10,14 +10,13 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
-    ByteArray,
     colours_of,
     from_levels,
     linear_scales,
@@ -74,9 +73,7 @@ def read(path: Path) -> Gaussians:
     if not sections or sum(map(len, sections)) != count:
         raise InputError(f"'{path}' is damaged: it announces {count} Gaussians and has {sum(map(len, sections))}.")
     degree = max(section.sh_degree for section in sections)
-    gaussians = concatenate([_padded(section, _COEFFICIENTS[degree]) for section in sections])
-    check_values(gaussians, path)
-    return gaussians
+    return concatenate([_padded(section, _COEFFICIENTS[degree]) for section in sections])
 
 
 def write(gaussians: Gaussians, path: Path) -> None:
@@ -86,8 +83,6 @@ def write(gaussians: Gaussians, path: Path) -> None:
         InputError: there are no Gaussians, which this format cannot hold.
     """
     n = len(gaussians)
-    if n == 0:
-        raise InputError(f"Cannot write '{path}': a .ksplat file cannot hold zero Gaussians.")
     degree = min(gaussians.sh_degree, 2)
     rows = np.zeros(n, _row_type(0, _COEFFICIENTS[degree]))
     rows["mean"], rows["scale"] = gaussians.means, linear_scales(gaussians)
@@ -133,7 +128,15 @@ def _read_section(file: _File, header_start: int, start: int) -> tuple[Gaussians
         step = block_size / 2 / (scale_range or _PACKED_RANGE)
         buckets = _bucket_of_each(n, n_full, bucket_size, sizes)
         means = centres[buckets] + (means - np.float32(scale_range or _PACKED_RANGE)) * np.float32(step)
-    return _decode_rows(file, rows, means), end
+    gaussians = Gaussians(
+        means=means,
+        log_scales=log_scales_of(rows["scale"].astype(np.float32), file.path),
+        quaternions=rows["rotation"],
+        opacity_logits=opacity_logits_of(rows["rgba"][:, 3]),
+        sh_dc=sh_dc_of(rows["rgba"][:, :3] / 255.0),
+        sh_rest=_decode_sh(file, rows["sh"]),
+    )
+    return gaussians, end
 
 
 def _bucket_of_each(n: int, n_full: int, bucket_size: int, sizes: NDArray[np.uint32]) -> NDArray[np.int64]:
@@ -144,30 +147,12 @@ def _bucket_of_each(n: int, n_full: int, bucket_size: int, sizes: NDArray[np.uin
     return np.where(rows < n_full * bucket_size, rows // max(bucket_size, 1), partial)
 
 
-def _decode_rows(file: _File, rows: NDArray[np.void], means: FloatArray) -> Gaussians:
-    quaternions = rows["rotation"].astype(np.float32)
-    return Gaussians(
-        means=means,
-        log_scales=log_scales_of(rows["scale"].astype(np.float32), file.path),
-        quaternions=quaternions,
-        opacity_logits=opacity_logits_of(rows["rgba"][:, 3]),
-        sh_dc=sh_dc_of(rows["rgba"][:, :3] / 255.0),
-        sh_rest=_decode_sh(file, rows["sh"]),
-    )
-
-
-def _decode_sh(file: _File, values: NDArray[np.float32] | NDArray[np.float16] | ByteArray) -> FloatArray:
+def _decode_sh(file: _File, values: NDArray[Any]) -> FloatArray:
     """Coefficients (N, 3, K): each band's three channels lie together."""
-    if file.level == 2:
-        floats = from_levels(values, *file.sh_range, 8).astype(np.float32)
-    else:
-        floats = values.astype(np.float32)
-    k = values.shape[1] // 3
-    bands = [band for band in _BANDS if band.stop <= k]
-    parts = [
-        floats[:, 3 * band.start : 3 * band.stop].reshape(len(values), 3, band.stop - band.start) for band in bands
-    ]
-    return np.concatenate([np.zeros((len(values), 3, 0), np.float32), *parts], axis=2)
+    floats = from_levels(values, *file.sh_range, 8) if file.level == 2 else values
+    bands = [floats[:, 3 * band.start : 3 * band.stop] for band in _BANDS if 3 * band.stop <= values.shape[1]]
+    parts = [band.reshape(len(values), 3, -1) for band in bands]
+    return np.concatenate([np.zeros((len(values), 3, 0)), *parts], axis=2).astype(np.float32)
 
 
 def _padded(gaussians: Gaussians, n_coefficients: int) -> Gaussians:

@@ -71,10 +71,12 @@ def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
 
 def with_finite_limits(gaussians: Gaussians) -> Gaussians:
     """The Gaussians with infinite opacity logits and scales of zero as `opacity_logits_of` and `log_scales_of` give."""
-    return gaussians.replace(
-        opacity_logits=finite_opacity_logits(gaussians.opacity_logits),
-        log_scales=finite_log_scales(gaussians.log_scales),
-    )
+    logits, log_scales = gaussians.opacity_logits, gaussians.log_scales
+    if np.isinf(logits).any():
+        gaussians = gaussians.replace(opacity_logits=finite_opacity_logits(logits))
+    if (log_scales < ZERO_LOG_SCALE).any():
+        gaussians = gaussians.replace(log_scales=finite_log_scales(log_scales))
+    return gaussians
 
 
 def finite_opacity_logits(logits: FloatArray) -> FloatArray:

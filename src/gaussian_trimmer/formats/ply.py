@@ -3,9 +3,8 @@
 Property order is free, nx/ny/nz are optional, and unknown scalar columns are kept as extras.
 
 A binary file whose columns are all little-endian float32 is read as one table, of which the arrays are views; the
-centres alone are copied, since nearly every step looks at all of them. The rows interleave the columns, so a cache that
-delivers one column delivers all: while a megabyte of rows is there, its centres are copied and its values tested. The
-file is not mapped: a mapping of a file that someone shortens kills the process that looks at it.
+centres alone are copied, since nearly every step looks at all of them. The file is not mapped: a mapping of a file that
+someone shortens kills the process that looks at it.
 """
 
 from __future__ import annotations
@@ -20,12 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values
-from gaussian_trimmer.formats.packing import ZERO_LOG_SCALE, with_finite_limits
-from gaussian_trimmer.formats.ply_table import Element, property_line, read_columns, read_header
+from gaussian_trimmer.formats.packing import with_finite_limits
+from gaussian_trimmer.formats.ply_table import property_line, read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE, has_direction
-from gaussian_trimmer.io.reading import LARGEST
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
 _POSITION = ["x", "y", "z"]
@@ -49,9 +45,7 @@ def read(path: Path) -> Gaussians:
         InputError: the file is missing, is no splat PLY, is truncated, or holds no Gaussians, or values that are not
             finite or extreme.
     """
-    header = read_header(path)
-    looker = _Looker(next((element for element in header.elements if element.name == "vertex"), None))
-    columns = read_columns(path, header, look=looker)
+    columns = read_columns(path, read_header(path))
     missing = [name for name in _REQUIRED if name not in columns]
     if missing:
         raise InputError(f"'{path}' is no splat PLY: its vertices lack {', '.join(missing)}.")
@@ -60,8 +54,10 @@ def read(path: Path) -> Gaussians:
         raise InputError(f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24 or 45, numbered from 0.")
     known = {*_REQUIRED, *_NORMAL, *rest}
     n = len(columns["x"])
+    means = np.ascontiguousarray(_block(columns, _POSITION))
+    means.flags.writeable = False
     gaussians = Gaussians(
-        means=_block(columns, _POSITION),
+        means=means,
         log_scales=_block(columns, _SCALE),
         quaternions=_block(columns, _ROTATION),
         opacity_logits=_block(columns, ["opacity"])[:, 0],
@@ -69,12 +65,7 @@ def read(path: Path) -> Gaussians:
         sh_rest=_block(columns, rest).reshape(n, 3, len(rest) // 3),
         extras={name: column for name, column in columns.items() if name not in known},
     )
-    if looker.centres:
-        gaussians = gaussians.replace(means=looker.means())
-    if not (looker.centres and looker.sound):
-        gaussians = with_finite_limits(gaussians)
-        check_values(gaussians, path)
-    return gaussians
+    return with_finite_limits(gaussians)
 
 
 def write(gaussians: Gaussians, path: Path, *, extras: bool = False) -> None:
@@ -124,39 +115,6 @@ def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path
         file.write(header.encode("ascii"))
         for chunk in chunks:
             write_array(file, _rows(chunk, row_type, len(names)))
-
-
-class _Looker:
-    """Looks at the rows of a float32 table while they are in the cache: keeps their centres and tests their values."""
-
-    def __init__(self, vertices: Element | None) -> None:
-        names = [name for name, _ in vertices.properties] if vertices else []
-        known = all(name in names for name in _REQUIRED)
-        self._position, self._rotation, self._scale = (
-            [names.index(name) for name in group] if known else [] for group in (_POSITION, _ROTATION, _SCALE)
-        )
-        self.centres: list[FloatArray] = []
-        self.sound = known
-        """Whether no row needs a closer look. Columns that are no attributes may deserve one for nothing."""
-
-    def __call__(self, rows: FloatArray) -> None:
-        if self._position:
-            self.centres.append(np.take(rows, self._position, axis=1))  # row after row, as indexing would not give
-            self.sound = self.sound and self._all_sound(rows)
-
-    def _all_sound(self, rows: FloatArray) -> bool:
-        if not (rows.min() >= -LARGEST and rows.max() <= LARGEST):  # neither holds of NaN
-            return False
-        scales = np.take(rows, self._scale, axis=1)
-        if scales.min() < ZERO_LOG_SCALE or scales.max() > LARGEST_LOG_SCALE:
-            return False
-        return bool(has_direction(np.take(rows, self._rotation, axis=1)).all())
-
-    def means(self) -> FloatArray:
-        """The centres (N, 3), in one piece."""
-        means = np.concatenate(self.centres)
-        means.flags.writeable = False
-        return means
 
 
 def _block(columns: dict[str, NDArray[Any]], names: list[str]) -> FloatArray:

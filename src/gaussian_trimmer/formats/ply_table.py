@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.gaussians import FloatArray
 from gaussian_trimmer.io.reading import read_into
 
 _SCALAR_TYPES = {
@@ -22,10 +20,6 @@ _SCALAR_TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _MAX_HEADER_BYTES = 1 << 20
-_BYTES_PER_READ = 1 << 20
-"""What is read at once stays in the cache for the one who looks at it."""
-Look = Callable[[FloatArray], None]
-"""Is called with the rows of a float32 table, few at a time and in order, each (R, number of properties)."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +56,11 @@ def read_header(path: Path) -> Header:
         raise InputError(f"Cannot read '{path}': {error.strerror}.") from error
 
 
-def read_columns(path: Path, header: Header, name: str = "vertex", look: Look | None = None) -> dict[str, NDArray[Any]]:
+def read_columns(path: Path, header: Header, name: str = "vertex") -> dict[str, NDArray[Any]]:
     """All columns of one element, the vertices if not named.
 
     Columns of a binary file are views onto one table of its rows, (N, number of properties) where all of them are
-    little-endian float32; nobody writes to them. Such a table's rows are shown to `look` while they are read.
+    little-endian float32; nobody writes to them.
 
     Raises:
         InputError: the element is missing, it or one before it has list properties, or the file is truncated.
@@ -83,7 +77,7 @@ def read_columns(path: Path, header: Header, name: str = "vertex", look: Look | 
         raise InputError(f"'{path}' holds zero Gaussians.")
     if header.encoding == "ascii":
         return _ascii_columns(path, header, element, before)
-    return _binary_columns(path, header, element, before, look)
+    return _binary_columns(path, header, element, before)
 
 
 def _parse_header(file: BinaryIO, path: Path) -> Header:
@@ -133,9 +127,7 @@ def _row_type(header: Header, element: Element) -> np.dtype[Any]:
     return np.dtype([(f"{i}", order + kind) for i, (_, kind) in enumerate(element.properties)])
 
 
-def _binary_columns(
-    path: Path, header: Header, element: Element, before: list[Element], look: Look | None
-) -> dict[str, NDArray[Any]]:
+def _binary_columns(path: Path, header: Header, element: Element, before: list[Element]) -> dict[str, NDArray[Any]]:
     row_type = _row_type(header, element)
     start = header.size + sum(part.count * _row_type(header, part).itemsize for part in before)
     needed, present = element.count * row_type.itemsize, max(0, path.stat().st_size - start)
@@ -148,12 +140,7 @@ def _binary_columns(
     table = np.empty((element.count, len(names)), "<f4") if all_float else np.empty(element.count, row_type)
     with path.open("rb") as file:
         file.seek(start)
-        step = max(1, _BYTES_PER_READ // row_type.itemsize)
-        for first in range(0, element.count, step):
-            rows = table[first : first + step]
-            read_into(rows, file, path)
-            if look is not None and all_float:
-                look(rows)
+        read_into(table, file, path)
     table.flags.writeable = False
     return {name: table[:, i] if all_float else table[f"{i}"] for i, name in enumerate(names)}
 

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats.checks import check_count, check_values
+from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.packing import (
     ByteArray,
@@ -26,10 +27,9 @@ from gaussian_trimmer.formats.packing import (
     to_levels,
 )
 from gaussian_trimmer.formats.sog_meta import SogMeta, parse_meta
-from gaussian_trimmer.formats.webp import decode_webp, encode_webp
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.io.archives import member_bytes, open_archive
-from gaussian_trimmer.io.images import webp_size
+from gaussian_trimmer.io.images import decoded_picture, webp_size
 from gaussian_trimmer.io.reading import file_bytes, is_file
 from gaussian_trimmer.io.writing import atomic_file
 
@@ -38,8 +38,10 @@ META = "meta.json"
 _COEFFICIENTS = (3, 8, 15)
 _PALETTE_SIZE = 1 << 16
 _PALETTE_COLUMNS = 64
+_LOSSLESS = 101
 _MAX_META_BYTES = 1 << 20
-_FREE_PIXELS = 1 << 16
+_FREE_PIXELS = _PALETTE_SIZE * max(_COEFFICIENTS)
+"""Pixels that a texture may have beyond twice as many as there are Gaussians: those of the largest palette."""
 _ROTATION_RANGE = float(np.sqrt(0.5))
 _FIRST_TAG = 252
 """Alpha of a rotation's pixel when w is the largest component; 253, 254 and 255 say x, y and z."""
@@ -57,19 +59,14 @@ def read(path: Path) -> Gaussians:
     """
     if path.name.lower() == META:
         meta = parse_meta(file_bytes(path, _MAX_META_BYTES), path)
-        names = {name for names in meta.files.values() for name in names}
-        textures = {name: _beside(path, name) for name in names}
-        size = sum(texture.stat().st_size for texture in textures.values())
-        check_count(meta.count, path, size)
-        gaussians = _decode(lambda name: file_bytes(textures[name], size), meta, path)
-    else:
-        with open_archive(path, ".sog file") as archive:
-            meta = parse_meta(member_bytes(archive, META, _MAX_META_BYTES, path), path)
-            check_count(meta.count, path)
-            most = path.stat().st_size
-            gaussians = _decode(lambda name: member_bytes(archive, name, most, path), meta, path)
-    check_values(gaussians, path)
-    return gaussians
+        textures = {name: _beside(path, name) for names in meta.files.values() for name in names}
+        check_count(meta.count, path, sum(texture.stat().st_size for texture in textures.values()))
+        return _decode(lambda name: file_bytes(textures[name]), meta, path)
+    with open_archive(path, ".sog file") as archive:
+        meta = parse_meta(member_bytes(archive, META, _MAX_META_BYTES, path), path)
+        check_count(meta.count, path)
+        most = path.stat().st_size
+        return _decode(lambda name: member_bytes(archive, name, most, path), meta, path)
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -79,50 +76,42 @@ def _beside(path: Path, name: str) -> Path:
         InputError: the name leads elsewhere, or there is no such file.
     """
     texture = path.parent / name
-    if name != texture.name or texture.is_symlink() or not is_file(texture):
+    if name != texture.name or not is_file(texture):
         raise InputError(
             f"There is no texture '{shown(name)}' beside '{path}'; an unbundled SOG needs all files of its folder."
         )
     return texture
 
 
-def write(gaussians: Gaussians, path: Path) -> None:
-    """Write a .sog file of version 2 in the given order.
-
-    View-dependent colours become a palette of at most 65,536 rows. The colour of a Gaussian whose opacity rounds to
-    zero is lost: lossless WebP keeps none where alpha is zero.
-
-    Raises:
-        InputError: there are no Gaussians, which this format cannot hold.
-    """
-    if len(gaussians) == 0:
-        raise InputError(f"Cannot write '{path}': a .sog file cannot hold zero Gaussians.")
-    textures, meta = _encode(gaussians)
-    with atomic_file(path) as part, zipfile.ZipFile(part, "w") as archive:
-        for name, texture in textures.items():
-            archive.writestr(zipfile.ZipInfo(name), encode_webp(texture))
-        archive.writestr(zipfile.ZipInfo(META), json.dumps(meta), zipfile.ZIP_DEFLATED)
-
-
 def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaussians:
     """The Gaussians of a meta.json and of textures, whose files' contents are given by name."""
     n = meta.count
 
-    def texture(attribute: str, place: int = 0) -> ByteArray:
+    def texture(attribute: str, place: int) -> ByteArray:
         name = meta.files[attribute][place]
-        return _read_texture(contents(name), name, _most_pixels(n, attribute), path)
+        data = contents(name)
+        width, height = webp_size(data) or (0, 0)
+        if width * height > 2 * n + _FREE_PIXELS:
+            raise InputError(f"'{path}' is damaged: its texture '{shown(name)}' claims {width} x {height} pixels.")
+        pixels = decode_webp(data)
+        if pixels is None:
+            raise InputError(f"'{path}' is damaged: its texture '{shown(name)}' is no WebP picture.")
+        return pixels
 
-    low, high, quats, scales, sh0 = (
-        _first_pixels(texture(*of), n, path)
-        for of in (("means", 0), ("means", 1), ("quats", 0), ("scales", 0), ("sh0", 0))
-    )
-    levels = low[:, :3] | high[:, :3].astype(np.uint16) << 8
+    def first_pixels(attribute: str, place: int = 0) -> ByteArray:
+        pixels = texture(attribute, place).reshape(-1, 4)
+        if len(pixels) < n:
+            raise InputError(f"'{path}' is damaged: a texture has {len(pixels)} pixels for {n} Gaussians.")
+        return pixels[:n]
+
+    levels = first_pixels("means", 0)[:, :3] | first_pixels("means", 1)[:, :3].astype(np.uint16) << 8
+    quats, scales, sh0 = (first_pixels(name) for name in ("quats", "scales", "sh0"))
     if (quats[:, 3] < _FIRST_TAG).any():
         raise InputError(f"'{path}' is damaged: a rotation does not say which of its components is the largest.")
     others = from_levels(quats[:, :3], -_ROTATION_RANGE, _ROTATION_RANGE, 8)
     sh_rest = np.zeros((n, 3, 0), np.float32)
     if meta.sh is not None:
-        sh_rest = _decode_sh(texture("shN", 0), _first_pixels(texture("shN", 1), n, path), meta.sh, path)
+        sh_rest = _decode_sh(texture("shN", 0), first_pixels("shN", 1), meta.sh, path)
     channels = np.arange(3)
     return Gaussians(
         means=_linear_of(from_levels(levels, meta.mins, meta.maxs, 16)).astype(np.float32),
@@ -148,29 +137,20 @@ def _decode_sh(centroids: ByteArray, label_pixels: ByteArray, values: FloatArray
     return coefficients
 
 
-def _most_pixels(n: int, name: str) -> int:
-    """More pixels than the textures of an attribute of n Gaussians have: twice as many, and a palette."""
-    return 2 * n + (_PALETTE_SIZE * max(_COEFFICIENTS) if name == "shN" else _FREE_PIXELS)
+def write(gaussians: Gaussians, path: Path) -> None:
+    """Write a .sog file of version 2 in the given order.
 
+    View-dependent colours become a palette of at most 65,536 rows. The colour of a Gaussian whose opacity rounds to
+    zero is lost: lossless WebP keeps none where alpha is zero.
 
-def _read_texture(data: bytes, name: str, most_pixels: int, path: Path) -> ByteArray:
-    """Pixels (H, W, 4) in the order red, green, blue, alpha; at most so many."""
-    name = shown(name)
-    width, height = webp_size(data) or (0, 0)
-    if width * height > most_pixels:
-        raise InputError(f"'{path}' is damaged: its texture '{name}' claims {width} x {height} pixels.")
-    pixels = decode_webp(data) if width * height else None
-    if pixels is None:
-        raise InputError(f"'{path}' is damaged: its texture '{name}' is no WebP picture.")
-    return pixels
-
-
-def _first_pixels(texture: ByteArray, n: int, path: Path) -> ByteArray:
-    """The first n pixels (n, 4) of a texture, row by row."""
-    pixels = texture.reshape(-1, 4)
-    if len(pixels) < n:
-        raise InputError(f"'{path}' is damaged: a texture has {len(pixels)} pixels for {n} Gaussians.")
-    return pixels[:n]
+    Raises:
+        InputError: there are no Gaussians, which this format cannot hold.
+    """
+    textures, meta = _encode(gaussians)
+    with atomic_file(path) as part, zipfile.ZipFile(part, "w") as archive:
+        for name, texture in textures.items():
+            archive.writestr(zipfile.ZipInfo(name), encode_webp(texture))
+        archive.writestr(zipfile.ZipInfo(META), json.dumps(meta), zipfile.ZIP_DEFLATED)
 
 
 def _encode(gaussians: Gaussians) -> tuple[dict[str, ByteArray], dict[str, Any]]:
@@ -240,3 +220,22 @@ def _log_of(values: FloatArray) -> Float64Array:
 def _linear_of(logs: Float64Array) -> Float64Array:
     """Inverse of `_log_of`."""
     return np.asarray(np.sign(logs) * np.expm1(np.abs(logs)))
+
+
+def encode_webp(pixels: ByteArray) -> bytes:
+    """A lossless WebP file of pixels (H, W, 4), red, green, blue, alpha; colours under an alpha of zero are lost."""
+    done, data = cv2.imencode(".webp", pixels[..., [2, 1, 0, 3]], [cv2.IMWRITE_WEBP_QUALITY, _LOSSLESS])
+    assert done
+    return bytes(data)
+
+
+def decode_webp(data: bytes) -> ByteArray | None:
+    """Pixels (H, W, 4), red, green, blue, alpha, of a WebP file; None if it is damaged."""
+    image = decoded_picture(data, cv2.IMREAD_UNCHANGED)
+    if image is None or image.ndim != 3 or image.dtype != np.uint8:
+        return None
+    pixels = np.full((*image.shape[:2], 4), 255, np.uint8)
+    pixels[..., :3] = image[..., 2::-1]
+    if image.shape[2] == 4:
+        pixels[..., 3] = image[..., 3]
+    return pixels

@@ -59,35 +59,31 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
                 raise ValueError(f"{name} has not the names of {_FILES[name]} files")
         mins, maxs = (np.array(meta["means"][end], np.float64).reshape(3) for end in ("mins", "maxs"))
         count = int(meta["count"] if version == 2 else meta["means"]["shape"][0])
-        tables = _codebook_tables(meta) if version == 2 else _range_tables(meta)
+        tables = _tables(meta)
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {shown(str(error))}.") from error
     return SogMeta(count, mins, maxs, *tables, files)
 
 
-def _codebook_tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """Tables of log scales, colours, opacity logits and coefficients of version 2."""
+def _tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """Tables of log scales, colours, opacity logits and coefficients."""
+    sh = meta.get("shN")
+    if meta.get("version", 1) == 1:
+        colours = _range(meta["sh0"], 4)
+        return _range(meta["scales"], 3), colours[:, :3], colours[:, 3], _range(sh, 1)[:, 0] if sh else None
     scales, colours = (np.repeat(_codebook(meta[name])[:, None], 3, axis=1) for name in ("scales", "sh0"))
-    opacities = opacity_logits_of(np.arange(256, dtype=np.uint8))
-    return scales, colours, opacities, _codebook(meta["shN"]) if meta.get("shN") else None
+    return scales, colours, opacity_logits_of(np.arange(256, dtype=np.uint8)), _codebook(sh) if sh else None
+
+
+def _range(entry: dict[str, Any], width: int) -> FloatArray:
+    """The values (256, width) that bytes of version 1 mean."""
+    low, high = (np.array(entry[end], np.float64).reshape(width) for end in ("mins", "maxs"))
+    return from_levels(np.arange(256)[:, None], low, high, 8).astype(np.float32)
 
 
 def _codebook(entry: dict[str, Any]) -> FloatArray:
-    """A codebook of 256 values; entries that are not there are NaN, so that their use is found."""
+    """A codebook (256,) of version 2; entries that are not there are NaN, so that their use is found."""
     values = np.array(entry["codebook"], np.float32).reshape(-1)[:256]
     if len(values) == 256 and np.isnan(values[0]):
         values[0] = values[1] + (values[1] - values[255]) / 255  # an early writer left null here; viewers mend it so
     return np.pad(values, (0, 256 - len(values)), constant_values=np.nan)
-
-
-def _range_tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """The same tables of version 1."""
-    levels = np.arange(256)[:, None]
-
-    def table(entry: dict[str, Any], width: int) -> FloatArray:
-        low, high = (np.array(entry[end], np.float64).reshape(width) for end in ("mins", "maxs"))
-        return from_levels(levels, low, high, 8).astype(np.float32)
-
-    colours = table(meta["sh0"], 4)
-    sh = table(meta["shN"], 1)[:, 0] if meta.get("shN") else None
-    return table(meta["scales"], 3), colours[:, :3], colours[:, 3], sh

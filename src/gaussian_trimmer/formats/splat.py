@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.packing import (
     colours_of,
     linear_scales,
@@ -41,7 +40,7 @@ def read(path: Path) -> Gaussians:
     rows = np.frombuffer(data, ROW)
     quaternions = (rows["rotation"].astype(np.float32) - 128.0) / 128.0
     quaternions[~quaternions.any(axis=1), 0] = 1.0
-    gaussians = Gaussians(
+    return Gaussians(
         means=rows["mean"].astype(np.float32),
         log_scales=log_scales_of(rows["scale"], path),
         quaternions=quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True),
@@ -49,8 +48,6 @@ def read(path: Path) -> Gaussians:
         sh_dc=sh_dc_of(rows["rgba"][:, :3] / 255.0),
         sh_rest=np.zeros((len(rows), 3, 0), np.float32),
     )
-    check_values(gaussians, path)
-    return gaussians
 
 
 def write(gaussians: Gaussians, path: Path) -> None:

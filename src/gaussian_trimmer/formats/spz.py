@@ -7,20 +7,19 @@ ply_to_spz, splat-transform and SuperSplat write from a splat PLY has the PLY's 
 from __future__ import annotations
 
 import gzip
-import io
 import struct
 import zlib
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.checks import check_count, check_values
+from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.packing import (
     ByteArray,
     drop_largest,
@@ -65,13 +64,11 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, is no .spz, is damaged or truncated, or zstd is needed and missing.
     """
-    gaussians = decode(file_bytes(path), path)
-    check_values(gaussians, path)
-    return gaussians
+    return decode(file_bytes(path), path)
 
 
 def decode(data: bytes, path: Path) -> Gaussians:
-    """The Gaussians of the contents of an .spz file, whose values are not yet checked.
+    """The Gaussians of the contents of an .spz file.
 
     Args:
         data: what begins with 'NGSP' or is compressed by gzip.
@@ -80,10 +77,7 @@ def decode(data: bytes, path: Path) -> Gaussians:
     Raises:
         InputError: as for `read`.
     """
-    try:
-        header, parts = _read_plain(io.BytesIO(data), path) if data[:4] == _MAGIC else _read_gzip(data, path)
-    except zlib.error as error:
-        raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
+    header, parts = _read_plain(data, path) if data[:4] == _MAGIC else _read_gzip(data, path)
     return _decode(header, [np.frombuffer(part, np.uint8).reshape(header.count, -1) for part in parts])
 
 
@@ -101,8 +95,6 @@ def write(gaussians: Gaussians, path: Path, *, version: Literal[3, 4] = 3) -> No
     """
     if version not in (3, 4):
         raise InputError(f"An .spz file of version {version} cannot be written; versions 3 and 4 can.")
-    if len(gaussians) == 0:
-        raise InputError(f"Cannot write '{path}': an .spz file cannot hold zero Gaussians.")
     reach = float(np.abs(gaussians.means).max())
     bits = min(_MAX_FRACTIONAL_BITS - 1, int(np.floor(np.log2((2**23 - 1) / max(reach, 1e-6)))))
     if bits < 0:
@@ -129,41 +121,40 @@ def _with_table(parts: list[bytes]) -> bytes:
 
 def _read_gzip(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
     """Header and attributes of versions 2 and 3; what the header does not announce is not decompressed."""
-    stream = zlib.decompressobj(wbits=31)  # gzip, and one member of it: thousands of empty ones take long
-    header = _parse_header(stream.decompress(data, _HEADER.size), path)
-    if header.version not in (2, 3):
-        raise InputError(f"'{path}' is of .spz version {header.version}; versions 2, 3 and 4 can be read.")
-    size = sum(header.sizes)
-    body = stream.decompress(stream.unconsumed_tail, size)
+    stream = zlib.decompressobj(wbits=31)
+    try:
+        header = _parse_header(stream.decompress(data, _HEADER.size), (2, 3), path)
+        size = sum(header.sizes)
+        body = stream.decompress(stream.unconsumed_tail, size)
+        stream.decompress(stream.unconsumed_tail, 1)  # reaches the checksum, where nothing follows the Gaussians
+    except zlib.error as error:
+        raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
     if len(body) < size:
-        raise InputError(
-            f"'{path}' is no .spz file, damaged or truncated: its data ends before its {header.count} Gaussians do."
-        )
-    stream.decompress(stream.unconsumed_tail, 1)  # reaches the checksum, where nothing follows the Gaussians
+        raise InputError(f"'{path}' is damaged or truncated: its data ends before its {header.count} Gaussians do.")
     return header, [body[start:end] for start, end in pairwise(accumulate(header.sizes, initial=0))]
 
 
-def _read_plain(file: BinaryIO, path: Path) -> tuple[_Header, list[bytes]]:
+def _read_plain(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
     """Header and attributes of version 4: a plain header and, where it says, a table of zstd streams."""
-    header = _parse_header(file.read(_HEADER.size), path)
-    if header.version != 4:
-        raise InputError(f"'{path}' is of .spz version {header.version}; versions 2, 3 and 4 can be read.")
-    (table_start,) = struct.unpack("<I", file.read(4).ljust(4, b"\0"))
-    file.seek(table_start)
-    table = file.read(16 * header.streams)
-    sizes = [size for size in header.sizes if size]
-    entries = list(struct.iter_unpack("<QQ", table)) if len(table) == 16 * header.streams else []
-    if [size for _, size in entries] != sizes:
+    header = _parse_header(data[: _HEADER.size], (4,), path)
+    (start,) = struct.unpack("<I", data[_HEADER.size :][:4].ljust(4, b"\0"))
+    end = start + 16 * header.streams
+    entries = list(struct.iter_unpack("<QQ", data[start:end])) if end <= len(data) else []
+    if [size for _, size in entries] != [size for size in header.sizes if size]:
         raise InputError(f"'{path}' is damaged: its streams do not fit its {header.count} Gaussians.")
-    file_size = path.stat().st_size
-    parts = [_decompress_zstd(file.read(min(packed, file_size)), size, path) for packed, size in entries]
+    parts = []
+    for packed, size in entries:
+        parts.append(_decompress_zstd(data[end : end + packed], size, path))
+        end += packed
     return header, parts if len(parts) == 6 else [*parts, b""]
 
 
-def _parse_header(data: bytes, path: Path) -> _Header:
+def _parse_header(data: bytes, versions: tuple[int, ...], path: Path) -> _Header:
     if len(data) < _HEADER.size or data[:4] != _MAGIC:
         raise InputError(f"'{path}' is no .spz file: it does not begin with 'NGSP'.")
     _, version, count, degree, fractional_bits, _, streams = _HEADER.unpack(data)
+    if version not in versions:
+        raise InputError(f"'{path}' is of .spz version {version}; versions 2, 3 and 4 can be read.")
     if degree >= len(_COEFFICIENTS) or fractional_bits > _MAX_FRACTIONAL_BITS:
         raise InputError(f"'{path}' is damaged: SH degree {degree}, {fractional_bits} fractional bits.")
     check_count(count, path)
@@ -175,10 +166,10 @@ def _decompress_zstd(data: bytes, size: int, path: Path) -> bytes:
     zstd = _zstd()
     try:
         out: bytes = zstd.ZstdDecompressor().decompress(data, max_length=size)
-    except zstd.ZstdError as error:
-        raise InputError(f"'{path}' is damaged or truncated: {error}.") from error
+    except zstd.ZstdError:
+        out = b""
     if len(out) != size:
-        raise InputError(f"'{path}' is damaged or truncated: a stream gives {len(out)} bytes, not {size}.")
+        raise InputError(f"'{path}' is damaged or truncated: one of its streams is not whole.")
     return out
 
 

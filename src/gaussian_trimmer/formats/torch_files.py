@@ -1,37 +1,94 @@
 """Files of torch.save, read without torch and without running anything that they contain.
 
-Only zip archives without compression are taken (torch has written them since 1.6). Of the numbers, those of the
-tensors that are asked for are read, so a checkpoint's optimizer state costs nothing.
+`pickle.Unpickler` asks `find_class` for every function and class in a file. Here it gets a placeholder for each, which
+looks nothing up: called, it gives the note of a tensor, or itself. Only zip archives without compression are taken
+(torch has written them since 1.6), and of the numbers those of the tensors that are asked for are read, so a
+checkpoint's optimizer state costs nothing.
 """
 
 from __future__ import annotations
 
+import io
 import math
+import pickle
+import pickletools
 import zipfile
+from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.formats.torch_structure import (
-    NUMBER_TYPES,
-    OtherTensor,
-    StructureError,
-    TensorEntry,
-    TorchObject,
-    parse_structure,
-)
+from gaussian_trimmer.formats.packing import with_finite_limits
+from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.archives import member_bytes, open_archive
 from gaussian_trimmer.io.reading import read_into
 
 SUFFIXES = (".pt", ".pth")
 _EXPECTED = "torch file of the zip format"
 _MAX_PICKLE_BYTES = 1 << 20
-_MAX_DIMENSIONS = 8
-_MAX_TENSORS = 1 << 12
+_BFLOAT16 = "bfloat16"
+_NUMBER_TYPES = {
+    "FloatStorage": "f4", "DoubleStorage": "f8", "HalfStorage": "f2", "BFloat16Storage": _BFLOAT16,
+    "LongStorage": "i8", "IntStorage": "i4", "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1",
+    "BoolStorage": "b1",
+    "float32": "f4", "float64": "f8", "float16": "f2", "bfloat16": _BFLOAT16, "int64": "i8", "int32": "i4",
+    "int16": "i2", "int8": "i1", "uint8": "u1", "uint16": "u2", "uint32": "u4", "uint64": "u8", "bool": "b1",
+}  # fmt: skip
+"""Names of torch's storages and number types -> NumPy's, or 'bfloat16'."""
+_PLACEHOLDERS = ("torch", "numpy", "collections", "_codecs")
+"""Packages that files name; nothing in them is looked up."""
+_MAX_DIMENSIONS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class _Note:
+    """Something that a file refers to; the file cannot change it."""
+
+    def __setstate__(self, state: Any) -> None:
+        pass
+
+
+@dataclass(frozen=True, eq=False)
+class Placeholder(_Note):
+    """Any function or class of these packages, or what it returns; what that would be does not matter."""
+
+    name: str
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The dict, tensor or parameter that a call stands for; all else stays a placeholder."""
+        match self.name:
+            case "OrderedDict":
+                return OrderedDict()
+            case "_rebuild_tensor" | "_rebuild_tensor_v2":
+                return _tensor(*arguments)
+            case "_rebuild_tensor_v3":
+                storage, offset, shape, strides, gradient, hooks, kind, *changes = arguments
+                return _tensor(_Storage(kind.name, storage.key), offset, shape, strides, gradient, hooks, any(changes))
+            case "_rebuild_parameter" | "_rebuild_parameter_with_state":
+                return arguments[0]
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class _Storage(_Note):
+    """A run of numbers in the archive: torch's name of their type, and the name of the member that holds them."""
+
+    kind: str
+    key: str
+
+
+@dataclass(frozen=True, eq=False)
+class Tensor(_Note):
+    """Where a tensor lies. Offset and strides count numbers of the storage."""
+
+    storage: _Storage
+    offset: int
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -40,13 +97,11 @@ class TorchFile:
 
     path: Path
     value: Any
-    """Containers, numbers and text as they are; tensors as `TensorEntry` or `OtherTensor`."""
+    """Containers, numbers and text as they are; tensors as `Tensor`, everything else as `Placeholder`."""
     home: str
     """Folder in the archive."""
-    byte_order: Literal["<", ">"]
-    """Of the numbers in the storages."""
-    size: int
-    """Bytes of the file."""
+    byte_order: str
+    """Of the numbers in the storages, '<' or '>'."""
 
 
 def load(path: Path) -> TorchFile:
@@ -58,40 +113,61 @@ def load(path: Path) -> TorchFile:
     with path.open("rb") as file:
         if file.read(4) != b"PK\3\4":
             raise InputError(f"'{path}' is no {_EXPECTED}, or is damaged; load it and save it again with torch.save.")
-    size = path.stat().st_size
     with open_archive(path, _EXPECTED) as archive:
-        entries = {entry.filename: entry for entry in archive.infolist()}
-        compressed = any(entry.compress_type != zipfile.ZIP_STORED for entry in entries.values())
-        if compressed or sum(entry.file_size for entry in entries.values()) > size:
+        if sum(entry.file_size for entry in archive.infolist()) > path.stat().st_size:
             raise InputError(f"'{path}' is a compressed or damaged archive, which torch.save does not write.")
-        structures = [name for name in entries if name.rpartition("/")[2] == "data.pkl"]
+        structures = [name for name in archive.namelist() if name.rpartition("/")[2] == "data.pkl"]
         if len(structures) != 1:
             raise InputError(f"'{path}' is no {_EXPECTED}: it has {len(structures)} members 'data.pkl' instead of one.")
         home = structures[0].removesuffix("data.pkl")
-        if entries[structures[0]].file_size > _MAX_PICKLE_BYTES:
-            raise InputError(
-                f"'{path}' holds a structure of more than {_MAX_PICKLE_BYTES >> 20} MB beside its tensors."
-            )
         structure = member_bytes(archive, structures[0], _MAX_PICKLE_BYTES, path)
-        big = f"{home}byteorder" in entries and member_bytes(archive, f"{home}byteorder", 16, path) == b"big"
+        big = f"{home}byteorder" in archive.NameToInfo and archive.read(f"{home}byteorder") == b"big"
     try:
-        value = parse_structure(structure)
-    except StructureError as error:
+        for instruction, argument, _ in pickletools.genops(structure):
+            if instruction.name in ("PUT", "LONG_BINPUT") and cast(int, argument) > len(structure):
+                raise pickle.UnpicklingError("it has a place in memory beyond all that it can fill")
+        value = _Unpickler(io.BytesIO(structure)).load()
+    except (pickle.UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
             f"'{path}' is damaged or holds more than tensors and numbers ({shown(str(error))}), and other objects are "
             "not loaded because they can run code; save the tensors alone with torch.save."
         ) from error
-    return TorchFile(path, value, home, ">" if big else "<", size)
+    return TorchFile(path, value, home, ">" if big else "<")
+
+
+class _Unpickler(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Placeholder:
+        if module.partition(".")[0] not in _PLACEHOLDERS:
+            raise pickle.UnpicklingError(f"it names {module}.{name}")
+        return Placeholder(name)
+
+    def persistent_load(self, reference: Any) -> _Storage:
+        word, kind, key, *_ = reference
+        if word != "storage" or not isinstance(kind, Placeholder) or not isinstance(key, str):
+            raise pickle.UnpicklingError("it refers to something that is no storage")
+        return _Storage(kind.name, key)
+
+
+def _tensor(storage: Any, offset: Any, shape: Any, strides: Any, *rest: Any) -> Tensor | Placeholder:
+    """What `torch._utils._rebuild_tensor_v2` makes of these arguments."""
+    if len(rest) > 2 and rest[2]:  # negated or conjugated when it is used
+        return Placeholder("_rebuild_tensor")
+    numbers = [offset, *shape, *strides]
+    if not isinstance(storage, _Storage) or len(shape) != len(strides) or len(shape) > _MAX_DIMENSIONS:
+        raise pickle.UnpicklingError("it has a tensor of impossible shape")
+    if not all(type(number) is int and 0 <= number < 1 << 63 for number in numbers):
+        raise pickle.UnpicklingError("it has a tensor of impossible shape")
+    return Tensor(storage, offset, tuple(shape), tuple(strides))
 
 
 def is_tensor(value: Any) -> bool:
-    """Whether a loaded value is a tensor or parameter."""
-    return isinstance(value, (TensorEntry, OtherTensor))
+    """Whether a loaded value is a tensor or parameter, of whatever kind."""
+    return isinstance(value, Tensor) or (isinstance(value, Placeholder) and value.name.startswith("_rebuild"))
 
 
 def type_name(value: Any) -> str:
     """What a loaded value is called in messages."""
-    return value.name if isinstance(value, TorchObject) else type(value).__name__
+    return value.name if isinstance(value, Placeholder) else type(value).__name__
 
 
 def as_arrays(file: TorchFile, tensors: dict[str, Any]) -> dict[str, NDArray[Any]]:
@@ -101,14 +177,12 @@ def as_arrays(file: TorchFile, tensors: dict[str, Any]) -> dict[str, NDArray[Any
         InputError: a tensor is sparse or quantised, of no number type, or not whole in the file; or the tensors
             together are larger than the file, because they share numbers.
     """
-    if len(tensors) > _MAX_TENSORS:
-        raise InputError(f"'{file.path}' holds {len(tensors)} tensors; at most {_MAX_TENSORS} can be read.")
     # Tensors may share a storage, as tied weights do; beyond that, a small file must not become much memory.
-    total = sum(_checked_size(file, tensor) for tensor in tensors.values())
-    if total > 2 * file.size:
+    total = sum(_number_type(file, tensor).itemsize * math.prod(tensor.shape) for tensor in tensors.values())
+    if total > 2 * file.path.stat().st_size:
         raise InputError(
-            f"'{file.path}' holds tensors that share their numbers, {total} bytes of them in a file of {file.size}; "
-            "save contiguous ones."
+            f"'{file.path}' holds expanded tensors, or many that share their numbers, {total} bytes in all; save "
+            "contiguous ones."
         )
     with open_archive(file.path, _EXPECTED) as archive:
         return {name: _read(file, archive, tensor) for name, tensor in tensors.items()}
@@ -119,50 +193,67 @@ def as_array(file: TorchFile, tensor: Any) -> NDArray[Any]:
     return as_arrays(file, {"": tensor})[""]
 
 
-def _checked_size(file: TorchFile, tensor: Any) -> int:
-    """Bytes of a tensor, if it can be read.
+def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gaussians:
+    """The Gaussians of a training.
+
+    Args:
+        file: where the tensors are.
+        tensors: centres, log scales, rotations, opacity logits and coefficients, by the names of splatfacto's.
+        expected: what the file is not, should the tensors not fit each other.
 
     Raises:
-        InputError: it cannot, or is larger than the file.
+        InputError: they do not, or there are no Gaussians.
     """
-    if not isinstance(tensor, TensorEntry):
+    values = {name: np.asarray(array, np.float32) for name, array in as_arrays(file, tensors).items()}
+    n, rest = len(np.atleast_1d(values["means"])), values["features_rest"]
+    if n == 0:
+        raise InputError(f"'{file.path}' holds zero Gaussians.")
+    try:
+        gaussians = Gaussians(
+            means=values["means"],
+            log_scales=values["scales"],
+            quaternions=values["quats"],
+            opacity_logits=values["opacities"].reshape(n),
+            sh_dc=values["features_dc"].reshape(n, 3),
+            sh_rest=np.ascontiguousarray(rest.transpose(0, 2, 1)) if rest.size else np.zeros((n, 3, 0), np.float32),
+        )
+    except ValueError as error:
+        raise InputError(f"'{file.path}' is no {expected}: {shown(str(error))}") from error
+    return with_finite_limits(gaussians)
+
+
+def _number_type(file: TorchFile, tensor: Any) -> np.dtype[Any]:
+    """How a tensor's numbers lie in the file.
+
+    Raises:
+        InputError: it is no dense tensor of numbers.
+    """
+    if not isinstance(tensor, Tensor):
         raise InputError(f"'{file.path}' holds a sparse or quantised tensor; save it as a dense one.")
-    if len(tensor.shape) > _MAX_DIMENSIONS:
-        raise InputError(f"'{file.path}' holds a tensor of {len(tensor.shape)} dimensions, which is no selection.")
-    kind = tensor.storage.kind
-    if kind != "bfloat16" and kind not in NUMBER_TYPES:
-        raise InputError(f"'{file.path}' holds values of type {shown(kind)}; booleans or numbers are needed.")
-    size = math.prod(tensor.shape) * _number_type(file, tensor).itemsize
-    if size > file.size:
-        raise InputError(f"'{file.path}' holds an expanded tensor of shape {tensor.shape}; save a contiguous one.")
-    return size
+    kind = _NUMBER_TYPES.get(tensor.storage.kind)
+    if kind is None:
+        raise InputError(
+            f"'{file.path}' holds values of type {shown(tensor.storage.kind)}; booleans or numbers are needed."
+        )
+    return np.dtype({_BFLOAT16: "u2", "b1": "u1"}.get(kind, kind)).newbyteorder(file.byte_order)  # type: ignore[arg-type]
 
 
-def _number_type(file: TorchFile, tensor: TensorEntry) -> np.dtype[Any]:
-    """How the tensor's numbers lie in the file."""
-    kind = tensor.storage.kind
-    return np.dtype({"bfloat16": "u2", "b1": "u1"}.get(kind, kind)).newbyteorder(file.byte_order)
-
-
-def _read(file: TorchFile, archive: zipfile.ZipFile, tensor: TensorEntry) -> NDArray[Any]:
-    kind, number = tensor.storage.kind, _number_type(file, tensor)
+def _read(file: TorchFile, archive: zipfile.ZipFile, tensor: Tensor) -> NDArray[Any]:
+    kind, number = _NUMBER_TYPES[tensor.storage.kind], _number_type(file, tensor)
     if math.prod(tensor.shape) == 0:
-        return np.zeros(0, np.float32 if kind == "bfloat16" else kind)
+        return np.zeros(0, np.float32 if kind == _BFLOAT16 else kind)
     member = f"{file.home}data/{tensor.storage.key}"
-    if member not in archive.NameToInfo:
-        raise InputError(f"'{file.path}' is damaged: it lacks the numbers of a tensor.")
     steps = list(zip(tensor.shape, tensor.strides, strict=True))
     reach = 1 + sum((size - 1) * stride for size, stride in steps)  # numbers from the tensor's first to its last
-    if (tensor.offset + reach) * number.itemsize > archive.getinfo(member).file_size:
-        raise InputError(f"'{file.path}' is damaged: a tensor of shape {tensor.shape} reaches beyond its numbers.")
+    present = archive.getinfo(member).file_size if member in archive.NameToInfo else 0
+    if (tensor.offset + reach) * number.itemsize > present:
+        raise InputError(f"'{file.path}' is damaged: a tensor of shape {tensor.shape} is not whole.")
     run = np.empty(reach, number)
     with archive.open(member) as stream:
         stream.seek(tensor.offset * number.itemsize)
         read_into(run, cast(BinaryIO, stream), file.path)
     strides = [stride * number.itemsize if size > 1 else 0 for size, stride in steps]
     values = np.ascontiguousarray(np.lib.stride_tricks.as_strided(run, tensor.shape, strides))
-    if kind == "bfloat16":
+    if kind == _BFLOAT16:
         return (values.astype(np.uint32) << 16).view(np.float32)
-    if kind == "b1":
-        return np.asarray(values != 0)
-    return values.astype(number.newbyteorder("="), copy=False)
+    return values != 0 if kind == "b1" else values.astype(number.newbyteorder("="), copy=False)

@@ -16,11 +16,6 @@ if TYPE_CHECKING:
 
 MAX_PIXELS = 1 << 27
 """Pixels of the largest picture that is decoded; cameras have up to 100 million."""
-_MAX_BYTES_PER_PIXEL = 16
-_MAX_METADATA_BYTES = 1 << 18
-_MIN_BYTES_PER_SCAN = 1 << 12
-_USUAL_SCANS = 64
-_TIFF_TILE_WIDTH = 322
 
 
 @dataclass(frozen=True)
@@ -38,9 +33,6 @@ class PictureHeader:
 
 def picture_header(data: bytes) -> PictureHeader | None:
     """The size of a PNG, JPEG, WebP, BMP or TIFF; None for anything else, or what is damaged.
-
-    Also None where decoding would take far longer than the size says: a PNG of more data than its pixels need, a JPEG
-    of thousands of passes over its pixels, a TIFF of tiles, which may be larger than the picture.
 
     >>> picture_header(b"no picture") is None
     True
@@ -62,9 +54,7 @@ def picture_header(data: bytes) -> PictureHeader | None:
         image = reader(BytesIO(data)) if reader else None
     except (OSError, ValueError, SyntaxError, LookupError, TypeError, OverflowError, struct.error, Warning):
         return None  # what Pillow raises for damaged files, the last where Python makes errors of warnings
-    if image is None or _takes_too_long(image, data):
-        return None
-    return PictureHeader(*image.size)
+    return PictureHeader(*image.size) if image else None
 
 
 def decoded_picture(data: bytes, flags: int) -> NDArray[Any] | None:
@@ -91,16 +81,3 @@ def webp_size(data: bytes) -> tuple[int, int] | None:
             width, height = struct.unpack_from("<HH", data, 26)
             return width & 0x3FFF, height & 0x3FFF
     return None
-
-
-def _takes_too_long(image: Any, data: bytes) -> bool:
-    """Whether a decoder would work longer than it should for a picture of this size."""
-    n_pixels: int = image.width * image.height
-    match image.format:
-        case "PNG":  # all data is inflated, also what lies behind the last row
-            return len(data) > _MAX_BYTES_PER_PIXEL * n_pixels + _MAX_METADATA_BYTES
-        case "JPEG":  # phones append videos, in which the marker occurs by chance every 64 kB
-            return data.count(b"\xff\xda") > _USUAL_SCANS + len(data) // _MIN_BYTES_PER_SCAN
-        case "TIFF":
-            return bool(image.tag_v2.get(_TIFF_TILE_WIDTH))
-    return False

@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError
 
 MANIFEST = "manifest.json"
 _PROGRAM = "gaussian-trimmer"
-_MAX_MANIFEST_BYTES = 1 << 24
 
 
 def write_manifest(folder: Path, kind: str) -> None:
@@ -22,54 +20,37 @@ def write_manifest(folder: Path, kind: str) -> None:
     (folder / MANIFEST).write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
 
 
-def read_manifest(path: Path) -> dict[str, Any] | None:
-    """A manifest that this program can have written; None where there is none."""
-    try:
-        if path.resolve() != path or not path.is_file() or path.stat().st_size > _MAX_MANIFEST_BYTES:
-            return None
-        manifest = json.loads(path.read_bytes())
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(manifest, dict) or manifest.get("program") != _PROGRAM:
-        return None
-    sound = isinstance(manifest.get("kind"), str) and isinstance(manifest.get("files"), dict)
-    return manifest if sound else None
-
-
 def earlier_results(folder: Path, kind: str) -> list[str]:
-    """The manifest of a folder and the unchanged files that it lists; nothing where there is no manifest.
+    """The manifest of a folder, and the files that it lists and that still have the size they were written with.
+
+    Nothing where there is no manifest of this program. Files behind links and outside the folder do not count.
 
     Raises:
         InputError: the folder holds results of another kind.
     """
-    manifest = read_manifest(folder / MANIFEST)
-    if manifest is None:
+    path = folder / MANIFEST
+    if path.is_symlink() or not path.is_file():
         return []
-    if manifest["kind"] != kind:
+    try:
+        manifest = json.loads(path.read_bytes())
+        program, found, sizes = manifest["program"], manifest["kind"], dict(manifest["files"])
+    except (ValueError, RecursionError, LookupError, TypeError):
+        return []
+    if program != _PROGRAM:
+        return []
+    if found != kind:
         raise InputError(
-            f"'{folder}' holds the results of '{manifest['kind']}', which '{kind}' does not replace; choose another "
-            "folder."
+            f"'{folder}' holds the results of '{found}', which '{kind}' does not replace; choose another folder."
         )
-    return [MANIFEST, *unchanged_files(folder, manifest)]
-
-
-def unchanged_files(folder: Path, manifest: dict[str, Any]) -> list[str]:
-    """The files of a manifest that lie in the folder, behind no link, and have the size they were written with."""
-    return [name for name, size in manifest["files"].items() if name != MANIFEST and _has_size(folder, name, size)]
+    unchanged = (name for name in files_in(folder) if name in sizes and _has_size(folder / name, sizes[name]))
+    return [MANIFEST, *(name for name in unchanged if name != MANIFEST)]
 
 
 def files_in(folder: Path) -> list[str]:
     """Paths of all files in a folder and below, relative to it, with slashes."""
-    if folder.is_symlink():
-        return []
     paths = (Path(place, name) for place, _, names in os.walk(folder) for name in names)
     return sorted(path.relative_to(folder).as_posix() for path in paths)
 
 
-def _has_size(folder: Path, name: str, size: object) -> bool:
-    path = folder / name
-    try:
-        inside = path.relative_to(folder).as_posix() == name and path.resolve() == path
-        return inside and path.is_file() and path.stat().st_size == size
-    except (OSError, ValueError):
-        return False
+def _has_size(path: Path, size: object) -> bool:
+    return not path.is_symlink() and path.stat().st_size == size

@@ -7,7 +7,6 @@ last, and the old ones are deleted. Whatever fails before the manifest is in pla
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 import time
@@ -17,14 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.manifest import (
-    MANIFEST,
-    earlier_results,
-    files_in,
-    read_manifest,
-    unchanged_files,
-    write_manifest,
-)
+from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, write_manifest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,7 +24,6 @@ if TYPE_CHECKING:
 _HIDDEN_PREFIX = ".gaussian-trimmer"
 _LOCK = f"{_HIDDEN_PREFIX}.lock"
 _STAGING = f"{_HIDDEN_PREFIX}.part"
-_NEW, _OLD = f"{_STAGING}/new", f"{_STAGING}/old"
 _LOCK_WAIT_SECONDS = 0.2
 _SECONDS_UNTIL_LEFT_OVER = 24 * 3600.0
 
@@ -93,23 +84,25 @@ def atomic_folder(
     try:
         with _os_errors_reported(folder):
             target = Path(os.path.realpath(folder))
-            missing = _missing_folders(target, folder)
-            (target / _STAGING).mkdir(parents=True, exist_ok=True)
+            staging = target / _STAGING
+            missing = [place for place in (staging, *staging.parents) if not place.exists()]
+            staging.mkdir(parents=True, exist_ok=True)
         with _locked(target, folder):
             try:
                 with _os_errors_reported(folder):
-                    _clear(target, folder, overwrite)
+                    _discard(staging)  # what a dead run has left
+                    _refuse_files(target, folder, overwrite)
                     earlier = earlier_results(target, kind)
                     found = (path for pattern in names for path in target.glob(pattern))
                     _refuse_conflicts(target, [path.relative_to(target).as_posix() for path in found], earlier)
                     _refuse_inputs(target, earlier, inputs)
-                    (target / _NEW).mkdir(parents=True)
-                yield target / _NEW
+                    (staging / "new").mkdir(parents=True)
+                yield staging / "new"
                 with _os_errors_reported(folder, "what was there is unchanged"):
-                    write_manifest(target / _NEW, kind)
+                    write_manifest(staging / "new", kind)
                     _swap(target, earlier_results(target, kind) if overwrite else [])
             finally:
-                _discard_staging(target)
+                _discard(staging)
     finally:
         for place in missing:
             with suppress(OSError):  # It holds the results.
@@ -122,11 +115,9 @@ def remove_leftovers(folder: Path) -> None:
         for part in folder.glob(f"{_HIDDEN_PREFIX}-*.part"):
             if time.time() - part.lstat().st_mtime > _SECONDS_UNTIL_LEFT_OVER:
                 part.unlink()
-        target = Path(os.path.realpath(folder))
-        if (target / _STAGING).is_dir():
-            with _locked(target, folder):
-                _undo_swap(target)
-                _discard_staging(target)
+        if (folder / _STAGING).is_dir():
+            with _locked(folder, folder):
+                _discard(folder / _STAGING)
 
 
 @contextmanager
@@ -136,17 +127,6 @@ def _os_errors_reported(folder: Path, cure: str = "choose another folder") -> It
     except OSError as error:
         place = f" '{error.filename}'" if error.filename and str(error.filename) != str(folder) else ""
         raise InputError(f"Cannot write to '{folder}': {error.strerror or error}{place}; {cure}.") from error
-
-
-def _missing_folders(target: Path, shown: Path) -> list[Path]:
-    """The staging folder of the target and those of its parents that do not exist, deepest first."""
-    staging = target / _STAGING
-    missing = [place for place in (staging, *staging.parents) if not place.exists()]
-    home = missing[-1].parent if missing else target
-    if not home.is_dir():
-        place = "is" if home == target else f"would lie in '{home}', which is"
-        raise InputError(f"'{shown}' {place} a file; choose another output folder.")
-    return missing
 
 
 @contextmanager
@@ -172,12 +152,7 @@ def _locked(target: Path, shown: Path) -> Iterator[None]:
         lock.release()
 
 
-def _clear(target: Path, shown: Path, overwrite: bool) -> None:
-    """Remove what a dead run has left, and refuse a folder of files that may not be replaced."""
-    if (target / _STAGING).is_symlink():
-        raise InputError(f"'{target / _STAGING}' is a symbolic link; remove it, or choose another output folder.")
-    _undo_swap(target)
-    _discard_staging(target)
+def _refuse_files(target: Path, shown: Path, overwrite: bool) -> None:
     if not overwrite and any(not path.name.startswith(_HIDDEN_PREFIX) for path in target.iterdir()):
         raise InputError(
             f"The folder '{shown}' is not empty; choose another one, or replace earlier results: --overwrite, or in "
@@ -201,67 +176,45 @@ def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str
 
 
 def _refuse_inputs(target: Path, earlier: Iterable[str], inputs: Iterable[Path]) -> None:
-    replaced = {_identity(target / name) for name in earlier}
+    replaced = {(target / name).resolve() for name in earlier}
     for given in inputs:
         for path in given.iterdir() if given.is_dir() else [given]:
-            if path.is_file() and _identity(path) in replaced:
+            if path.resolve() in replaced:
                 raise InputError(
                     f"'{path}' is an input of this run and belongs to the earlier results in '{target}' that would be "
                     "replaced; choose another output folder."
                 )
 
 
-def _identity(path: Path) -> tuple[int, int]:
-    """What tells a file from others, whichever of its names or links leads to it."""
-    status = path.stat()
-    return status.st_dev, status.st_ino
-
-
 def _swap(target: Path, earlier: Sequence[str]) -> None:
     """Move the earlier results into the staging folder and the new ones out of it, or leave everything as it was."""
-    coming = sorted(files_in(target / _NEW), key=lambda name: name == MANIFEST)
+    new, old = target / _STAGING / "new", target / _STAGING / "old"
+    coming = sorted(files_in(new), key=lambda name: name == MANIFEST)
     _refuse_conflicts(target, coming, earlier)
+    moves = [(target / name, old / name) for name in earlier] + [(new / name, target / name) for name in coming]
     try:
-        for name in earlier:
-            _move(target / name, target / _OLD / name)
-        for name in coming:
-            _move(target / _NEW / name, target / name)
+        for source, goal in moves:
+            goal.parent.mkdir(parents=True, exist_ok=True)
+            source.rename(goal)
     except BaseException:
-        _undo_swap(target)
+        try:
+            for source, goal in reversed(moves):
+                if not os.path.lexists(source):
+                    goal.rename(source)
+        except OSError as error:
+            raise InputError(
+                f"Earlier results of '{target}' cannot be moved back: {error.strerror or error}. They are in '{old}'."
+            ) from error
+        _remove_empty_parents(target, coming)
         raise
+    shutil.rmtree(old, ignore_errors=True)
     _remove_empty_parents(target, earlier)
 
 
-def _undo_swap(target: Path) -> None:
-    """Move every file back after a swap that did not end; then the new manifest still waits in the staging folder."""
-    manifest = read_manifest(target / _NEW / MANIFEST)
-    if manifest is None:
-        return
-    try:
-        for name in unchanged_files(target, manifest):
-            if not os.path.lexists(target / _NEW / name):
-                _move(target / name, target / _NEW / name)
-        for name in files_in(target / _OLD):
-            _move(target / _OLD / name, target / name)
-    except OSError as error:
-        raise InputError(
-            f"Earlier results of '{target}' cannot be moved back: {error.strerror or error}. They are in "
-            f"'{target / _OLD}'; the next run tries again."
-        ) from error
-    _remove_empty_parents(target, manifest["files"])
-
-
-def _discard_staging(target: Path) -> None:
+def _discard(staging: Path) -> None:
     """Remove the staging folder, unless it holds earlier results that could not be moved back."""
-    if not (files_in(target / _OLD) and (target / _NEW / MANIFEST).is_file()):
-        shutil.rmtree(target / _STAGING, ignore_errors=True)
-
-
-def _move(source: Path, target: Path) -> None:
-    if os.path.lexists(target):
-        raise FileExistsError(errno.EEXIST, "another file has come in its place", str(target))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    source.rename(target)
+    if not files_in(staging / "old"):
+        shutil.rmtree(staging, ignore_errors=True)
 
 
 def _remove_empty_parents(folder: Path, names: Iterable[str]) -> None:

@@ -49,13 +49,10 @@ class CheckedSides:
     @property
     def middle(self) -> int:
         """The degree in the middle of the longest run that was judged; 0 if there is none or it is the circle."""
-        checked = self.checked
-        if checked.all() or not checked.any():
+        if self.checked.all() or not self.checked.any():
             return 0
-        starts = np.flatnonzero(checked & ~np.roll(checked, 1))
-        lengths = [int(np.argmin(np.roll(checked, -start))) for start in starts]
-        best = int(np.argmax(lengths))
-        return int(starts[best] + lengths[best] // 2) % 360
+        start, end = max(_runs(self.checked), key=lambda run: run[1] - run[0])
+        return (start + end) // 2 % 360
 
     def sentence(self) -> str:
         """What was seen and what was not, without a full stop.

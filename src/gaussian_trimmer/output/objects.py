@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.output.html.report_page import REPORT, write_objects_page
+from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
     Picture,
     captioned,
@@ -73,7 +73,7 @@ def write_objects(
     report = describe_objects(result, inputs, suffix)
     write_json(report, folder / "report.json")
     if html:
-        write_objects_page(result, report, folder)
+        write_report_page(result, report, folder)
     return report
 
 

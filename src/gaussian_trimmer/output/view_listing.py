@@ -13,7 +13,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, IntArray
 from gaussian_trimmer.io.writing import atomic_file
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
-from gaussian_trimmer.output.pictures import Picture, write_picture
+from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
 
 VIEW_FILES = ("[0-9][0-9][0-9].png", "index.html")
@@ -49,8 +49,7 @@ def write_view_listing(
     """
     for number, (camera, rows) in enumerate(views):
         drawn = scene if len(rows) == len(scene) else scene.select(rows)
-        bgr = np.clip(renderer.render(drawn, camera).rgb[..., ::-1], 0, 1)
-        picture = np.ascontiguousarray((255 * bgr).astype(np.uint8))
+        picture = as_picture(renderer.render(drawn, camera).rgb)
         write_picture(with_grid(picture) if grid else picture, folder / f"{number:03d}.png")
     with atomic_file(folder / "index.html") as part:
         part.write_text(page([camera for camera, _ in views], whole, command), encoding="utf-8")

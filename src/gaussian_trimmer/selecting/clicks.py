@@ -18,10 +18,10 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntA
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.planning.camera_rings import ring_poses
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
-from gaussian_trimmer.selecting.segment_in_box import box_overlap, segment_in_box
+from gaussian_trimmer.selecting.segment_in_box import fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
-from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel
-from gaussian_trimmer.views import HALF, Box, bounding_box, box_slices
+from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weight
+from gaussian_trimmer.views import HALF, Box, box_slices
 
 _VISIBILITY_SCALE = 0.5
 _VIEWS_AROUND = 8
@@ -81,14 +81,14 @@ def select_by_box(scene: ViewedScene, box: Box) -> Pick:
     box = _rescaled_box(_clipped(box, scene.camera), scene.camera, small.camera)
     overlap, piece = 0.0, None
     for standing in _pieces_in_box(small, box):
-        fit = box_overlap(bounding_box(small.coverage(standing) > HALF), box)
+        fit = fills(small.coverage(standing) > HALF, box)
         if fit > overlap:
             overlap, piece = fit, standing
         if overlap >= _GOOD_BOX_OVERLAP:
             return Pick(standing, "piece")
-    segment = segment_in_box(small, box)
-    if segment is not None and segment.overlap >= max(overlap, _MIN_BOX_OVERLAP):
-        return Pick(segment.selection, "part")
+    segment, fit = segment_in_box(small, box)
+    if fit >= max(overlap, _MIN_BOX_OVERLAP):
+        return Pick(segment, "part")
     if piece is not None and overlap >= _MIN_BOX_OVERLAP:
         return Pick(piece, "piece")
     if not (small.renderer.render(small.gaussians, small.camera).alpha[box_slices(box)] > HALF).any():
@@ -149,11 +149,7 @@ def _majority_of_points(points: BoolArray, of: IntArray, count: int) -> BoolArra
 def _visible_around(scene: ViewedScene, target: Target) -> FloatArray:
     """How much each Gaussian shows in the view and in others around the point, (N,)."""
     cameras = _views_around(scene.camera, target, scene.up)
-    weights = [
-        scene.renderer.blend_weights(scene.gaussians, view, np.zeros((view.height, view.width), np.uint8), 1)[:, 0]
-        for view in cameras
-    ]
-    return visible_weight(weights, cameras)
+    return visible_weight([shown_weight(scene.gaussians, view, scene.renderer) for view in cameras], cameras)
 
 
 def _views_around(camera: Camera, target: Target, up: Float64Array) -> list[Camera]:

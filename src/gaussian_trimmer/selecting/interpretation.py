@@ -14,7 +14,7 @@ from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, pieces_at_click, select_by_box, select_by_click
 from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius
-from gaussian_trimmer.selecting.lifting import lift_by_assignment, lift_by_vote
+from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.marks import (
     Box,
     Box3D,
@@ -215,8 +215,6 @@ class MarkInterpreter:
             raise InputError("Masks need the cameras of their pictures.")
         posed = cameras_with_masks(self._cameras.pinhole_cameras(), mark.folder)
         masks = [mask_of(camera, mark.folder) for camera in posed]
-        if mark.method == "vote":
-            return lift_by_vote(self._scene, posed, masks, mark.threshold), len(posed)
         return lift_by_assignment(self._scene, posed, masks, self._renderer, mark.gamma), len(posed)
 
 

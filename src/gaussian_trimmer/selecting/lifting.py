@@ -17,15 +17,11 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
+from gaussian_trimmer.views import HALF_COVERAGE
 
 LabelArray = NDArray[np.uint8]
 Ids = NDArray[np.integer[Any]]
-_MAX_OBJECTS, _MAX_ID = 1 << 16, (1 << 31) - 1
-
-_HALF_COVERAGE = 127
 _OBJECTS_PER_PASS = 16
-_WEIGHTS_PER_PASS = 1 << 25
-"""Blend weights, of Gaussians times labels, that are held at a time when several objects are lifted."""
 
 
 def lift_by_assignment(
@@ -77,87 +73,36 @@ def lift_objects_by_assignment(
     """
     _check_gamma(gamma)
     _check_sizes(cameras, labels)
-    for camera, image in zip(cameras, labels, strict=True):
-        if image.dtype.kind not in "iu" or (image.size and not 0 <= int(image.min()) <= int(image.max()) <= _MAX_ID):
-            raise InputError(f"{_view(camera)} has labels of type {image.dtype}; object numbers from 0 are needed.")
-    numbers = np.setdiff1d(np.unique(np.concatenate([np.unique(image) for image in labels])), 0)
+    numbers = np.unique(np.concatenate([np.unique(image) for image in labels]))
+    if numbers[0] < 0 or numbers.dtype.kind not in "iu":
+        raise InputError(
+            f"The label images hold {numbers[0]} as type {numbers.dtype}; object numbers from 0 are needed."
+        )
+    numbers = numbers[numbers > 0]
     if not len(numbers):
         raise InputError("The label images hold nothing but background (0); number the objects from 1.")
-    if len(numbers) > _MAX_OBJECTS:
-        raise InputError(f"The label images hold {len(numbers)} objects; at most {_MAX_OBJECTS} can be lifted.")
-    # Numbers may be anything; their places in the list of all of them are small.
-    known = np.concatenate([[0], numbers]).astype(np.int64)
-    places = [np.searchsorted(known, image).astype(np.int32) for image in labels]
-    found = known[_assign_in_passes(gaussians, cameras, places, len(numbers), renderer, gamma)]
-    return found.astype(np.uint8 if all(image.dtype == np.uint8 for image in labels) else np.int32)
-
-
-def _assign_in_passes(
-    gaussians: Gaussians,
-    cameras: Sequence[Camera],
-    labels: Sequence[NDArray[np.int32]],
-    count: int,
-    renderer: Renderer,
-    gamma: float,
-) -> NDArray[np.int32]:
-    """The rule of `assign_labels` for object numbers 1 to `count`, few of them at a time: as many columns of blend
-    weights as there are objects would not fit into memory."""
     n = len(gaussians)
-    background, largest, squared_length = np.zeros(n), np.zeros(n), np.zeros(n)
-    winner = np.zeros(n, np.int32)
-    step = max(1, min(_OBJECTS_PER_PASS, _WEIGHTS_PER_PASS // n - 1))
-    for start in range(1, count + 1, step):
-        part = np.arange(start, min(start + step, count + 1), dtype=np.int32)
-        renumbered = np.full(count + 1, len(part) + 1, np.uint8)  # numbers of other passes: left out by the renderer
-        renumbered[0], renumbered[part] = 0, np.arange(1, len(part) + 1)
-        images = [renumbered[image] for image in labels]
+    largest, squared_length = np.zeros(n), np.zeros(n)
+    winner = np.zeros(n, np.uint8 if all(image.dtype == np.uint8 for image in labels) else np.int32)
+    # Few objects at a time: as many columns of blend weights as there are objects would not fit into memory.
+    for part in np.array_split(numbers, -(-len(numbers) // _OBJECTS_PER_PASS)):
+        images = [_places(image, part) for image in labels]
         weights = sum_label_weights(gaussians, cameras, images, len(part) + 1, renderer)
         background, objects = weights[:, 0], weights[:, 1:]
         squared_length += np.square(objects).sum(axis=1)
-        best = objects.argmax(axis=1)
-        ahead = objects[np.arange(n), best] > largest
-        winner[ahead], largest[ahead] = part[best[ahead]], objects[ahead, best[ahead]]
+        best, most = objects.argmax(axis=1), objects.max(axis=1)
+        ahead = most > largest
+        winner[ahead], largest[ahead] = part[best[ahead]], most[ahead]
     length = np.sqrt(squared_length + np.square(background))
     length[length == 0] = 1.0
-    return np.where(largest / length > background / length + gamma, winner, 0).astype(np.int32)
+    return np.where(largest / length > background / length + gamma, winner, 0)
 
 
-def lift_by_vote(
-    gaussians: Gaussians,
-    cameras: Sequence[Camera],
-    masks: Sequence[NDArray[Any]],
-    threshold: float = 0.7,
-    *,
-    every_view_votes: bool = False,
-) -> BoolArray:
-    """Gaussians whose centres are projected into more than a share of the masks, (N,), whether they are seen or not.
-
-    Args:
-        masks: one (H, W) a camera, boolean or coverage 0..255.
-        threshold: share of the votes that must be exceeded.
-        every_view_votes: a view that does not have the centre in its frame votes against it instead of abstaining;
-            parts that are in few pictures are then lost.
-
-    Centres that are in no frame are left out. The label voting of SAGD (Hu et al. 2024), whose code lets every view
-    vote.
-
-    Raises:
-        InputError: number or sizes of masks and cameras differ, the masks are empty, or the threshold is no share.
-    """
-    if not 0 <= threshold < 1:
-        raise InputError(f"The vote's threshold is {threshold}; it must be at least 0 and below 1.")
-    inside = _binary_masks(cameras, masks)
-    centres = np.asarray(gaussians.means, np.float64)
-    covered, in_frame = np.zeros(len(centres), np.int64), np.zeros(len(centres), np.int64)
-    for camera, mask in zip(cameras, inside, strict=True):
-        pixels, _ = camera.project(centres)
-        # Centres behind the camera have NaN pixels, which no comparison lets through.
-        rows = np.flatnonzero((pixels >= 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1))
-        columns, lines = pixels[rows].astype(np.int64).T
-        in_frame[rows] += 1
-        covered[rows] += mask[lines, columns]
-    votes = len(cameras) if every_view_votes else in_frame
-    return np.asarray((in_frame > 0) & (covered > threshold * votes))
+def _places(image: Ids, numbers: Ids) -> LabelArray:
+    """Place of each pixel's number in a sorted list, from 1; 0 for the background, and one too many for others."""
+    places = np.searchsorted(numbers, image)
+    found = numbers[np.minimum(places, len(numbers) - 1)] == image
+    return np.where(image == 0, 0, np.where(found, places, len(numbers)) + 1).astype(np.uint8)
 
 
 def sum_label_weights(
@@ -177,7 +122,7 @@ def _check_gamma(gamma: float) -> None:
 
 def _binary_masks(cameras: Sequence[Camera], masks: Sequence[NDArray[Any]]) -> list[BoolArray]:
     _check_sizes(cameras, masks)
-    binary = [mask if mask.dtype == np.bool_ else np.asarray(mask > _HALF_COVERAGE) for mask in masks]
+    binary = [mask if mask.dtype == np.bool_ else np.asarray(mask > HALF_COVERAGE) for mask in masks]
     if not any(mask.any() for mask in binary):
         largest = max(float(mask.max(initial=0)) for mask in masks)
         raise InputError(f"The masks are empty: their largest value is {largest:g}, and the object's must exceed 127.")
@@ -191,10 +136,6 @@ def _check_sizes(cameras: Sequence[Camera], images: Sequence[NDArray[Any]]) -> N
         if image.shape != (camera.height, camera.width):
             size = " x ".join(map(str, image.shape[::-1]))
             raise InputError(
-                f"{_view(camera)} has a mask of {size} pixels for a camera of {camera.width} x {camera.height}; "
+                f"View '{camera.name}' has a mask of {size} pixels for a camera of {camera.width} x {camera.height}; "
                 "resize the masks, keeping hard edges, or the cameras."
             )
-
-
-def _view(camera: Camera) -> str:
-    return f"View '{camera.name}'" if camera.name else "A view without a name"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.selection_files import SelectionOptions
 
 Effect = Literal["add", "remove", "intersect"]
@@ -18,6 +19,12 @@ Effect = Literal["add", "remove", "intersect"]
 Coordinates = Literal["scene", "up"]
 """Whether numbers are the scene's own coordinates, or turned so that z is up."""
 Point = tuple[float, float, float]
+
+
+def point_of(values: Float64Array) -> Point:
+    """An array (3,) as plain numbers."""
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +119,8 @@ class FromMasks:
     """What masks of posed pictures select; the pictures' cameras must be given to `select`."""
 
     folder: Path
-    method: Literal["assignment", "vote"] = "assignment"
     gamma: float = 0.0
-    """Bias of `assignment` towards the background, -1 to 1."""
-    threshold: float = 0.7
-    """A centre must lie in more than this share of the masks, for `vote`."""
+    """Bias towards the background, -1 to 1."""
     effect: Effect = "add"
 
 

@@ -22,9 +22,9 @@ from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
 from gaussian_trimmer.selecting.clicks import NothingFoundError, Pick, select_by_box, select_by_click
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.propagation import propagate_mask
-from gaussian_trimmer.selecting.segment_in_box import box_overlap
+from gaussian_trimmer.selecting.segment_in_box import fills
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
-from gaussian_trimmer.views import HALF, Box, bounding_box
+from gaussian_trimmer.views import HALF, Box, bounding_box, mask_overlap
 
 _SAME_OVERLAP = 0.75
 """Intersection over union from which on the model and the built-in way mean the same."""
@@ -82,7 +82,7 @@ def _part_seen(
     box = mark if len(mark) == 4 else None
     picture, silhouette = scene.renderer.render(scene.gaussians, scene.camera), scene.coverage(built_in) > HALF
     mask = _mask_of(model.propose(picture.rgb, _prompt(mark)), box)
-    if not mask.any() or overlap(mask, silhouette) >= _SAME_OVERLAP:
+    if not mask.any() or mask_overlap(mask, silhouette) >= _SAME_OVERLAP:
         return None
     whole = propagate_mask(scene, picture, mask)
     if not whole.any():
@@ -91,15 +91,10 @@ def _part_seen(
     # What was carried around must still show the mask in the user's own view, and fill the box, and both better than
     # the built-in selection does.
     seen = scene.coverage(part) > HALF
-    worse = overlap(seen, mask) <= overlap(silhouette, mask)
-    if worse or (box is not None and _fills(seen, box) <= _fills(silhouette, box)):
+    worse = mask_overlap(seen, mask) <= mask_overlap(silhouette, mask)
+    if worse or (box is not None and fills(seen, box) <= fills(silhouette, box)):
         return None
     return part
-
-
-def overlap(a: BoolArray, b: BoolArray) -> float:
-    """Intersection over union of two masks (H, W); zero if both are empty."""
-    return int(np.count_nonzero(a & b)) / max(int(np.count_nonzero(a | b)), 1)
 
 
 def _prompt(mark: tuple[int, int] | Box) -> Prompt:
@@ -113,14 +108,9 @@ def _mask_of(found: Candidates, box: Box | None) -> BoolArray:
     masks = found.logits > 0
     if box is None:
         return np.asarray(masks[int(np.argmax(found.scores))])
-    fits = np.array([_fills(mask, box) for mask in masks])
+    fits = np.array([fills(mask, box) for mask in masks])
     best = int(np.argmax(fits * found.scores))
     return np.asarray(masks[best]) & bool(fits[best] >= _MIN_BOX_OVERLAP)
-
-
-def _fills(mask: BoolArray, box: Box) -> float:
-    """Intersection over union of a mask's bounding box and a box; zero for an empty mask."""
-    return box_overlap(bounding_box(mask), box) if mask.any() else 0.0
 
 
 def _corrected(scene: ViewedScene, selection: BoolArray, mask: BoolArray, model: PromptableModel) -> BoolArray:
@@ -135,8 +125,8 @@ def _corrected(scene: ViewedScene, selection: BoolArray, mask: BoolArray, model:
             continue
         prompt = Prompt(bounding_box(expected > HALF), logits=expected_logits(expected))
         found = model.propose(renderer.render(gaussians, camera).rgb, prompt).logits > 0
-        best = max(found, key=lambda mask: overlap(mask, expected > HALF))
-        if overlap(best, expected > HALF) >= _MIN_AGREEMENT_OVERLAP:
+        best = max(found, key=lambda mask: mask_overlap(mask, expected > HALF))
+        if mask_overlap(best, expected > HALF) >= _MIN_AGREEMENT_OVERLAP:
             cameras.append(camera)
             masks.append(best)
     lifted = lift_by_assignment(gaussians, cameras, masks, renderer)

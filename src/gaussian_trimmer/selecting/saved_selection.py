@@ -79,13 +79,12 @@ def save_array(selection: NDArray[Any], path: Path) -> int:
 def note_on(path: Path) -> SelectionNote | None:
     """What the marks beside a selection say of it; None if there are none, or the selection was changed since."""
     marks_path = path.with_suffix(".json")
-    if not (is_file(path) and is_marks_file(marks_path)):
-        return None
-    with suppress(InputError):
-        readers = {Path: lambda data, where: path.parent / from_plain(data, Path, where)}
-        note: SelectionNote = from_plain(read_json(marks_path).get("selection"), SelectionNote, "selection", readers)
-        if note.crc32 == zlib.crc32(file_bytes(path)):
-            return note
+    if is_file(path) and is_marks_file(marks_path):
+        with suppress(InputError):
+            readers = {Path: lambda data, where: path.parent / from_plain(data, Path, where)}
+            data = read_json(marks_path).get("selection")
+            note: SelectionNote = from_plain(data, SelectionNote, "selection", readers)
+            return note if note.crc32 == zlib.crc32(file_bytes(path)) else None
     return None
 
 

@@ -10,7 +10,6 @@ surroundings. Where the box shows surfaces at several depths, each depth is sear
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,20 +44,8 @@ _PIECES_PER_PASS = 16
 """Number of pieces that are drawn in one pass."""
 
 
-@dataclass(frozen=True, eq=False)
-class BoxSegment:
-    """What a box may stand for."""
-
-    selection: BoolArray
-    """(N,)."""
-    overlap: float
-    """Intersection over union of the box and the bounding box of the visible segment."""
-    score: float
-    """How well it fills the box and is separated from the rest, 0 to 1."""
-
-
-def segment_in_box(scene: ViewedScene, box: Box) -> BoxSegment | None:
-    """The best segment in a box; None if nothing can be separated there.
+def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
+    """The best segment in a box (N,), and how well its bounding box fits; nothing where nothing can be separated.
 
     On sides where the box reaches the picture's edge, the object may go on beyond it.
 
@@ -78,7 +65,7 @@ def segment_in_box(scene: ViewedScene, box: Box) -> BoxSegment | None:
         allowed[unseen] &= _between(ends, camera, low, high)
     candidates = _between(gaussians.means, camera, low - margin, high + margin)
     reach = _REACH_BEYOND_EDGE if np.isinf([low, high]).any() else 1.0
-    best: BoxSegment | None = None
+    best, best_overlap, best_score = np.zeros(len(gaussians), np.bool_), 0.0, -1.0
     for centre, radius in _surfaces(scene, box):
         graph = build_surface_graph(scene, centre, radius, candidates, reach)
         if len(graph.rows) < MIN_NODES:
@@ -88,9 +75,9 @@ def segment_in_box(scene: ViewedScene, box: Box) -> BoxSegment | None:
         parts = _pieces(cut, allowed[graph.rows], camera)
         for part, overlap in zip(parts, _overlaps(scene, box, graph, parts), strict=True):
             score = overlap**2 * cut.separation(part)
-            if best is None or score > best.score:
-                best = BoxSegment(graph.with_hidden(gaussians, part, allowed), overlap, score)
-    return best
+            if score > best_score:
+                best, best_overlap, best_score = graph.with_hidden(gaussians, part, allowed), overlap, score
+    return best, best_overlap
 
 
 def box_overlap(a: Box, b: Box) -> float:
@@ -103,6 +90,11 @@ def box_overlap(a: Box, b: Box) -> float:
     shared = max(width, 0) * max(height, 0)
     areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
     return shared / (sum(areas) - shared)
+
+
+def fills(mask: BoolArray, box: Box) -> float:
+    """Intersection over union of a mask's bounding box and a box; zero for an empty mask."""
+    return box_overlap(bounding_box(mask), box) if mask.any() else 0.0
 
 
 def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArray]:
@@ -136,8 +128,7 @@ def _overlaps(scene: ViewedScene, box: Box, graph: SurfaceGraph, parts: Sequence
         values = np.zeros((len(scene.gaussians), len(some)), np.float32)
         values[graph.rows] = np.stack(some, axis=1)
         shown = scene.renderer.blend_values(scene.gaussians, cropped, values) > 0.5
-        masks = [shown[..., k] for k in range(len(some))]
-        overlaps += [box_overlap(bounding_box(mask), box) if mask.any() else 0.0 for mask in masks]
+        overlaps += [fills(shown[..., k], box) for k in range(len(some))]
     return overlaps
 
 

@@ -78,19 +78,6 @@ class _Piece:
     """Number of steps between gaps over which the piece stays the same."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """A radius around the seeds, and what stands on the layer that is found within it."""
-
-    radius: float
-    surface: float
-    """Height of the layer."""
-    rows: IntArray
-    """Visible Gaussians above the layer."""
-    hidden: IntArray
-    """Hardly visible Gaussians above the layer."""
-
-
 def pieces_on_plane(
     positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float, windows: Float64Array
 ) -> list[BoolArray]:
@@ -105,31 +92,26 @@ def pieces_on_plane(
         scale: half of the length that the picture's longer side spans at the depth of the point, in scene units.
         windows: radii of the windows, as `windows_around` gives them.
     """
-    found: list[tuple[_Window, _Piece]] = []
+    distance, shows = np.linalg.norm(positions, axis=1), visible > _MIN_VISIBLE
+    found: list[tuple[float, float, _Piece, BoolArray]] = []  # height of the layer, radius of the window
     for clearance in _CLEARANCES:
-        for radius in windows if not found else ():
-            window = _open_window(positions, visible, float(radius), clearance)
-            if window is not None and seeds[window.rows].any():
-                found += _standing_pieces(positions, seeds, visible, window)
-    highest = max((window.surface for window, _ in found), default=0.0)
+        for radius in windows.tolist() if not found else ():
+            surface = _find_layer(positions, visible, radius)
+            if surface is None:
+                continue
+            above = (positions[:, 2] > surface + clearance * radius) & (distance < _MAX_DEPTH * radius)
+            rows, hidden = np.flatnonzero(above & shows), np.flatnonzero(above & ~shows)
+            for piece in _stable_pieces(positions, seeds, visible, rows, _GAP_RADII * radius):
+                if piece.radius <= _MAX_RADIUS * radius and _stands(positions, shows, piece, surface, radius):
+                    found.append((surface, radius, piece, _with_hidden(positions, piece, hidden)))
+    highest = max((surface for surface, *_ in found), default=0.0)
 
-    def order(candidate: tuple[_Window, _Piece]) -> tuple[bool, int, bool]:
-        window, piece = candidate
-        level = round((highest - window.surface) / (_SAME_SURFACE * scale))
-        return piece.stability < _GOOD_STABILITY, level, piece.radius > _GOOD_RADIUS * window.radius
+    def order(candidate: tuple[float, float, _Piece, BoolArray]) -> tuple[bool, int, bool]:
+        surface, radius, piece, _ = candidate
+        level = round((highest - surface) / (_SAME_SURFACE * scale))
+        return piece.stability < _GOOD_STABILITY, level, piece.radius > _GOOD_RADIUS * radius
 
-    return [_with_hidden(positions, window, piece) for window, piece in sorted(found, key=order)]
-
-
-def _standing_pieces(
-    positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window
-) -> list[tuple[_Window, _Piece]]:
-    """The stable pieces of a window that it can hold and that stand on its layer."""
-    return [
-        (window, piece)
-        for piece in _stable_pieces(positions, seeds, visible, window)
-        if piece.radius <= _MAX_RADIUS * window.radius and _stands(positions, visible, piece, window)
-    ]
+    return [selection for *_, selection in sorted(found, key=order)]
 
 
 def windows_around(scale: float, positions: Float64Array) -> Float64Array:
@@ -139,15 +121,6 @@ def windows_around(scale: float, positions: Float64Array) -> Float64Array:
         return np.asarray(_WINDOW_RADII * scale)
     step = round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE
     return np.asarray(_WINDOW_RADII * (scene_size * 2.0**step))
-
-
-def _open_window(positions: Float64Array, visible: FloatArray, radius: float, clearance: float) -> _Window | None:
-    surface = _find_layer(positions, visible, radius)
-    if surface is None:
-        return None
-    above = (positions[:, 2] > surface + clearance * radius) & (np.linalg.norm(positions, axis=1) < _MAX_DEPTH * radius)
-    shows = visible > _MIN_VISIBLE
-    return _Window(radius, surface, np.flatnonzero(above & shows), np.flatnonzero(above & ~shows))
 
 
 def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> float | None:
@@ -164,20 +137,25 @@ def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> 
     return layer[0] if layer else None
 
 
-def _stable_pieces(positions: Float64Array, seeds: FloatArray, visible: FloatArray, window: _Window) -> list[_Piece]:
-    """The pieces around the seeds that stay the same over several gaps, the most stable first, each once."""
-    gaps = _GAP_RADII * window.radius
-    members = _nested_pieces(positions, seeds, window.rows, gaps)
-    sizes = np.array([visible[rows].sum() for rows in members])
+def _stable_pieces(
+    positions: Float64Array, seeds: FloatArray, visible: FloatArray, rows: IntArray, gaps: Float64Array
+) -> list[_Piece]:
+    """The pieces of some rows around the seeds that stay the same over several gaps, the most stable first."""
+    if not seeds[rows].any():
+        return []
+    members = _nested_pieces(positions, seeds, rows, gaps)
+    sizes = np.array([visible[piece].sum() for piece in members])
     found = {}
     for k in range(len(gaps)):
         different = np.flatnonzero((sizes < _SAME_SHARE * sizes[k]) | (sizes * _SAME_SHARE > sizes[k]))
         first = int(different[different < k].max(initial=-1)) + 1
         last = int(different[different > k].min(initial=len(gaps))) - 1
         middle = (first + last) // 2
-        rows, gap, radius = members[middle], float(gaps[middle]), _radius(positions[members[middle]])
-        if last - first >= _MIN_STABILITY and len(rows) >= _MIN_GAUSSIANS and gap <= _MAX_GAP * radius:
-            found[middle] = _Piece(rows, gap, radius, last - first)
+        piece, gap = members[middle], float(gaps[middle])
+        low, high = np.quantile(positions[piece], _END_QUANTILES, axis=0)
+        radius = float(np.linalg.norm(high - low) / 2)
+        if last - first >= _MIN_STABILITY and len(piece) >= _MIN_GAUSSIANS and gap <= _MAX_GAP * radius:
+            found[middle] = _Piece(piece, gap, radius, last - first)
     return sorted(found.values(), key=lambda piece: (-piece.stability, -len(piece.rows)))
 
 
@@ -194,14 +172,9 @@ def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, g
     return pieces[::-1]
 
 
-def _radius(positions: Float64Array) -> float:
-    low, high = np.quantile(positions, _END_QUANTILES, axis=0)
-    return float(np.linalg.norm(high - low) / 2)
-
-
-def _stands(positions: Float64Array, visible: FloatArray, piece: _Piece, window: _Window) -> bool:
-    """Whether the piece reaches down to the layer, and the layer continues around its foot."""
-    height = positions[piece.rows, 2] - window.surface
+def _stands(positions: Float64Array, shows: BoolArray, piece: _Piece, surface: float, window: float) -> bool:
+    """Whether the piece reaches down to the layer, and what shows of the layer goes on around its foot."""
+    height = positions[piece.rows, 2] - surface
     lowest = np.quantile(height, _END_QUANTILES[0])
     if lowest > _MAX_FOOT_HEIGHT * piece.radius:
         return False
@@ -213,9 +186,7 @@ def _stands(positions: Float64Array, visible: FloatArray, piece: _Piece, window:
     cv2.fillConvexPoly(footprint, cv2.convexHull(corners), 1)
     ring = (_grown(footprint, _RING_CELLS) > 0) & (footprint == 0)
 
-    layer = (np.abs(positions[:, 2] - window.surface) < _LAYER_HALF_THICKNESS * window.radius) & (
-        visible > _MIN_VISIBLE
-    )
+    layer = shows & (np.abs(positions[:, 2] - surface) < _LAYER_HALF_THICKNESS * window)
     x, y = np.floor((positions[layer, :2] - origin) / cell).astype(np.int64).T
     within = (x >= 0) & (y >= 0) & (x < footprint.shape[1]) & (y < footprint.shape[0])
     covered = np.zeros_like(footprint)
@@ -227,12 +198,12 @@ def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.dilate(cells, np.ones((2 * steps + 1, 2 * steps + 1), np.uint8)))
 
 
-def _with_hidden(positions: Float64Array, window: _Window, piece: _Piece) -> BoolArray:
-    """The piece, and the hardly visible Gaussians near it, (N,)."""
+def _with_hidden(positions: Float64Array, piece: _Piece, hidden: IntArray) -> BoolArray:
+    """The piece, and those of some hardly visible rows that are near it, (N,)."""
     chosen = np.zeros(len(positions), np.bool_)
     chosen[piece.rows] = True
-    if len(window.hidden):
-        points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, window.hidden))
+    if len(hidden):
+        points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, hidden))
         squared, _ = nearest(points, queries, 1)
-        chosen[window.hidden[squared[:, 0] < (_HIDDEN_GAP * piece.gap) ** 2]] = True
+        chosen[hidden[squared[:, 0] < (_HIDDEN_GAP * piece.gap) ** 2]] = True
     return chosen

@@ -21,11 +21,11 @@ def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Ar
         up: the scene's up vector (3,), along which z points where the shape's coordinates are `up`.
 
     Raises:
-        InputError: a number is not finite, the box is empty, the radius is not above zero, or the normal is zero.
+        InputError: the box is empty, the radius is not above zero, or the normal is zero.
     """
     points = _in_coordinates(means, shape.coordinates, up)
     if isinstance(shape, Box3D):
-        low, high = _finite("The 3D box", shape.low), _finite("The 3D box", shape.high)
+        low, high = np.array(shape.low, np.float64), np.array(shape.high, np.float64)
         if not (low < high).all():
             raise InputError(
                 f"The 3D box goes from {low.tolist()} to {high.tolist()}; each of the first three numbers must be "
@@ -33,13 +33,11 @@ def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Ar
             )
         return np.asarray(((points >= low) & (points <= high)).all(axis=1))
     if isinstance(shape, Sphere):
-        centre, radius = _finite("The sphere", shape.centre), float(_finite("The sphere", (shape.radius,))[0])
-        if not radius > 0:
-            raise InputError(f"The sphere's radius is {radius:g}; it must be above zero.")
-        return np.asarray(np.linalg.norm(points - centre, axis=1) <= radius)
+        if not shape.radius > 0:
+            raise InputError(f"The sphere's radius is {shape.radius:g}; it must be above zero.")
+        return np.asarray(np.linalg.norm(points - np.array(shape.centre), axis=1) <= shape.radius)
     normal = unit_up(shape.normal, "The plane's normal")
-    length = float(np.linalg.norm(_finite("The plane", shape.normal)))
-    return np.asarray(points @ normal > float(_finite("The plane", (shape.offset,))[0]) / length)
+    return np.asarray(points @ normal > shape.offset / float(np.linalg.norm(shape.normal)))
 
 
 def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:
@@ -51,13 +49,7 @@ def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray
     Raises:
         InputError: the distance is not above zero.
     """
-    reach = _reach(means, selection, spacings, "grown")
-    others = np.flatnonzero(~selection)
-    result = selection.copy()
-    if reach > 0 and len(others):
-        squared, _ = nearest(means[selection], means[others], 1)
-        result[others[squared[:, 0] <= reach**2]] = True
-    return result
+    return selection | _near(means, selection, _reach(means, selection, spacings, "grown"))
 
 
 def shrunk(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:
@@ -69,13 +61,16 @@ def shrunk(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArra
     Raises:
         InputError: the distance is not above zero.
     """
-    reach = _reach(means, selection, spacings, "shrunk")
-    rows = np.flatnonzero(selection)
-    result = selection.copy()
-    if reach > 0 and len(rows) < len(selection):
-        squared, _ = nearest(means[~selection], means[rows], 1)
-        result[rows[squared[:, 0] <= reach**2]] = False
-    return result
+    return selection & ~_near(means, ~selection, _reach(means, selection, spacings, "shrunk"))
+
+
+def _near(means: FloatArray, some: BoolArray, reach: float) -> BoolArray:
+    """Which of the other Gaussians lie within reach of some (N,), (N,)."""
+    near, others = np.zeros(len(some), np.bool_), np.flatnonzero(~some)
+    if reach > 0 and len(others) and some.any():
+        squared, _ = nearest(means[some], means[others], 1)
+        near[others[squared[:, 0] <= reach**2]] = True
+    return near
 
 
 def _reach(means: FloatArray, selection: BoolArray, spacings: float, what: str) -> float:
@@ -91,10 +86,3 @@ def _reach(means: FloatArray, selection: BoolArray, spacings: float, what: str) 
 def _in_coordinates(means: FloatArray, coordinates: Coordinates, up: Float64Array) -> Float64Array:
     points = means.astype(np.float64)
     return points @ up_frame(up).T if coordinates == "up" else points
-
-
-def _finite(what: str, numbers: tuple[float, ...]) -> Float64Array:
-    values = np.asarray(numbers, np.float64)
-    if not np.isfinite(values).all():
-        raise InputError(f"{what} has the numbers {list(numbers)}; all must be finite.")
-    return values

@@ -29,9 +29,8 @@ from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
-from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene, shown_weight
 from gaussian_trimmer.views import HALF
 
 _REACH_RADII = 3.0
@@ -183,8 +182,8 @@ def build_surface_graph(
     local = gaussians.select(near)
     views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
-    in_view = _visible(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
-    weights = [_visible(local, view, scene.renderer) for view in views]
+    in_view = shown_weight(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
+    weights = [shown_weight(local, view, scene.renderer) for view in views]
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:
@@ -239,12 +238,6 @@ def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> li
     return ring(
         centre, axes, _DISTANCE_RADII * radius, yaws, pitches, Lens(_SIZE_PIXELS, _FOV_RADIANS, NEAR_RADII * radius)
     )
-
-
-def _visible(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
-    """Blend weight of each Gaussian in a view, in pixels, (N,)."""
-    labels = np.zeros((camera.height, camera.width), np.uint8)
-    return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
 
 
 def _directions(points: NDArray[np.floating], target: Float64Array) -> FloatArray:

@@ -11,7 +11,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, Point, View, Viewpoint
+from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View, Viewpoint, point_of
 from gaussian_trimmer.selecting.overview import plan_overview
 
 
@@ -46,8 +46,8 @@ def resolve_views(
             views = views_to_click_in(scene, cameras, found.direction) if views is None else views
             mark = replace(mark, view=find_view(views, mark.view))
         resolved.append(mark)
-    photographed_from = tuple(_point(camera.centre) for camera in training_cameras(cameras))
-    return Marks(tuple(resolved), _point(found.direction), photographed_from, len(scene), camera_path)
+    photographed_from = tuple(point_of(camera.centre) for camera in training_cameras(cameras))
+    return Marks(tuple(resolved), point_of(found.direction), photographed_from, len(scene), camera_path)
 
 
 def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
@@ -76,8 +76,3 @@ def find_view(views: Sequence[Viewpoint], wanted: View) -> Viewpoint:
     if not 0 <= number < len(views):
         raise InputError(f"There is no view {wanted}; the {len(views)} views are numbered from 0.")
     return views[number]
-
-
-def _point(values: Float64Array) -> Point:
-    x, y, z = values.tolist()
-    return x, y, z

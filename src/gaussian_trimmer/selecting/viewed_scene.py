@@ -60,6 +60,12 @@ def small_view(camera: Camera) -> Camera:
     return camera.resized(min(1.0, _MAX_SIDE_PIXELS / max(camera.width, camera.height)))
 
 
+def shown_weight(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> FloatArray:
+    """Blend weight of each Gaussian in a view, in pixels, (N,)."""
+    labels = np.zeros((camera.height, camera.width), np.uint8)
+    return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
+
+
 def check_pixel(camera: Camera, x: int, y: int) -> None:
     """Refuse a pixel outside the view.
 

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checks import check_values
-from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.formats.torch_files import TorchFile
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, reading
 
 _PLAIN_LENGTH, _EXTENDED_LENGTH = 12, 13
+_ENTRIES = ("means", "features_dc", "features_rest", "scales", "quats", "opacities")
+_EXPECTED = "checkpoint of 3D Gaussian Splatting"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,27 +62,15 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
     """
     path, state = file.path, _state(file.value)
     assert state is not None
-    n_tensors = 8 if len(state) == _EXTENDED_LENGTH else 7
-    if not all(torch_files.is_tensor(entry) for entry in state[1:n_tensors]):
-        raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: entries 1 to 6 are not all tensors.")
-    entries = {str(place): entry for place, entry in enumerate(state[1:n_tensors])}
-    means, dc, rest, scales, rotations, opacities, *extra = torch_files.as_arrays(file, entries).values()
-    n = len(means) if means.ndim else 0
-    if dc.shape != (n, 1, 3) or rest.ndim != 3 or rest.shape[::2] != (n, 3) or opacities.shape != (n, 1):
-        raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: the shapes of its colours do not fit.")
-    try:
-        gaussians = Gaussians(
-            means, scales, rotations, opacities[:, 0], sh_dc=dc[:, 0], sh_rest=rest.transpose(0, 2, 1)
-        )
-    except ValueError as error:
-        raise InputError(f"'{path}' is no checkpoint of 3D Gaussian Splatting: {error}") from error
-    if n == 0:
-        raise InputError(f"'{path}' holds zero Gaussians.")
-    gaussians = with_finite_limits(gaussians)
+    tensors = state[1 : 8 if len(state) == _EXTENDED_LENGTH else 7]
+    if not all(torch_files.is_tensor(entry) for entry in tensors):
+        raise InputError(f"'{path}' is no {_EXPECTED}: entries 1 to 6 are not all tensors.")
+    gaussians = torch_files.as_gaussians(file, dict(zip(_ENTRIES, tensors, strict=False)), _EXPECTED)
     check_values(gaussians, path)
-    if extra and (extra[0].ndim == 0 or len(extra[0]) != n):
-        raise InputError(f"'{path}' has an entry of shape {extra[0].shape} at place 7; {n} rows are needed.")
-    return Checkpoint(gaussians, _iteration(file.value), extra[0] if extra else None)
+    extra = torch_files.as_array(file, tensors[6]) if len(tensors) > 6 else None
+    if extra is not None and (extra.ndim == 0 or len(extra) != len(gaussians)):
+        raise InputError(f"'{path}' has an entry of shape {extra.shape} at place 7; {len(gaussians)} rows are needed.")
+    return Checkpoint(gaussians, _iteration(file.value), extra)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found by the check of values

@@ -1,31 +1,33 @@
-"""Selections by identity features: with the linear classifier that was trained on them, or like those of one Gaussian.
+"""Selections by what a method trained for each Gaussian: identity features, or a foreground logit.
+
+Features select with the linear classifier that was trained on them, or like those of one Gaussian.
 
 Gaussian Grouping and OmniSeg3D-GS save 16 features a Gaussian as obj_dc_0 .. obj_dc_15, or as entry 7 of a
 checkpoint. `classifier.pth` is the state of a 1 x 1 convolution, weight (K, 16, 1, 1) and bias (K,); Unified-Lift's is
-a bare weight (256, 16).
+a bare weight (256, 16). In COB-GS's checkpoint `chkpnt<iteration>.pth`, entry 7 is a foreground logit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, sigmoid
 from gaussian_trimmer.io.reading import LARGEST
 from gaussian_trimmer.selection_files.object_ids import check_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows, open_selection
 from gaussian_trimmer.selection_files.splat_rows import identity_features
 
-PROBABILITY = 0.3
+_PROBABILITY = 0.3
 """Gaussian Grouping's threshold on the softmax."""
-SIMILARITY = 0.9
+_SIMILARITY = 0.9
 """Default threshold on (cos + 1) / 2, as in OmniSeg3D-GS's interface."""
+_FOREGROUND = 0.9
+"""COB-GS's threshold on the sigmoid."""
 _FEATURES = 16
-_MAX_IDS = 1 << 12
 _PROBABILITIES_AT_ONCE = 1 << 22
 
 
@@ -57,11 +59,6 @@ def classifier_of(file: SelectionFile) -> LinearClassifier | None:
     return LinearClassifier(weight, bias) if bias.shape == (len(weight),) else None
 
 
-def offers_classifier(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file is a classifier, or holds features for which the options name one."""
-    return classifier_of(file) is not None or (file.has_features and options.classifier is not None)
-
-
 def select_classifier(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The Gaussians that the classifier gives one of the chosen ids with a probability above the threshold, (N,).
 
@@ -75,10 +72,6 @@ def select_classifier(file: SelectionFile, gaussians: Gaussians, options: Select
             f"'{source.path.name}' holds no classifier of identity features; give the method's classifier.pth with "
             f"{flag('classifier')}."
         )
-    if len(classifier.bias) > _MAX_IDS:
-        raise InputError(
-            f"'{source.path.name}' tells {len(classifier.bias)} ids apart; at most {_MAX_IDS} can be read."
-        )
     if not all((np.abs(values) <= LARGEST).all() for values in (classifier.weight, classifier.bias)):
         raise InputError(f"'{source.path.name}' holds weights that are NaN, infinite or huge; train again.")
     features, rows = _features_and_rows(file, gaussians)
@@ -87,15 +80,18 @@ def select_classifier(file: SelectionFile, gaussians: Gaussians, options: Select
             f"'{source.path.name}' classifies {classifier.weight.shape[1]} features, but a Gaussian has "
             f"{features.shape[1]}; give the classifier of the same training."
         )
-    threshold = PROBABILITY if options.threshold is None else options.threshold
+    threshold = _PROBABILITY if options.threshold is None else options.threshold
     ids = range(len(classifier.bias))
-    check_ids(options.object_id, ids, _count_likely(features, classifier, threshold), source.path)
-    return mask_of_rows(rows[_likely(features, classifier, threshold, options.object_id)], len(gaussians))
-
-
-def offers_similarity(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file holds features and a query Gaussian is given."""
-    return file.has_features and options.query_row is not None
+    counts, chosen = np.zeros(len(ids), np.int64), np.zeros(len(features), np.bool_)
+    step = max(1, min(1 << 14, _PROBABILITIES_AT_ONCE // max(1, len(ids))))
+    for start in range(0, len(features), step):
+        logits = features[start : start + step] @ classifier.weight.T + classifier.bias
+        odds = np.exp(logits - logits.max(axis=1, keepdims=True))
+        likely = odds / odds.sum(axis=1, keepdims=True) > threshold
+        counts += likely.sum(axis=0)
+        chosen[start : start + step] = likely[:, [i for i in options.object_id if i in ids]].any(axis=1)
+    check_ids(options.object_id, ids, counts.tolist(), source.path)
+    return mask_of_rows(rows[chosen], len(gaussians))
 
 
 def select_similarity(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
@@ -117,8 +113,32 @@ def select_similarity(file: SelectionFile, gaussians: Gaussians, options: Select
         )
     unit = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), np.float32(1e-12))
     scores = (unit @ unit[at[0]] + 1) / 2
-    threshold = SIMILARITY if options.threshold is None else options.threshold
+    threshold = _SIMILARITY if options.threshold is None else options.threshold
     return mask_of_rows(rows[scores > threshold], len(gaussians))
+
+
+def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
+    """The Gaussians whose foreground probability is above the threshold, (N,).
+
+    Raises:
+        InputError: the checkpoint holds no logits, or its Gaussians are not the scene's.
+    """
+    name = file.path.name
+    if file.checkpoint is None or file.checkpoint.extra is None:
+        raise InputError(f"'{name}' is no checkpoint that holds a selection, as those of plain 3D Gaussian Splatting.")
+    if file.checkpoint.features is not None:
+        raise InputError(
+            f"'{name}' holds identity features; add {flag('classifier')} classifier.pth and {flag('object_id')}, or "
+            f"{flag('query_row')}."
+        )
+    if file.checkpoint.logits is None:
+        raise InputError(
+            f"'{name}' holds language features {file.checkpoint.extra.shape}, which select no Gaussians (LangSplat "
+            "answers a query with masks of images); lift such masks to the scene with 'gaussian-trimmer select'."
+        )
+    probabilities = sigmoid(np.asarray(file.checkpoint.logits, np.float32))
+    chosen = probabilities > (_FOREGROUND if options.threshold is None else options.threshold)
+    return mask_of_rows(file.scene_rows(gaussians)[chosen], len(gaussians))
 
 
 def _features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatArray, IntArray]:
@@ -139,26 +159,3 @@ def _features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[Float
             f"'{file.path.name}' is used with identity features that are NaN, infinite or huge; train again."
         )
     return features, np.arange(len(gaussians)) if own is None else file.scene_rows(gaussians)
-
-
-def _probabilities(features: FloatArray, classifier: LinearClassifier) -> Iterator[FloatArray]:
-    """Softmax over the ids, in chunks of rows (C, K)."""
-    rows_per_chunk = max(1, min(1 << 14, _PROBABILITIES_AT_ONCE // max(1, len(classifier.bias))))
-    for start in range(0, len(features), rows_per_chunk):
-        logits = features[start : start + rows_per_chunk] @ classifier.weight.T + classifier.bias
-        odds = np.exp(logits - logits.max(axis=1, keepdims=True))
-        yield odds / odds.sum(axis=1, keepdims=True)
-
-
-def _count_likely(features: FloatArray, classifier: LinearClassifier, threshold: float) -> list[int]:
-    counts = np.zeros(len(classifier.bias), np.int64)
-    for probabilities in _probabilities(features, classifier):
-        counts += (probabilities > threshold).sum(axis=0)
-    return [int(count) for count in counts]
-
-
-def _likely(features: FloatArray, classifier: LinearClassifier, threshold: float, ids: Sequence[int]) -> BoolArray:
-    chunks = [
-        (probabilities[:, list(ids)] > threshold).any(axis=1) for probabilities in _probabilities(features, classifier)
-    ]
-    return np.concatenate(chunks)

@@ -1,26 +1,19 @@
-"""NumPy's .npy and .npz files of numbers, whose sizes are known before any memory is taken."""
+"""NumPy's .npy and .npz files of numbers; what would have to be unpickled is not read."""
 
 from __future__ import annotations
 
-import io
-import math
-import zipfile
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
 
 import numpy as np
-from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.archives import check_packing, open_archive
-from gaussian_trimmer.io.reading import file_bytes
+from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.io.archives import open_archive
 
-_MAX_ARRAY_BYTES = 1 << 31
-_MAX_ARRAYS = 1 << 10
 _MAX_NUMBER_BYTES = 8
-_DAMAGE = (ValueError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError, RecursionError)
+_DAMAGE = (ValueError, TypeError, OverflowError, SyntaxError, TokenError, MemoryError, RecursionError, EOFError)
 """What NumPy raises for damaged arrays, and Python's parsers for their headers."""
 
 
@@ -30,8 +23,14 @@ def read_npy(path: Path) -> NDArray[Any]:
     Raises:
         InputError: the file cannot be read, is damaged, or holds something else than booleans or numbers.
     """
-    array = _array(file_bytes(path, _MAX_ARRAY_BYTES), path)
-    if not _is_number(array.dtype):
+    try:
+        with path.open("rb") as file:
+            array: NDArray[Any] = np.lib.format.read_array(file)
+    except _DAMAGE as error:
+        raise InputError(
+            f"'{path}' is damaged or no NumPy array of numbers ({shown(str(error))}); save it again with NumPy."
+        ) from error
+    if not _is_number(array):
         raise InputError(f"'{path}' holds values of type {array.dtype.str:.20}; booleans or numbers are needed.")
     return array
 
@@ -46,41 +45,23 @@ def read_npz(path: Path, limit: int) -> dict[str, NDArray[Any]]:
     Raises:
         InputError: the file cannot be read, is damaged, holds no numbers, or more than the limit.
     """
+    arrays = {}
     with open_archive(path, "NumPy .npz archive of numbers") as archive:
         entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
-        if len(entries) > _MAX_ARRAYS:
-            raise InputError(f"'{path}' holds {len(entries)} arrays; at most {_MAX_ARRAYS} can be read.")
         if (size := sum(entry.file_size for entry in entries)) > limit:
             raise InputError(f"'{path}' holds arrays of {size} bytes, too many for a selection of this scene.")
-        found = {entry.filename.removesuffix(".npy"): _member(archive, entry, path) for entry in entries}
-    arrays = {name: array for name, array in found.items() if _is_number(array.dtype)}
+        for entry in entries:
+            with archive.open(entry) as file:
+                try:
+                    array = np.lib.format.read_array(file)
+                except _DAMAGE:  # objects, which would have to be unpickled
+                    continue
+            if _is_number(array):
+                arrays[entry.filename.removesuffix(".npy")] = array
     if not arrays:
         raise InputError(f"'{path}' holds no array of numbers.")
     return arrays
 
 
-def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> NDArray[Any]:
-    check_packing(entry, path)
-    with archive.open(entry) as file:
-        return _array(file.read(entry.file_size), path)
-
-
-def _array(data: bytes, path: Path) -> NDArray[Any]:
-    """The array in the contents of an .npy file, a view of them; an empty one of a type that is no number."""
-    file = io.BytesIO(data)
-    try:
-        wide = read_magic(file) != (1, 0)  # versions 2 and 3 differ in how they spell names of columns
-        shape, in_columns, dtype = (read_array_header_2_0 if wide else read_array_header_1_0)(file)
-        if not _is_number(dtype):
-            return np.zeros(0, dtype)  # objects would have to be unpickled
-        count = math.prod(shape)
-        values = np.frombuffer(data, dtype, count, file.tell()) if count else np.zeros(0, dtype)
-        array: NDArray[Any] = values.reshape(shape, order="F" if in_columns else "C")
-    except _DAMAGE as error:
-        raise InputError(f"'{path}' is damaged or no NumPy array of numbers; save it again with NumPy.") from error
-    # A boolean that is neither 0 nor 1 would be counted as more than one.
-    return array.view(np.uint8) != 0 if array.dtype == np.bool_ else array
-
-
-def _is_number(dtype: np.dtype[Any]) -> bool:
-    return dtype.kind in "biuf" and dtype.itemsize <= _MAX_NUMBER_BYTES
+def _is_number(array: NDArray[Any]) -> bool:
+    return array.dtype.kind in "biuf" and array.dtype.itemsize <= _MAX_NUMBER_BYTES

@@ -9,19 +9,9 @@ from typing import Annotated, Literal
 from gaussian_trimmer.settings import Range
 
 Kind = Literal[
-    "auto",
-    "mask",
-    "labels",
-    "indices",
-    "subset",
-    "property",
-    "classifier",
-    "similarity",
-    "clusters",
-    "checkpoint",
-    "flashsplat",
+    "auto", "mask", "labels", "indices", "subset", "property", "classifier", "similarity", "checkpoint", "flashsplat",
     "trimmed",
-]
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

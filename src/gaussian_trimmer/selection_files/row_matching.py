@@ -1,19 +1,19 @@
-"""Which scene row a Gaussian of another file is, found by equal attributes.
+"""Which scene row a Gaussian of another file is.
 
 Exporters reorder rows, drop normals and cut spherical harmonics, but they copy the numbers they keep. So rows are
-compared by 64-bit hashes of all attributes that both files have. Equal rows pair off in file order.
+compared by 64-bit hashes of all attributes that both files have. Equal rows pair off in file order. What has no partner
+so may have been moved, rounded or split, and is matched by what stays the same or near.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import Gaussians, IntArray
 from gaussian_trimmer.selection_files.splat_rows import Columns, SplatRows, gaussian_columns
 
 _POSITION = ("x", "y", "z")
@@ -24,18 +24,19 @@ _MAX_LOST = 0.5
 """Largest share of rows that may match nothing."""
 
 
-def match_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> IntArray:
-    """Scene row of every row of a file, (M,), all different.
+def match_rows(rows: Columns, gaussians: Gaussians, path: Path) -> IntArray:
+    """Scene row of every row of a file, (M,), all different, by the attributes that the file has.
 
     Raises:
         InputError: rows match no scene row.
     """
-    found = _match_exactly(rows, gaussians)
+    scene = gaussian_columns(gaussians)
+    found = _pair(rows, scene, [name for name in scene if name in rows])
     lost = np.flatnonzero(found == _UNMATCHED)
     if len(lost):
         raise InputError(
-            f"{len(lost)} of the {len(rows)} rows of '{path.name}' match no row of the scene exactly (the first is row "
-            f"{lost[0]}); give the scene that the file was made from."
+            f"{len(lost)} of the {len(found)} rows of '{path.name}' match no row of the scene exactly (the first is "
+            f"row {lost[0]}); give the scene of the same training iteration, that the file was made from."
         )
     return found
 
@@ -47,27 +48,31 @@ def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tup
     Gaussians leaves as they are; the rest by what is nearest, and by what they may be parts of.
 
     Raises:
-        InputError: half of the rows or more match no scene row even so, or several of which any could be meant.
+        InputError: half of the rows or more match no scene row even so.
     """
-    found, ambiguous = _match_exactly(rows, gaussians), 0
-    lost = np.flatnonzero(found == _UNMATCHED)
     scene = gaussian_columns(gaussians)
-    names = [name for name in scene if name in rows.attributes and name not in _CHANGED_BY_MOVING]
-    free = np.setdiff1d(np.arange(len(gaussians)), found)
+    names = [name for name in scene if name in rows.attributes]
+    found, notes = _pair(rows.attributes, scene, names), []
+    lost, free = _lost_and_free(found, gaussians)
+    names = [name for name in names if name not in _CHANGED_BY_MOVING]
     if len(lost) and len(free) and names:
-        wanted = {name: rows.attributes[name][lost] for name in names}
-        offered = {name: scene[name][free] for name in names}
-        unclear = _ambiguous(wanted, offered, names)
-        local = np.where(unclear, _UNMATCHED, _pair(wanted, offered, names))
+        wanted, offered = ({name: columns[name][part] for name in names}
+                           for columns, part in ((rows.attributes, lost), (scene, free)))  # fmt: skip
+        local = _pair(wanted, offered, names, only_clear=True)
         found[lost] = np.where(local == _UNMATCHED, _UNMATCHED, free[local])
-        ambiguous = int(np.count_nonzero(unclear))
-    notes = _match_roughly(rows, gaussians, found)
-    lost = np.flatnonzero(found == _UNMATCHED)
-    if ambiguous and len(lost):
-        raise InputError(
-            f"{ambiguous} moved rows of '{path.name}' have the colour, opacity and rotation of several scene rows; "
-            "give the rows as they were before they were moved."
-        )
+        lost, free = _lost_and_free(found, gaussians)
+    if len(lost):
+        # Late, since it compiles, and most files match exactly.
+        from gaussian_trimmer.selection_files.nearest_rows import match_children, match_nearest
+
+        for match, said in ((match_nearest, f"of {len(rows)} rows by the nearest Gaussian"),
+                            (match_children, "as parts of split Gaussians")):  # fmt: skip
+            found[lost] = match(rows, lost, gaussians, free)
+            if matched := int(np.count_nonzero(found[lost] != _UNMATCHED)):
+                notes.append(f"{matched} {said}")
+            lost, free = _lost_and_free(found, gaussians)
+    if len(lost):
+        notes.append(f"{len(lost)} match nothing")
     if len(lost) > _MAX_LOST * len(rows):
         raise InputError(
             f"{len(lost)} of the {len(rows)} rows of '{path.name}' match no row of the scene, neither exactly nor by "
@@ -77,71 +82,28 @@ def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tup
     return found, notes
 
 
-def _match_roughly(rows: SplatRows, gaussians: Gaussians, found: IntArray) -> list[str]:
-    """Match the rows that are not yet found by what is nearest, in place; returns notes on how many were."""
-    notes: list[str] = []
-    lost = np.flatnonzero(found == _UNMATCHED)
-    if not len(lost):
-        return notes
-    # Late, since it compiles, and most files match exactly.
-    from gaussian_trimmer.selection_files.nearest_rows import match_children, match_nearest
-
-    free = np.setdiff1d(np.arange(len(gaussians)), found)
-    found[lost] = match_nearest(rows, lost, gaussians, free)
-    near = int(np.count_nonzero(found[lost] != _UNMATCHED))
-    if near:
-        notes.append(f"{near} of {len(rows)} rows by the nearest Gaussian")
-    lost = np.flatnonzero(found == _UNMATCHED)
-    if len(lost):
-        found[lost] = match_children(rows, lost, gaussians)
-        if parts := int(np.count_nonzero(found[lost] != _UNMATCHED)):
-            notes.append(f"{parts} as parts of split Gaussians")
-    if missing := int(np.count_nonzero(found == _UNMATCHED)):
-        notes.append(f"{missing} match nothing")
-    return notes
+def _lost_and_free(found: IntArray, gaussians: Gaussians) -> tuple[IntArray, IntArray]:
+    """Rows that are not yet found, and scene rows that no row has taken."""
+    return np.flatnonzero(found == _UNMATCHED), np.setdiff1d(np.arange(len(gaussians)), found)
 
 
-def match_centres(means: NDArray[Any], gaussians: Gaussians, path: Path) -> IntArray:
-    """Scene row of every centre (M, 3) of a checkpoint, (M,), all different.
+def _pair(rows: Columns, scene: Columns, names: list[str], *, only_clear: bool = False) -> IntArray:
+    """Row of the scene that equals each row in the named columns, (M,), -1 for none; no scene row is used twice.
 
-    Raises:
-        InputError: centres match no scene row.
+    With `only_clear`, rows for which more scene rows are equal than are asked for have none.
     """
-    centres = {axis: means[:, i] for i, axis in enumerate(_POSITION)}
-    found = _pair(centres, gaussian_columns(gaussians), list(_POSITION))
-    if lost := int((found == _UNMATCHED).sum()):
-        raise InputError(
-            f"{lost} of the {len(means)} Gaussians of '{path.name}' are not among the scene's {len(gaussians)}; give "
-            "the scene of the same training iteration."
-        )
-    return found
-
-
-def _match_exactly(rows: SplatRows, gaussians: Gaussians) -> IntArray:
-    scene = gaussian_columns(gaussians)
-    return _pair(rows.attributes, scene, [name for name in scene if name in rows.attributes])
-
-
-def _ambiguous(wanted: Columns, offered: Columns, names: list[str]) -> BoolArray:
-    """Rows (W,) for which more scene rows are equal than are asked for."""
-    wanted_hashes, offered_hashes = _hashes(wanted, names), np.sort(_hashes(offered, names))
-    copies = np.searchsorted(offered_hashes, wanted_hashes, "right") - np.searchsorted(offered_hashes, wanted_hashes)
-    _, inverse, asked = np.unique(wanted_hashes, return_inverse=True, return_counts=True)
-    return np.asarray(copies > asked[inverse])
-
-
-def _pair(rows: Columns, scene: Columns, names: list[str]) -> IntArray:
-    """Row of the scene that equals each row in the named columns, (M,), -1 for none; no scene row is used twice."""
     row_hashes, scene_hashes = _hashes(rows, names), _hashes(scene, names)
     row_order, scene_order = np.argsort(row_hashes, kind="stable"), np.argsort(scene_hashes, kind="stable")
     sorted_rows, sorted_scene = row_hashes[row_order], scene_hashes[scene_order]
     # The j-th of several equal rows takes the j-th of the equal scene rows.
-    copy = np.arange(len(sorted_rows)) - np.searchsorted(sorted_rows, sorted_rows)
-    place = np.searchsorted(sorted_scene, sorted_rows) + copy
-    equal = place < len(sorted_scene)
-    equal[equal] = sorted_scene[place[equal]] == sorted_rows[equal]
+    first, after = (np.searchsorted(sorted_rows, sorted_rows, side) for side in ("left", "right"))
+    first_equal, after_equal = (np.searchsorted(sorted_scene, sorted_rows, side) for side in ("left", "right"))
+    place = first_equal + np.arange(len(sorted_rows)) - first
+    taken = place < after_equal
+    if only_clear:
+        taken &= after_equal - first_equal <= after - first
     found = np.full(len(row_hashes), _UNMATCHED, np.int64)
-    found[row_order[equal]] = scene_order[place[equal]]
+    found[row_order[taken]] = scene_order[place[taken]]
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
@@ -18,7 +18,7 @@ from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_che
 from gaussian_trimmer.selection_files.number_lists import read_json, read_numbers
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
-from gaussian_trimmer.selection_files.row_matching import match_centres, match_rows
+from gaussian_trimmer.selection_files.row_matching import match_rows
 from gaussian_trimmer.selection_files.splat_rows import (
     SplatRows,
     has_identity_features,
@@ -28,6 +28,7 @@ from gaussian_trimmer.selection_files.splat_rows import (
 
 TEXT_SUFFIXES = (".txt", ".csv")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, ".json", *torch_files.SUFFIXES)
+_LISTED_ARRAYS = 12
 _FREE_ARCHIVE_BYTES = 1 << 26
 _ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
 _ARCHIVE_BYTES_WITHOUT_SCENE = 1 << 28
@@ -68,9 +69,9 @@ class SelectionFile:
             InputError: the file's Gaussians are not the scene's.
         """
         if self.checkpoint is not None:
-            return match_centres(self.checkpoint.gaussians.means, gaussians, self.path)
+            return match_rows(dict(zip("xyz", self.checkpoint.gaussians.means.T, strict=True)), gaussians, self.path)
         assert self.rows is not None, "only files with Gaussians have rows"
-        return match_rows(self.rows, gaussians, self.path)
+        return match_rows(self.rows.attributes, gaussians, self.path)
 
     def vector(self, options: SelectionOptions, *names: str) -> NDArray[Any] | None:
         """The one-dimensional array that may be the selection, (M,), or None.
@@ -88,6 +89,15 @@ class SelectionFile:
         if array is None or array.ndim == 0 or array.size != max(array.shape):
             return None
         return array.reshape(-1)
+
+    @property
+    def content(self) -> str:
+        """What the file holds, for messages."""
+        if not self.arrays:
+            return "splats" if self.rows is not None else "a checkpoint"
+        listed = [f"{shown(name) or 'one'}: {array.dtype} {array.shape}" for name, array in self.arrays.items()]
+        more = f"; and {len(listed) - _LISTED_ARRAYS} more" if len(listed) > _LISTED_ARRAYS else ""
+        return f"the arrays ({'; '.join(listed[:_LISTED_ARRAYS])}{more})"
 
 
 def mask_of_rows(rows: IntArray, n: int) -> BoolArray:

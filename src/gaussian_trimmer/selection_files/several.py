@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
-from gaussian_trimmer.selection_files.array_kinds import CLUSTERS, LABEL_NAMES
+from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.object_ids import check_ids, count_ids
 from gaussian_trimmer.selection_files.selection_file import mask_of_rows, open_selection
 
@@ -33,12 +33,12 @@ def load_objects(
     """
     path, options = Path(path), options or SelectionOptions()
     file = open_selection(path, len(gaussians))
-    if trimmed.offers_trimmed(file, len(gaussians), options):
+    if trimmed.is_trimmed(file) and options.property is None:
         rows = trimmed.rows_of_objects(file, len(gaussians))
         if ids:
             check_ids(ids, list(rows), [len(found) for found in rows.values()], path)
         return {number: mask_of_rows(rows[number], len(gaussians)) for number in (ids or rows)}
-    labels = file.vector(options, *LABEL_NAMES, CLUSTERS) if options.kind in ("auto", "labels", "clusters") else None
+    labels = file.vector(options, *LABEL_NAMES) if options.kind in ("auto", "labels") else None
     if labels is not None and labels.dtype.kind in "iu" and len(labels) == len(gaussians):
         present, counts = count_ids(labels)
         if ids:

@@ -22,13 +22,6 @@ MASK = "mask"
 _LARGEST_ID = 2**53
 
 
-def offers_subset(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file holds splats and nothing says that they are to be selected by a property or by features."""
-    if file.rows is None or options.given() & {"property", "classifier", "query_row"}:
-        return False
-    return MASK not in file.rows.columns
-
-
 def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
     """The scene rows that the file holds, (N,).
 
@@ -46,13 +39,6 @@ def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionO
     found, notes = match_changed_rows(file.rows, gaussians, file.path)
     file.notes.extend(notes)
     return mask_of_rows(found[found >= 0], len(gaussians))
-
-
-def offers_property(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether a property of a splat file is asked for, or the file has SA3D-GS's."""
-    if file.rows is None or options.classifier is not None or options.query_row is not None:
-        return False
-    return options.property is not None or MASK in file.rows.columns
 
 
 def select_property(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:

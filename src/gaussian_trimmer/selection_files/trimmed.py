@@ -19,11 +19,6 @@ IDS, ROWS, SCENE_SIZE = "object_ids", "object_rows", "n_scene"
 """Arrays that newer files have as well: ids of the objects, number of rows of each, and of Gaussians of the scene."""
 
 
-def offers_trimmed(file: SelectionFile, n: int, options: SelectionOptions) -> bool:
-    """Whether the file is what a trim wrote."""
-    return is_trimmed(file) and options.property is None
-
-
 def is_trimmed(file: SelectionFile) -> bool:
     """Whether a file has the arrays that every trim writes."""
     return {SOURCE, LABEL, OBJECTS} <= file.arrays.keys()
@@ -33,8 +28,7 @@ def select_trimmed(file: SelectionFile, gaussians: Gaussians, options: Selection
     """The scene's Gaussians that the object has, whole or in part, (N,).
 
     Raises:
-        InputError: the file is none of a trim, or of another scene, or it has several objects and none is chosen, or
-            not the one that is.
+        InputError: as for `rows_of_objects`, or there are several objects and none is chosen, or not the one that is.
     """
     objects = rows_of_objects(file, len(gaussians))
     wanted = options.object_id
@@ -48,48 +42,43 @@ def rows_of_objects(file: SelectionFile, n: int) -> dict[int, np.ndarray]:
     """Scene rows of each object by its id; a result of one object has the id 1.
 
     Args:
+        file: the file.
         n: number of Gaussians of the scene.
 
     Raises:
-        InputError: the file is none of a trim, or of another scene.
+        InputError: the file is not that of a trim, or is of another scene.
     """
     if not is_trimmed(file):
-        raise InputError(f"'{file.path.name}' is no labels.npz of a trim: it has not the arrays of one.")
-    source, label, count = file.arrays[SOURCE], file.arrays[LABEL], file.arrays[OBJECTS]
-    ids, rows = file.arrays.get(IDS, np.array([1])), file.arrays.get(ROWS, np.atleast_1d(count))
-    sound = (
-        all(array.dtype.kind in "iu" for array in (source, label, count, ids, rows))
-        and source.shape == label.shape and (source.ndim, count.size, ids.ndim, ids.shape) == (1, 1, 1, rows.shape)
-        and bool((rows >= 0).all()) and int(rows.sum()) == int(count.reshape(-1)[0]) <= len(source)
-        and len(np.unique(ids)) == len(ids)
-    )  # fmt: skip
-    if not sound:
+        raise InputError(f"'{file.path.name}' is not the labels.npz of a trim: it lacks some of its arrays.")
+    source, count = file.arrays[SOURCE], file.arrays[OBJECTS].reshape(-1)
+    ids, rows = file.arrays.get(IDS, np.array([1])), file.arrays.get(ROWS, count)
+    size = int(file.arrays.get(SCENE_SIZE, np.array(n)).reshape(-1)[0])
+    if (
+        any(array.dtype.kind not in "iu" or array.ndim != 1 for array in (source, count, ids, rows))
+        or ids.shape != rows.shape or (rows < 0).any() or rows.sum() > len(source)
+    ):  # fmt: skip
         raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
-    size = int(file.arrays[SCENE_SIZE].reshape(-1)[0]) if file.arrays.get(SCENE_SIZE, np.zeros(0)).size == 1 else n
-    # New Gaussians, which fill a hole of the background, have -1.
-    least = min(source[: count.reshape(-1)[0]].min(initial=0), source.min(initial=0) + 1)
-    if size != n or least < 0 or source.max(initial=-1) >= n:
+    of_objects, last = source[: rows.sum()], int(source.max(initial=-1))
+    if size != n or of_objects.min(initial=0) < 0 or last >= n:
         raise InputError(
-            f"'{file.path.name}' was made for another scene: it names rows up to {int(source.max(initial=0))} of "
-            f"{max(size, int(source.max(initial=0)) + 1)}, and this one has {n} Gaussians; give the scene that was "
-            "trimmed."
+            f"'{file.path.name}' was made for another scene: it names rows up to {last} of {max(size, last + 1)}, and "
+            f"this one has {n} Gaussians; give the scene that was trimmed."
         )
-    ends = np.cumsum(rows)
-    return {int(number): source[end - k : end] for number, k, end in zip(ids, rows, ends, strict=True)}
+    parts = np.split(of_objects, np.cumsum(rows)[:-1])
+    return {int(number): part for number, part in zip(ids, parts, strict=True)}
 
 
 def selected_rows(file: SelectionFile, n: int) -> np.ndarray | None:
     """Scene rows that were selected before the trim; None if the file does not say.
 
     Args:
+        file: the file.
         n: number of Gaussians of the scene.
 
     Raises:
         InputError: what the file says is damaged.
     """
     rows = file.arrays.get(SELECTED)
-    if rows is not None and (
-        rows.dtype.kind not in "iu" or rows.ndim != 1 or rows.min(initial=0) < 0 or rows.max(initial=-1) >= n
-    ):
+    if rows is not None and (rows.dtype.kind not in "iu" or rows.min(initial=0) < 0 or rows.max(initial=-1) >= n):
         raise InputError(f"'{file.path.name}' is damaged: its arrays are not those of a trim.")
     return rows

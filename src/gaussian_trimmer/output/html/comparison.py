@@ -24,12 +24,6 @@ class Figure:
     doubt: str = ""
     """What is wrong with this view; empty if nothing is."""
 
-    def only(self, pairings: Sequence[Pairing]) -> Figure:
-        """The figure with the pictures that some pairings need."""
-        needed = {layer for pairing in pairings for layer in (pairing.left, pairing.right)}
-        pictures = {layer: picture for layer, picture in self.pictures.items() if layer in needed}
-        return Figure(self.caption, pictures, self.doubt)
-
 
 @dataclass(frozen=True)
 class Pairing:
@@ -64,17 +58,19 @@ def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing]
         for i, pairing in enumerate(pairings)
         if pairing.note
     )
-    drawn = "".join(_figure(figure.only(pairings), pairings[0]) for figure in figures)
+    layers = {layer for pairing in pairings for layer in (pairing.left, pairing.right)}
+    drawn = "".join(_figure(figure, layers, pairings[0]) for figure in figures)
     return f'<div class="comparison">{choices}{notes}<div class="figures">{drawn}</div></div>'
 
 
-def _figure(figure: Figure, first: Pairing) -> str:
-    height, width = next(iter(figure.pictures.values())).shape[:2]
+def _figure(figure: Figure, layers: set[str], first: Pairing) -> str:
+    height, width = figure.pictures[first.left].shape[:2]
     images = "".join(
         f'<img src="{_data_uri(picture)}" alt="{text(f"{figure.caption}: {layer}")}" data-layer="{text(layer)}"'
         f' width="{width}" height="{height}" draggable="false"'
         f"{_side(layer, first)}>"
         for layer, picture in figure.pictures.items()
+        if layer in layers
     )
     doubt = f' <strong class="bad">{text(figure.doubt)}</strong>' if figure.doubt else ""
     return (

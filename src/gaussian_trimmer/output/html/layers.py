@@ -11,11 +11,10 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.output.html.comparison import Figure, Pairing
-from gaussian_trimmer.output.pictures import Picture, draw_gaussians, draw_outlines, nearby_background, nearby_scene
+from gaussian_trimmer.output.pictures import draw_gaussians, draw_outlines, nearby_background, nearby_scene
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.views import TrimmedView
 
 _Thing = TypeVar("_Thing")
 _MOST_PIXELS = 512
@@ -23,8 +22,6 @@ _MOST_PIXELS = 512
 _MOST_VIEWS = 12
 _TRAINING_CAMERAS = 2
 """Number of those from which the whole scene is shown."""
-_INVISIBLE_LOGIT = -100.0
-"""Of what no renderer draws."""
 SELECTION, OBJECT, OUTLINES = "rough selection", "trimmed object", "outlines"
 CHANGES, SCENE, REST = "what was done", "scene", "scene without the object"
 VIEW_PAIRINGS = (
@@ -57,8 +54,10 @@ def view_figures(result: TrimResult, changes: Gaussians) -> list[Figure]:
     for number in shown_views(result):
         view = result.views[number]
         parts = {SELECTION: coarse, OBJECT: result.object, CHANGES: changes}
-        figure = draw_figure(_caption(number, view), view.view.camera, parts, result.used_renderer)
-        outlines = _at_size(draw_outlines(view), small_camera(view.view.camera))
+        name = f" ({view.view.camera.name})" if view.view.camera.name else ""
+        figure = draw_figure(f"view {number}{name}", view.view.camera, parts, result.used_renderer)
+        height, width = figure.pictures[OBJECT].shape[:2]
+        outlines = np.asarray(cv2.resize(draw_outlines(view), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
         doubt = f"rejected: {view.rejected}" if view.rejected else ""
         figures.append(Figure(figure.caption, {**figure.pictures, OUTLINES: outlines}, doubt))
     return figures
@@ -69,7 +68,7 @@ def background_figures(result: TrimResult) -> list[Figure]:
     seeing = _spread(cameras_that_see(result.cameras, result.bounds), _TRAINING_CAMERAS)
     whole = [(f"the whole scene from {camera.name or 'a training camera'}", camera) for camera in seeing]
     near = [(f"about the object, view {i}", result.views[i].view.camera) for i in shown_views(result)]
-    parts = {SCENE: result.scene, REST: _without_object(result)} if whole else {}
+    parts = {SCENE: result.scene, REST: result.background} if whole else {}
     near_parts = {SCENE: nearby_scene(result), REST: nearby_background(result)} if near else {}
     return [
         *(draw_figure(caption, camera, parts, result.used_renderer) for caption, camera in whole),
@@ -77,35 +76,10 @@ def background_figures(result: TrimResult) -> list[Figure]:
     ]
 
 
-def _without_object(result: TrimResult) -> Gaussians:
-    """The whole background; where it is rows of the scene alone, by hiding the others, since a copy may be large."""
-    if len(result.appended):
-        return result.background
-    logits = np.full(len(result.scene), _INVISIBLE_LOGIT, np.float32)
-    logits[result.background_rows] = result.scene.opacity_logits[result.background_rows]
-    return result.scene.replace(opacity_logits=logits)
-
-
 def draw_figure(caption: str, camera: Camera, parts: Mapping[str, Gaussians], renderer: Renderer) -> Figure:
     """A figure with a picture of each of several sets of Gaussians, by what they are."""
-    camera = small_camera(camera)
+    camera = camera.resized(min(1.0, _MOST_PIXELS / max(camera.width, camera.height)))
     return Figure(caption, {name: draw_gaussians(part, camera, renderer) for name, part in parts.items()})
-
-
-def _caption(number: int, view: TrimmedView) -> str:
-    name = f" ({view.view.camera.name})" if view.view.camera.name else ""
-    return f"view {number}{name}"
-
-
-def small_camera(camera: Camera) -> Camera:
-    """The camera with a picture that is no larger than a page shows."""
-    return camera.resized(min(1.0, _MOST_PIXELS / max(camera.width, camera.height)))
-
-
-def _at_size(picture: Picture, camera: Camera) -> Picture:
-    if picture.shape[:2] == (camera.height, camera.width):
-        return picture
-    return np.asarray(cv2.resize(picture, (camera.width, camera.height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _spread(things: Sequence[_Thing], count: int) -> list[_Thing]:

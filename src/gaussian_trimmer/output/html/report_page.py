@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,6 @@ from gaussian_trimmer.output.html.layers import (
     draw_figure,
     view_figures,
 )
-from gaussian_trimmer.output.html.tables import bars, flat, table
 from gaussian_trimmer.output.pictures import nearby_rows
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
@@ -43,22 +42,15 @@ _NO_VIEW = "<p>No view was drawn: the inputs were found wrong before.</p>"
 _OBJECT_PAIRINGS = (Pairing("before and after", SELECTION, OBJECT), *BACKGROUND_PAIRINGS)
 
 
-def write_report_page(result: TrimResult, report: Mapping[str, Any], folder: Path) -> None:
-    """Write the page of a trim, whose report `describe` gave, into an existing folder.
+def write_report_page(result: TrimResult | ObjectsResult, report: Mapping[str, Any], folder: Path) -> None:
+    """Write the page of a trim, or of one of several objects, whose report is given, into an existing folder.
 
     Raises:
         InputError: the file cannot be written.
     """
-    _write(report_page(result, report), folder)
-
-
-def write_objects_page(result: ObjectsResult, report: Mapping[str, Any], folder: Path) -> None:
-    """Write the page of several objects, whose report `describe_objects` gave, into an existing folder.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    _write(objects_page(result, report), folder)
+    page = report_page(result, report) if isinstance(result, TrimResult) else objects_page(result, report)
+    with atomic_file(folder / REPORT) as part:
+        part.write_text(page, encoding="utf-8")
 
 
 def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
@@ -92,11 +84,6 @@ def objects_page(result: ObjectsResult, report: Mapping[str, Any]) -> str:
     sections["numbers"] = ("Figures", _counts_and_times(report))
     title = f"{Path(str(scene)).name if scene else 'A scene'}: {len(result.objects)} objects, trimmed"
     return _page(title, few if len(shown) < len(result.objects) else "", sections)
-
-
-def _write(page: str, folder: Path) -> None:
-    with atomic_file(folder / REPORT) as part:
-        part.write_text(page, encoding="utf-8")
 
 
 def _page(title: str, introduction: str, sections: Mapping[str, tuple[str, str]]) -> str:
@@ -173,34 +160,41 @@ def _legend_row(change: Change) -> str:
 
 
 def _counts_and_times(report: Mapping[str, Any]) -> str:
-    counts = [(name.replace("_", " "), number) for name, number in report["counts"].items()]
+    counts = [(name.replace("_", " "), f"{number:,}") for name, number in report["counts"].items()]
+    times = [(name, f"{time:.2f} s") for name, time in report["seconds"].items()]
     return (
-        f'<div class="columns"><div><h3>Gaussians</h3>{table((), counts)}</div>'
-        f"<div><h3>Time</h3>{bars(report['seconds'], 's')}</div></div>"
+        f'<div class="columns"><div><h3>Gaussians</h3>{_table(counts, "number")}</div>'
+        f"<div><h3>Time</h3>{_table(times, 'number')}</div></div>"
     )
 
 
 def _numbers(report: Mapping[str, Any]) -> str:
-    defaults = dict(flat(asdict(TrimConfig())))
-    settings = [(name, value, value != defaults.get(name)) for name, value in flat(report["configuration"])]
-    changed = sum(differs for *_, differs in settings)
     up = report["up"]
     direction = " ".join(f"{value:.3f}" for value in up["direction"])
     facts = [
-        *((name, value) for name, value in flat(report["inputs"]) if value not in (None, [], (), {})),
+        *((name, value) for name, value in _flat(report["inputs"]) if value not in (None, [], (), {})),
         ("up vector", f"{direction} ({up['source']}, confidence {up['confidence']:.2f})"),
         *((name, report[name]) for name in ("segmenter", "renderer", "version")),
     ]
-    views = [
-        (i, view["name"], "accepted" if view["accepted"] else f"rejected: {view['reason']}")
-        for i, view in enumerate(report["views"])
-    ]
-    return (
-        f"{_counts_and_times(report)}<h3>Inputs</h3>{table((), facts)}"
-        f"<h3>Views</h3>{table(('view', 'name', 'mask'), views)}"
-        f"<details><summary>All settings, {changed} of them not the default</summary>"
-        f"{table(('setting', 'value'), [row[:2] for row in settings], marked=[row[2] for row in settings])}</details>"
-    )
+    defaults = dict(_flat(asdict(TrimConfig())))
+    settings = [(name, value) for name, value in _flat(report["configuration"]) if value != defaults.get(name)]
+    changed = _table(settings) if settings else "<p>All are the default.</p>"
+    return f"{_counts_and_times(report)}<h3>Inputs</h3>{_table(facts)}<h3>Settings that were changed</h3>{changed}"
+
+
+def _table(rows: Sequence[tuple[str, object]], kind: str = "") -> str:
+    """A table of names and values as plain text; the class `number` puts values on the right."""
+    lines = "".join(f'<tr><td>{text(name)}</td><td class="{kind}">{text(value)}</td></tr>' for name, value in rows)
+    return f"<table><tbody>{lines}</tbody></table>"
+
+
+def _flat(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Nested settings as names with dots and values."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
 
 
 def _object_figure(result: ObjectsResult, part: TrimmedObject) -> Figure:

@@ -1,0 +1,300 @@
+"""Captures that are hard to trim, with ground truth: sparse ones, hazy ones, and rooms with things at their walls.
+
+    python benchmarks/captures.py refit SCENE OUTPUT --count 8000 [--haze 0.05]
+    python benchmarks/captures.py rooms OUTPUT --counts 25000 25000 9000
+
+`refit` takes a benchmark scene (see benchmark_scenes.py) and lets fewer, larger Gaussians learn the pictures that the
+scene itself shows at its cameras (refits.py); masks, pictures and cameras stay those of the scene. `rooms` does so with
+rooms made of surfaces (rooms.py), whose masks are the shares of things in the rooms' own pictures. Each is written as a
+benchmark scene OUTPUT/<name>, which appears whole or not at all, with the rough selections of the others:
+
+    exact           more than half of the blend weight lies within the masks of the training views
+    dilated         the same with masks grown by 3 px
+    eroded          ... shrunk by 2 px
+    wobbly          ... bent by some 4 px
+    three_views     ... of three training views only, so that what lies far behind or before is selected as well
+    centre_vote     the centre is within the mask in most of the training views that have it in the picture
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import tyro
+from benchmark_scenes import BenchmarkScene, open_scene
+from numpy.typing import NDArray
+from refits import coloured, fit, floaters, photograph, psnr, shrunk, thinned
+from rooms import Room, make_room
+from tyro.conf import Positional, arg
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats import write
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.rendering.gradients import draw, draw_with
+
+ByteArray = NDArray[np.uint8]
+Masks = Mapping[str, Mapping[str, ByteArray]]
+"""Coverage, 0 to 255, (H, W), of each object in each view, by their names."""
+
+BURIED_SHARE = 0.02
+"""Share of a room's Gaussians that lie inside the things, where training leaves dark ones that no view shows."""
+SETTLING_SHARE = 0.15
+"""Steps that fit a scene after haze was added, as a share of those before."""
+GROWN_PIXELS, SHRUNK_PIXELS, BENT_PIXELS, BEND_LENGTH = 3, 2, 4.0, 25.0
+VOTE_SHARE = 0.6
+LEAST_WEIGHT = 1e-3
+"""Blend weight over all views, in pixels, below which a Gaussian is not seen."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How the Gaussians learn the pictures."""
+
+    steps: int = 900
+    """Steps at a part of the pictures' size."""
+    fine_steps: int = 150
+    """Steps at their full size after that."""
+    scale: float = 0.5
+    """Size of the pictures in the first steps, relative to the cameras' own."""
+    haze: float = 0.0
+    """Large faint Gaussians between cameras and scene, as a share of the others."""
+    flaws: float = 1.0
+    """How flawed the pictures are, relative to common photographs."""
+    seed: int = 0
+
+    def learn(self, scene: Gaussians, cameras: Sequence[Camera], count: int, buried: Gaussians | None) -> Gaussians:
+        """A scene of at most `count` Gaussians that shows what another shows; `buried` ones are some of them."""
+        rng = np.random.default_rng(self.seed)
+        full = photograph(scene, cameras, self.flaws, rng)
+        views = [shrunk(view, self.scale) for view in full]
+        n_haze, inside = round(self.haze / (1 + self.haze) * count), [buried] if buried is not None else []
+        chosen = thinned(scene, views, count - n_haze - sum(map(len, inside)), rng)
+        learnt = fit(concatenate([chosen, *inside]), views, self.steps, rng)
+        if n_haze:
+            learnt = concatenate([learnt, floaters(learnt, views, n_haze, rng)])
+            learnt = fit(learnt, views, round(SETTLING_SHARE * self.steps), rng)
+        return fit(learnt, full, self.fine_steps, rng) if self.fine_steps else learnt
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A benchmark scene seen by fewer Gaussians."""
+
+    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
+    """Folder of the scene."""
+    output: Annotated[Positional[Path], arg(metavar="OUTPUT")]
+    """Folder for the capture's own folder."""
+    count: int = 8000
+    """Number of Gaussians; some are lost on the way."""
+    name: str = ""
+    """Name of the capture; made of the scene's name and the count if it is not given."""
+    options: Annotated[FitOptions, arg(name="")] = FitOptions()
+
+    def run(self) -> None:
+        scene, start = open_scene(self.scene), perf_counter()
+        name = self.name or f"{scene.name}_{self.count / 1000:g}k{'_hazy' if self.options.haze else ''}"
+        cameras = scene.training_cameras
+        learnt = self.options.learn(scene.gaussians, cameras, self.count, None)
+        views = [*cameras, *(camera for camera, _ in scene.test_frames)]
+        masks = {thing: {v.name: _bytes(scene.coverage(thing, v.name)) for v in views} for thing in scene.objects}
+        near = [camera for camera, far in scene.test_frames if not far]
+        pictures = {c.name: _photo(scene.scene_folder / "images" / c.name) for c, _ in scene.test_frames}
+        listing = json.loads(scene.cameras_file.read_text())
+        _save(self.output / name, learnt, listing, pictures, masks, cameras)
+        print(_summary(self.output / name, learnt, near, pictures, perf_counter() - start))
+
+
+@dataclass(frozen=True)
+class Rooms:
+    """Rooms with things at their walls, seen from the front only."""
+
+    output: Annotated[Positional[Path], arg(metavar="OUTPUT")]
+    """Folder for the captures' folders."""
+    rooms: tuple[str, ...] = ("a", "b", "c")
+    """Which rooms."""
+    counts: tuple[int, ...] = (25_000, 25_000, 9_000)
+    """Number of Gaussians of each."""
+    suffix: str = ""
+    """What the folders' names end in, after `room_a`."""
+    coarseness: float = 1.0
+    """Size of the surfaces' Gaussians, relative to what the pictures need."""
+    picture_scale: float = 1.0
+    """Size of the pictures, relative to 504 x 378."""
+    options: Annotated[FitOptions, arg(name="")] = FitOptions()
+
+    def run(self) -> None:
+        if len(self.rooms) != len(self.counts):
+            raise InputError(f"There are {len(self.rooms)} rooms and {len(self.counts)} counts; give one for each.")
+        for letter, count in zip(self.rooms, self.counts, strict=True):
+            self._make(letter, count, self.output / f"room_{letter}{self.suffix}")
+
+    def _make(self, letter: str, count: int, folder: Path) -> None:
+        start, room = perf_counter(), make_room(letter, self.coarseness, self.picture_scale)
+        buried = inside(room, round(BURIED_SHARE * count), np.random.default_rng(self.options.seed))
+        learnt = self.options.learn(room.gaussians, room.training, count, buried)
+        masks: dict[str, dict[str, ByteArray]] = {name: {} for name in room.names}
+        pictures = {}
+        for camera in (*room.training, *room.test):
+            drawing, shares = draw_with(room.gaussians, camera, room.labels)
+            pictures[camera.name] = _bytes(drawing.image[:3].transpose(1, 2, 0))
+            for name, share in zip(room.names, shares, strict=True):
+                masks[name][camera.name] = _bytes(share)
+        frames = [_frame(camera, "train") for camera in room.training] + [
+            _frame(camera, "test") for camera in room.test
+        ]
+        tests = {camera.name: pictures[camera.name] for camera in room.test}
+        _save(folder, learnt, {"up": [0.0, 0.0, 1.0], "frames": frames}, tests, masks, room.training)
+        print(_summary(folder, learnt, room.test, tests, perf_counter() - start))
+
+
+def inside(room: Room, n: int, rng: np.random.Generator) -> Gaussians:
+    """Dark Gaussians below the surfaces of a room's things."""
+    rows = rng.choice(np.flatnonzero(room.labels.any(axis=1)), n)
+    means = room.gaussians.means[rows] - room.normals[rows] * rng.uniform(0.02, 0.1, (n, 1))
+    sizes, greys = rng.uniform(0.01, 0.04, (n, 3)), rng.uniform(0.05, 0.4, (n, 1)) + rng.normal(0, 0.02, (n, 3))
+    return coloured(means, sizes, greys, rng.uniform(0.2, 0.9, n))
+
+
+def rough_selections(gaussians: Gaussians, cameras: Sequence[Camera], masks: Masks) -> dict[str, dict[str, BoolArray]]:
+    """Rough selections (N,) by object and kind, from the masks of training views."""
+    kinds: dict[str, Callable[[ByteArray, np.random.Generator], FloatArray]] = {
+        "exact": lambda mask, rng: _whole(mask),
+        "dilated": lambda mask, rng: _changed(cv2.dilate, mask, GROWN_PIXELS),
+        "eroded": lambda mask, rng: _changed(cv2.erode, mask, SHRUNK_PIXELS),
+        "wobbly": lambda mask, rng: bent(_whole(mask), rng),
+    }
+    names, rng = list(masks), np.random.default_rng(0)
+    within, total = np.zeros((len(cameras), len(names), len(kinds), len(gaussians)), np.float32), []
+    votes, possible = np.zeros((len(names), len(gaussians))), np.zeros(len(gaussians))
+    for i, camera in enumerate(cameras):
+        images = [of_kind(masks[name][camera.name], rng) for name in names for of_kind in kinds.values()]
+        everywhere = np.ones((camera.height, camera.width), np.float32)
+        weights = draw(gaussians, camera).weigh(np.stack([*images, everywhere]))
+        within[i] = weights[:, :-1].T.reshape(len(names), len(kinds), -1)
+        total.append(weights[:, -1])
+        pixels, depths = camera.project(gaussians.means.astype(np.float64))
+        x, y = np.floor(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        seen = (depths > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+        possible += seen
+        for votes_of, name in zip(votes, names, strict=True):
+            votes_of[seen] += masks[name][camera.name][y[seen], x[seen]] > 127
+    shown = np.array(total)
+    found = {}
+    for j, name in enumerate(names):
+        found[name] = {kind: _most(within[:, j, k].sum(0), shown.sum(0)) for k, kind in enumerate(kinds)}
+        showing = [i for i, camera in enumerate(cameras) if (masks[name][camera.name] > 127).any()]
+        few = rng.permutation(showing)[:3]
+        found[name]["three_views"] = _most(within[few, j, 0].sum(0), shown[few].sum(0))
+        found[name]["centre_vote"] = (possible > 0) & (votes[j] > VOTE_SHARE * possible)
+    return found
+
+
+def bent(mask: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """A mask moved by smooth random offsets of some pixels."""
+    y, x = np.mgrid[: mask.shape[0], : mask.shape[1]].astype(np.float32)
+    offsets = [cv2.GaussianBlur(rng.normal(size=mask.shape), (0, 0), BEND_LENGTH) for _ in range(2)]
+    dx, dy = ((BENT_PIXELS / 2**0.5 * offset / offset.std()).astype(np.float32) for offset in offsets)
+    return np.asarray(cv2.remap(mask, x + dx, y + dy, cv2.INTER_NEAREST), np.float32)
+
+
+def _most(part: FloatArray, whole: FloatArray) -> BoolArray:
+    return np.asarray((whole > LEAST_WEIGHT) & (part > 0.5 * whole))
+
+
+def _whole(mask: ByteArray) -> FloatArray:
+    return (mask > 127).astype(np.float32)
+
+
+def _changed(operation: Callable[..., Any], mask: ByteArray, radius: int) -> FloatArray:
+    square = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(operation(_whole(mask), square), np.float32)
+
+
+def _bytes(picture: FloatArray) -> ByteArray:
+    return np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8)
+
+
+def _floats(picture: ByteArray) -> FloatArray:
+    return np.asarray(picture.transpose(2, 0, 1) / 255, np.float32)
+
+
+def _photo(path: Path) -> ByteArray:
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
+
+
+def _frame(camera: Camera, split: str) -> dict[str, object]:
+    return {
+        "file": camera.name,
+        "split": split,
+        "width": camera.width,
+        "height": camera.height,
+        "K": camera.K.tolist(),
+        "world_to_camera": camera.world_to_camera.tolist(),
+    }
+
+
+def _save(
+    folder: Path,
+    gaussians: Gaussians,
+    listing: dict[str, object],
+    pictures: Mapping[str, ByteArray],
+    masks: Masks,
+    training: Sequence[Camera],
+) -> None:
+    """Write a benchmark scene under another name, and rename it; what was there under its name is replaced."""
+    part = folder.with_name(folder.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)
+    for kind in ("images", *(f"masks/{name}" for name in masks)):
+        (part / kind).mkdir(parents=True)
+    for view, picture in pictures.items():
+        cv2.imwrite(str(part / "images" / view), picture[..., ::-1])
+    for name, of_name in masks.items():
+        for view, mask in of_name.items():
+            cv2.imwrite(str(part / "masks" / name / view), mask)
+    for name, kinds in rough_selections(gaussians, training, masks).items():
+        (part / "coarse" / name).mkdir(parents=True)
+        for kind, selection in kinds.items():
+            np.save(part / "coarse" / name / f"{kind}.npy", selection)
+    write(gaussians, part / "scene.ply")
+    (part / "cameras.json").write_text(json.dumps(listing, indent=1))
+    shutil.rmtree(folder, ignore_errors=True)
+    part.rename(folder)
+
+
+def _summary(
+    folder: Path, gaussians: Gaussians, cameras: Sequence[Camera], pictures: Mapping[str, ByteArray], seconds: float
+) -> str:
+    """Number, likeness to the pictures of test views, and per object the IoU of `exact` alone and sizes of kinds."""
+    likeness = [psnr(draw(gaussians, c), _floats(pictures[c.name])) for c in cameras]
+    lines = [f"{folder.name}: {len(gaussians)} Gaussians, PSNR {np.mean(likeness):.1f} dB, {seconds:.0f} s"]
+    scene = open_scene(folder)
+    for name in scene.objects:
+        kinds = {kind: scene.coarse(name, kind) for kind in scene.coarse_kinds(name)}
+        sizes = ", ".join(f"{kind} {mask.sum() / kinds['exact'].sum():.2f}" for kind, mask in kinds.items())
+        lines.append(f"  {name}: {kinds['exact'].sum()} Gaussians, IoU {alone_iou(scene, name):.1f}; {sizes}")
+    return "\n".join(lines)
+
+
+def alone_iou(scene: BenchmarkScene, name: str) -> float:
+    """IoU in per cent, over the near test views, of the selection `exact` drawn alone."""
+    alone, both, either = scene.gaussians.select(scene.coarse(name, "exact")), 0, 0
+    for view in scene.test_views(name):
+        if not view.far:
+            drawn = draw(alone, view.camera).image[3] > 0.5
+            true, counted = view.alone.coverage > 0.5, view.alone.counted
+            both += int((drawn & true & counted).sum())
+            either += int(((drawn | true) & counted).sum())
+    return 100 * both / max(either, 1)
+
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict({"refit": Refit, "rooms": Rooms}).run()

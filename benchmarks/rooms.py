@@ -1,0 +1,332 @@
+"""Rooms with things at their walls: boxes, cylinders and balls, densely covered with small flat Gaussians.
+
+The back wall is y = 0, the floor z = 0, and the cameras stand on an arc before the wall; lengths are in metres. Light
+is a shade by the direction of a surface, and a soft shadow around things on walls and floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, logit, quaternions_of
+
+WIDTH, HEIGHT = 504, 378
+FOV_RADIANS = np.radians(66)
+ROOM_SPACING, THING_SPACING = 0.018, 0.012
+FLATNESS = 0.1
+LIGHT = np.array([0.35, 0.8, 0.5]) / np.linalg.norm([0.35, 0.8, 0.5])
+SHADOW_DEPTH, SHADOW_REACH = 0.5, 0.07
+OPACITY = 0.95
+UP = np.array([0.0, 0.0, 1.0])
+
+Texture = Callable[[Float64Array], Float64Array]
+"""Colours (n, 3) of points (n, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A body about a centre."""
+
+    centre: tuple[float, float, float]
+    size: tuple[float, float, float]
+    """Full extents along its own axes."""
+    texture: Texture
+    shape: str = "box"
+    """box, ball, or cylinder (along its z)."""
+    turn: Float64Array = field(default_factory=lambda: np.eye(3))
+    """Rotation from its own axes to the world's."""
+
+    def sample(self, spacing: float, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
+        """Points of the surface about evenly `spacing` apart, and their normals, (n, 3) each."""
+        local, normals = {"box": _box, "ball": _ball, "cylinder": _cylinder}[self.shape](np.array(self.size), spacing)
+        local = local + rng.normal(0, 0.1 * spacing, local.shape) * (1 - abs(normals))
+        return local @ self.turn.T + self.centre, normals @ self.turn.T
+
+    def distance(self, points: Float64Array) -> Float64Array:
+        """Distances of points from the box around it, (n,)."""
+        local = (points - self.centre) @ self.turn
+        return np.asarray(np.linalg.norm(np.maximum(abs(local) - np.array(self.size) / 2, 0), axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A scene, which of its Gaussians belong to which thing, and cameras."""
+
+    gaussians: Gaussians
+    normals: Float64Array
+    """Outward directions of the surfaces, (N, 3)."""
+    labels: FloatArray
+    """Which thing each Gaussian is of: one or zero, (N, things)."""
+    names: tuple[str, ...]
+    training: list[Camera]
+    test: list[Camera]
+
+
+def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0) -> Room:
+    """The room a, b or c; its Gaussians are `coarseness` times as far apart, its pictures scaled by a factor."""
+    rng = np.random.default_rng(ord(letter))
+    shell, things, arc = ROOMS[letter](rng)
+    bodies = [(part, ROOM_SPACING, -1) for part in shell]
+    bodies += [(part, THING_SPACING, i) for i, parts in enumerate(things.values()) for part in parts]
+    solid = [part for parts in things.values() for part in parts]
+    points, normals, colours, spacings, owners = [], [], [], [], []
+    for part, spacing, owner in bodies:
+        where, facing = part.sample(coarseness * spacing, rng)
+        shade = 0.72 + 0.28 * np.maximum(facing @ LIGHT, 0)
+        if owner < 0:
+            distance = np.min([thing.distance(where) for thing in solid], axis=0)
+            shade = shade * (1 - SHADOW_DEPTH * np.exp(-distance / SHADOW_REACH))
+        points.append(where)
+        normals.append(facing)
+        colours.append(part.texture(where) * shade[:, None])
+        spacings.append(np.full(len(where), coarseness * spacing))
+        owners.append(np.full(len(where), owner))
+    facing, owner_of = np.concatenate(normals), np.concatenate(owners)
+    gaussians = _discs(np.concatenate(points), facing, np.concatenate(colours), np.concatenate(spacings))
+    labels = (owner_of[:, None] == np.arange(len(things))).astype(np.float32)
+    training, test = ([camera.resized(picture_scale) for camera in cameras] for cameras in _cameras(*arc, rng))
+    return Room(gaussians, facing, labels, tuple(things), training, test)
+
+
+def _discs(points: Float64Array, normals: Float64Array, colours: Float64Array, spacings: Float64Array) -> Gaussians:
+    across = np.cross(normals, np.where(abs(normals[:, 2:]) > 0.9, [[1.0, 0, 0]], [UP]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    frames = np.stack([across, np.cross(normals, across), normals], axis=2)
+    scales = 0.65 * spacings[:, None] * [1, 1, FLATNESS]
+    logits = np.full(len(points), logit(np.array(OPACITY)))
+    sh_dc = (np.clip(colours, 0, 1) - 0.5) / SH_C0
+    rest = np.zeros((len(points), 3, 0))
+    return Gaussians(points, np.log(scales), quaternions_of(frames), logits, sh_dc, rest)  # type: ignore[arg-type]
+
+
+def _cameras(first: float, last: float, x: float, rng: np.random.Generator) -> tuple[list[Camera], list[Camera]]:
+    """40 training views in three rows and 8 test views between them, from `first` to `last` degrees about (x, 0.3)."""
+    lens = intrinsics(FOV_RADIANS, WIDTH, HEIGHT)
+
+    def stand(angle: float, height: float, distance: float, name: str) -> Camera:
+        turn, target = np.radians(angle), np.array([x, 0.3, 0.95]) + rng.normal(0, 0.05, 3)
+        place = np.array([x + distance * np.sin(turn), 0.3 + distance * np.cos(turn), height])
+        return Camera(look_at(place, target, UP), lens, WIDTH, HEIGHT, name)
+
+    training: list[Camera] = []
+    for height, n in ((0.55, 13), (1.2, 14), (1.85, 13)):
+        for i, angle in enumerate(np.linspace(first, last, n)):
+            training.append(stand(angle, height, (2.2, 2.6, 2.9)[i % 3], f"train_{len(training):03d}.png"))
+    angles = np.linspace(first + 8, last - 8, 8)
+    test = [stand(a, (0.9, 1.5)[i % 2], (2.4, 2.75)[i // 2 % 2], f"test_{i:03d}.png") for i, a in enumerate(angles)]
+    return training, test
+
+
+def _grid(width: float, height: float, spacing: float) -> Float64Array:
+    """Points of a rectangle about its centre, (n, 2)."""
+    sides = [max(1, round(length / spacing)) for length in (width, height)]
+    u, v = ((np.arange(n) + 0.5) / n - 0.5 for n in sides)
+    return np.stack(np.meshgrid(u * width, v * height), axis=-1).reshape(-1, 2)
+
+
+def _box(size: Float64Array, spacing: float) -> tuple[Float64Array, Float64Array]:
+    points, normals = [], []
+    for axis in range(3):
+        if size[axis] > 0 and not size[[a for a in range(3) if a != axis]].all():
+            continue  # the sides of a rectangle
+        others = [a for a in range(3) if a != axis]
+        flat = _grid(size[others[0]], size[others[1]], spacing)
+        for side in (-1, 1) if size[axis] > 0 else (1,):
+            where = np.zeros((len(flat), 3))
+            where[:, others] = flat
+            where[:, axis] = side * size[axis] / 2
+            points.append(where)
+            normals.append(np.tile(side * np.eye(3)[axis], (len(flat), 1)))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def _ball(size: Float64Array, spacing: float) -> tuple[Float64Array, Float64Array]:
+    n = max(12, int(np.pi * np.sum(size[[0, 1, 2]] * size[[1, 2, 0]]) / 3 / spacing**2))
+    z = 1 - 2 * (np.arange(n) + 0.5) / n
+    angle = np.pi * (1 + 5**0.5) * np.arange(n)
+    unit = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    normals = unit / size
+    return unit * size / 2, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _cylinder(size: Float64Array, spacing: float) -> tuple[Float64Array, Float64Array]:
+    flat = _grid(np.pi * size[0], size[2], spacing)
+    angle = 2 * flat[:, 0] / size[0]
+    normals = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(flat))], axis=1)
+    side = normals * [size[0] / 2, size[1] / 2, 0] + flat[:, 1:] * [[0, 0, 1]]
+    lid = _grid(size[0], size[1], spacing)
+    lid = lid[np.sum((2 * lid / size[:2]) ** 2, axis=1) < 1]
+    lids = [np.column_stack([lid, np.full(len(lid), end * size[2] / 2)]) for end in (-1, 1)]
+    ends = [np.tile([0.0, 0, end], (len(lid), 1)) for end in (-1, 1)]
+    return np.concatenate([side, *lids]), np.concatenate([normals, *ends])
+
+
+def plain(*colour: float, noise: float = 0.015) -> Texture:
+    """One colour with fine noise and faint clouds, as plaster."""
+
+    def texture(points: Float64Array) -> Float64Array:
+        grain = np.random.default_rng(0).normal(0, noise, (len(points), 1))
+        return np.array(colour) + grain + noise * clouds(points, 0.4, 1)
+
+    return texture
+
+
+def grain(*colour: float, along: int = 2, boards: float = 0.0, across: int = 0) -> Texture:
+    """Wood with its grain along an axis, in boards of some width if that is given, with dark joints."""
+
+    def texture(points: Float64Array) -> Float64Array:
+        stretched = points.copy()
+        stretched[:, along] *= 0.08
+        tone = 1 + 0.10 * clouds(stretched, 0.03, 2)
+        if boards:
+            board = np.floor(points[:, across] / boards)
+            tone = tone * (1 + 0.12 * np.sin(board * 12.9898))[:, None]
+            tone = np.where((points[:, across] / boards - board < 0.06)[:, None], 0.6 * tone, tone)
+        return np.array(colour) * tone
+
+    return texture
+
+
+def checks(first: Sequence[float], second: Sequence[float], width: float, axes: tuple[int, ...] = (0, 1)) -> Texture:
+    """Two colours in turn: tiles along two axes, stripes along one."""
+
+    def texture(points: Float64Array) -> Float64Array:
+        odd = np.floor(points[:, axes] / width + 1e-6).sum(axis=1) % 2 == 1
+        return np.where(odd[:, None], np.array(first), np.array(second)) + 0.02 * clouds(points, 0.05, 3)
+
+    return texture
+
+
+def painting(seed: int) -> Texture:
+    """Smooth patches of colours."""
+    return lambda points: 0.5 + 0.22 * np.concatenate([clouds(points, 0.22, 3 * seed + i) for i in range(3)], axis=1)
+
+
+def clouds(points: Float64Array, length: float, seed: int) -> Float64Array:
+    """Smooth noise with details of some length and standard deviation one, (n, 1)."""
+    rng = np.random.default_rng(seed)
+    waves, phases = rng.normal(0, 1 / length, (3, 24)), rng.uniform(0, 2 * np.pi, 24)
+    return np.asarray(np.cos(points @ waves + phases).sum(axis=1, keepdims=True) / np.sqrt(12))
+
+
+Plan = tuple[list[Part], dict[str, list[Part]], tuple[float, float, float]]
+"""Walls and floor, things, and the arc of the cameras: first and last angle, and x of its middle."""
+
+
+def _shell(left: float, wall: Texture, floor: Texture, height: float = 2.9) -> list[Part]:
+    right, deep = 3.2, 3.7
+    middle, width = (left + right) / 2, right - left
+    return [
+        Part((middle, 0, height / 2), (width, 0, height), wall),
+        Part((left, deep / 2, height / 2), (0, deep, height), wall),
+        Part((right, deep / 2, height / 2), (0, deep, height), wall),
+        Part((middle, deep / 2, 0), (width, deep, 0), floor),
+    ]
+
+
+def _bookcase(x: float, width: float, height: float, wood: Texture, rng: np.random.Generator) -> list[Part]:
+    deep, board, shelves = 0.28, 0.022, 5
+    sides = (x - width / 2, x + width / 2)
+    parts = [Part((side, deep / 2, height / 2), (board, deep, height), wood) for side in sides]
+    parts.append(Part((x, 0.01, height / 2), (width, 0.012, height), wood))
+    room = (height - board) / shelves
+    for shelf in range(shelves + 1):
+        parts.append(Part((x, deep / 2, board / 2 + shelf * room), (width, deep, board), wood))
+        place = sides[0] + 0.03
+        while shelf < shelves and place < sides[1] - 0.08:
+            thick, tall = rng.uniform(0.025, 0.06), room * rng.uniform(0.6, 0.85)
+            if rng.random() < 0.88:
+                book = plain(*np.clip(rng.uniform(0.1, 0.85) + rng.normal(0, 0.16, 3), 0.05, 0.9))
+                z = board + shelf * room + tall / 2
+                parts.append(Part((place + thick / 2, 0.12, z), (thick - 0.003, 0.19, tall), book))
+            place += thick
+    return parts
+
+
+def _picture(x: float, z: float, width: float, height: float, frame: Texture, seed: int) -> list[Part]:
+    wide, deep = 0.035, 0.025
+    parts = [Part((x, 0.01, z), (width - wide, 0.014, height - wide), painting(seed))]
+    for side in (-1, 1):
+        parts.append(Part((x + side * (width - wide) / 2, deep / 2, z), (wide, deep, height), frame))
+        parts.append(Part((x, deep / 2, z + side * (height - wide) / 2), (width, deep, wide), frame))
+    return parts
+
+
+def _cabinet(
+    low: Sequence[float], size: Sequence[float], panels: tuple[int, int], body: Texture, knob: Texture
+) -> list[Part]:
+    """A body whose front is made of panels, columns x rows, with gaps between them and a knob on each."""
+    centre = [a + s / 2 for a, s in zip(low, size, strict=True)]
+    parts = [Part((centre[0], centre[1], centre[2]), (size[0], size[1], size[2]), body)]
+    wide, tall, front = size[0] / panels[0], size[2] / panels[1], low[1] + size[1]
+    for i in range(panels[0]):
+        for j in range(panels[1]):
+            x, z = low[0] + (i + 0.5) * wide, low[2] + (j + 0.5) * tall
+            parts.append(Part((x, front + 0.01, z), (wide - 0.03, 0.02, tall - 0.03), body))
+            parts.append(Part((x, front + 0.035, z), (0.09 if panels[1] > 1 else 0.03, 0.025, 0.025), knob))
+    return parts
+
+
+def _room_a(rng: np.random.Generator) -> Plan:
+    wall, shade = plain(0.86, 0.83, 0.77), plain(0.88, 0.84, 0.76)
+    lamp = [
+        Part((1.25, 0.3, 0.015), (0.28, 0.28, 0.03), plain(0.2, 0.2, 0.2), "cylinder"),
+        Part((1.25, 0.3, 0.7), (0.025, 0.025, 1.4), plain(0.25, 0.24, 0.22), "cylinder"),
+        Part((1.25, 0.3, 1.45), (0.36, 0.36, 0.28), shade, "cylinder"),
+    ]
+    things = {
+        "bookcase": _bookcase(-0.95, 0.9, 1.7, plain(0.83, 0.8, 0.75), rng),
+        "picture": _picture(0.35, 1.35, 0.75, 0.55, grain(0.28, 0.17, 0.1), 1),
+        "lamp": lamp,
+    }
+    return _shell(-2.6, wall, grain(0.62, 0.43, 0.27, along=1, boards=0.14)), things, (-60, 60, 0.0)
+
+
+def _room_b(rng: np.random.Generator) -> Plan:
+    stripes = checks((0.62, 0.68, 0.6), (0.71, 0.76, 0.68), 0.11, (0,))
+    white = plain(0.85, 0.85, 0.84)
+    radiator = [Part((0.7 + 0.07 * i, 0.08, 0.45), (0.05, 0.08, 0.58), white) for i in range(13)]
+    radiator += [Part((1.12, 0.08, z), (0.9, 0.05, 0.03), white) for z in (0.2, 0.7)]
+    brown, brass = grain(0.47, 0.31, 0.25, along=0), plain(0.75, 0.62, 0.3)
+    things = {
+        "drawers": _cabinet((-1.68, 0.01, 0.0), (0.95, 0.45, 0.85), (1, 4), brown, brass),
+        "cupboard": _cabinet((-0.4, 0.0, 1.2), (0.9, 0.3, 0.6), (2, 1), plain(0.68, 0.73, 0.65), plain(0.3, 0.3, 0.3)),
+        "radiator": radiator,
+    }
+    return _shell(-1.7, stripes, plain(0.46, 0.31, 0.28, noise=0.04)), things, (-34, 68, -0.1)
+
+
+def _room_c(rng: np.random.Generator) -> Plan:
+    tilt, turn = np.radians(-12), np.radians(28)
+    leaning = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    wall = plain(0.55, 0.6, 0.68, noise=0.02)
+    leaves = []
+    for _ in range(34):
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        axes *= np.sign(np.linalg.det(axes))
+        place = np.array([1.15, 0.36, 0.78]) + rng.normal(0, 1, 3) * [0.12, 0.09, 0.17]
+        green = plain(0.2 + 0.1 * rng.random(), 0.4 + 0.15 * rng.random(), 0.18, noise=0.03)
+        leaves.append(Part(tuple(place), (0.22, 0.1, 0.015), green, "ball", axes))
+    pot = [
+        Part((1.15, 0.36, 0.15), (0.3, 0.3, 0.3), plain(0.6, 0.33, 0.22), "cylinder"),
+        Part((1.15, 0.36, 0.5), (0.03, 0.03, 0.45), plain(0.35, 0.25, 0.15), "cylinder"),
+    ]
+    carton = [
+        Part((-1.25, 0.42, 0.35), (0.55, 0.45, 0.7), plain(0.66, 0.5, 0.34, noise=0.02), turn=turned),
+        Part((-1.25, 0.42, 0.701), (0.06, 0.45, 0.004), plain(0.75, 0.66, 0.5), turn=turned),
+    ]
+    things = {
+        "carton": carton,
+        "panel": [Part((-0.1, 0.13, 0.48), (0.7, 0.04, 0.98), plain(0.52, 0.58, 0.66), turn=leaning)],
+        "plant": pot + leaves,
+    }
+    floor = checks((0.72, 0.69, 0.65), (0.4, 0.4, 0.42), 0.3)
+    return _shell(-1.75, wall, floor), things, (-36, 66, -0.05)
+
+
+ROOMS: dict[str, Callable[[np.random.Generator], Plan]] = {"a": _room_a, "b": _room_b, "c": _room_c}

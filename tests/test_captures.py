@@ -1,0 +1,56 @@
+"""Captures made to be hard to trim: a tiny one is a benchmark scene, and a fit approaches its pictures."""
+
+import benchmark_data
+import numpy as np
+import pytest
+from captures import FitOptions, Refit, Rooms, bent
+from quality import TaskOptions
+from refits import fit, photograph, psnr, thinned
+from rooms import make_room
+
+from gaussian_trimmer.rendering.gradients import draw
+
+QUICK = FitOptions(steps=5, fine_steps=1, scale=0.5)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("captures")
+    Rooms(root, rooms=("b",), counts=(300,), coarseness=6.0, picture_scale=0.25, options=QUICK).run()
+    return root
+
+
+def test_a_room_is_a_benchmark_scene(root):
+    scene = benchmark_data.open_scene(root / "room_b")
+    assert (len(scene.training_cameras), len(scene.test_frames)) == (40, 8)
+    assert scene.objects == ["cupboard", "drawers", "radiator"] and scene.up.tolist() == [0, 0, 1]
+    assert 200 < len(scene.gaussians) <= 300
+    tasks = list(TaskOptions(objects=("drawers",)).tasks(root))
+    assert {task.kind for task in tasks} >= {"exact", "dilated", "centre_vote", "three_views", "wobbly"}
+    assert all(task.selection.any() and len(task.views) == 8 for task in tasks)
+
+
+def test_a_scene_is_seen_by_fewer_gaussians_and_haze(root, capsys):
+    options = FitOptions(steps=2, fine_steps=0, scale=0.5, haze=0.1)
+    Refit(root / "room_b", root, count=120, name="fewer", options=options).run()
+    scene, source = benchmark_data.open_scene(root / "fewer"), benchmark_data.open_scene(root / "room_b")
+    assert 60 < len(scene.gaussians) <= 120 and "PSNR" in capsys.readouterr().out
+    view = source.training_cameras[0].name
+    np.testing.assert_array_equal(scene.coverage("drawers", view), source.coverage("drawers", view))
+
+
+def test_fitting_brings_a_scene_closer_to_the_pictures():
+    room, rng = make_room("c", 8.0, 0.2), np.random.default_rng(0)
+    views = photograph(room.gaussians, room.training[::8], 0.0, rng)
+    few = thinned(room.gaussians, views, 200, rng)
+    before, after = (
+        np.mean([psnr(draw(g, v.camera), v.picture[:3]) for v in views]) for g in (few, fit(few, views, 30, rng))
+    )
+    assert after > before + 1
+
+
+def test_a_bent_mask_keeps_about_its_size():
+    mask = np.zeros((80, 100), np.float32)
+    mask[20:60, 30:80] = 1
+    moved = bent(mask, np.random.default_rng(0))
+    assert 0.8 < moved.sum() / mask.sum() < 1.2 and (moved != mask).any()
