@@ -103,7 +103,7 @@ def test_an_item_that_takes_too_long_is_ended(batch, tmp_path):
     rows = manifest.read_text()
     slow = manifest.with_name("slow.csv")
     slow.write_text(
-        rows.replace(f"{names[1]},z,--plan.size 256 --views 4", f"{names[1]},z,--plan.size 256 --views 900")
+        rows.replace(f"{names[1]},z,--plan.size 256 --views 4", f"{names[1]},z,--plan.size 1024 --views 1000")
     )
     code, out, err = run(slow, tmp_path, "--workers", 1, "--time-limit", 20)
     assert code == 2
