@@ -19,6 +19,7 @@ it, the visible mask is, and pixels that another object's mask covers do not cou
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,19 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+
+SAME_CAPTURE = {"sparse": "scene0", "parts": "tabletop", "flat": "tabletop"}
+"""Scenes that share objects or pictures with another one."""
+
+
+def capture_of(scene: str) -> str:
+    """Name of what is left out together with a scene when something is learned; refits are named after their source.
+
+    >>> capture_of("tabletop_20k_hazy"), capture_of("parts"), capture_of("room_a")
+    ('tabletop', 'tabletop', 'room_a')
+    """
+    source = re.sub(r"_\d+k.*$", "", scene)
+    return SAME_CAPTURE.get(source, source)
 
 
 @dataclass(frozen=True, eq=False)

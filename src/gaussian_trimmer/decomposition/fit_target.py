@@ -1,9 +1,10 @@
 """What an object rendered alone should show in a view: coverage of pixels, from 0 to 1, and the colours inside it.
 
 A photograph's pixel belongs to the object, or it does not; only those on its outline are shared. Gaussians are softer
-than that. So what the object alone shows is made twice as steep: its outline, where half of a pixel is covered, stays
-where it is, and its edge gets sharp. Leaves and wires have no inside to be steep towards, and stay as they are. Where
-masks are known, they are what is covered.
+than that, so what they show is made twice as steep. Two pictures of the outline err to different sides. The opacity of
+the object rendered alone, A, is too large where the scene hides what sticks out. Its share of the scene's picture,
+S, is too small where others lie across the object's edge. Their weighted geometric mean stays close to A. Leaves and
+wires have no inside to be steep towards, and keep their opacity. Where masks are known, they are what is covered.
 """
 
 from __future__ import annotations
@@ -19,6 +20,10 @@ from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE
 
 _SHARPENING = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
+_SCENE_EXPONENT = 0.25
+"""Weight of the share in the scene's picture in the geometric mean; the rest is that of the opacity alone."""
+_HIDDEN_SHARE = 0.25
+"""Share of the object's opacity below which something nearer hides it, and does not only shine through."""
 _MIN_SHOWN_OPACITY = 0.02
 """Opacity from which on the object shows at a pixel."""
 _THIN = np.ones((7, 7), np.uint8)
@@ -26,7 +31,7 @@ _THIN = np.ones((7, 7), np.uint8)
 
 
 def coverage_target(alone: Drawing, everything: Gaussians, radius: float, mask: FloatArray | None = None) -> Target:
-    """What the object alone should show in a view; colours do not count where something nearer hides it.
+    """What the object alone should show in a view, with no weight where something nearer hides it.
 
     Args:
         alone: the object.
@@ -35,15 +40,20 @@ def coverage_target(alone: Drawing, everything: Gaussians, radius: float, mask: 
         mask: known coverage of what is visible of the object, (H, W).
     """
     opacity = alone.image[3]
-    nothing = np.zeros((len(everything), 0), np.float32)
-    together, _ = draw_with(everything, alone.camera, nothing, alone.reached if mask is None else None)
-    coverage = sharpened(opacity) if mask is None else mask
+    member = np.zeros((len(everything), 1), np.float32)
+    member[: len(alone.gaussians)] = 1
+    # Where the object does not reach, only a mask can ask for something to be shown.
+    together, (share,) = draw_with(everything, alone.camera, member, alone.reached if mask is None else None)
     nearer = (together.depth > 0) & (together.depth < alone.depth - OCCLUDER_DISTANCE * radius)
-    visible = np.where(nearer & (opacity > _MIN_SHOWN_OPACITY), np.float32(0), np.float32(1))
+    hidden = nearer & (opacity > _MIN_SHOWN_OPACITY)
+    coverage = mask
+    if coverage is None:
+        coverage = sharpened(np.clip(opacity, 0, 1) ** (1 - _SCENE_EXPONENT) * np.clip(share, 0, 1) ** _SCENE_EXPONENT)
+        hidden &= share < _HIDDEN_SHARE * opacity
     picture = np.concatenate([np.clip(together.image[:3], 0, 1) * coverage, coverage[None]]).astype(np.float32)
     # The three channels of colour count as much together as coverage does.
-    covers = np.ones_like(visible) if mask is None else visible
-    return Target(alone.camera, picture, np.stack([visible / 3, visible / 3, visible / 3, covers]).astype(np.float32))
+    counts = np.where(hidden, np.float32(0), np.float32(1))
+    return Target(alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]).astype(np.float32))
 
 
 def sharpened(opacity: FloatArray) -> FloatArray:
