@@ -14,7 +14,9 @@ from gaussian_trimmer.decomposition.evidence import (
     OUTSIDE,
     EvidenceConfig,
     classify_gaussians,
+    contradicted_by_views,
     find_halo,
+    find_large_halo,
 )
 from gaussian_trimmer.decomposition.underside import find_underside, reaching_into_ground
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
@@ -124,7 +126,12 @@ def prune_halo(
         return members
     free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
     alone = to_reference(np.sum(isolated.weights, axis=0), scope.cameras)
-    members[rows] = ~find_halo(alone, evidence.inside[rows], evidence.outside[rows], free, config)
+    widths = np.exp(isolated.gaussians.log_scales.max(axis=1) - np.log(scope.bounds.radius))
+    inside, contradicting = evidence.inside[rows], evidence.contradicting[rows]
+    wrong = find_halo(alone, inside, evidence.outside[rows], free, config)
+    wrong |= contradicted_by_views(alone, inside, contradicting, evidence.probability[rows], widths)
+    wrong |= find_large_halo(alone, inside, widths)
+    members[rows[~wrong]] = True
     return members
 
 

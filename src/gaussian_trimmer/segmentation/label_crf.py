@@ -85,6 +85,8 @@ class LabelCrfConfig:
     """Unit of that distance, relative to the object's radius."""
     attached: Weight = 3.0
     """Weight towards the object of pieces that stand on the support plane and touch the object."""
+    resting: Weight = 1.0
+    """Weight away from the object of selected Gaussians that lie in the support plane."""
     support_plane: SupportPlaneConfig = field(default_factory=SupportPlaneConfig)
 
 
@@ -169,7 +171,9 @@ class _Crf:
         if plane is None:
             return unary
         attached = attached_to_object(self.positions, self.spacing, labels, self.weights, plane, config.support_plane)
-        return np.asarray(np.where(attached, config.attached - config.trust, unary), np.float32)
+        unary = np.where(attached, config.attached - config.trust, unary)
+        resting = plane.on_surface & labels
+        return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
 
     def _distance_to_boundary(self, signs: FloatArray, reach: float) -> FloatArray:
         """Distance of each Gaussian from the nearest one on the other side, infinite from `reach` on, (S,).
