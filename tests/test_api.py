@@ -203,10 +203,11 @@ def doubled():
 
 
 def test_float64_is_converted_and_nothing_compiled_for_it(result):
-    from gaussian_trimmer.rendering import numba_kernels
+    from gaussian_trimmer.rendering import numba_kernels, projection_kernels
 
     def compiled():
-        kernels = [value for value in vars(numba_kernels).values() if hasattr(value, "signatures")]
+        modules = [*vars(numba_kernels).values(), *vars(projection_kernels).values()]
+        kernels = [value for value in modules if hasattr(value, "signatures")]
         assert kernels
         return [list(kernel.signatures) for kernel in kernels]
 

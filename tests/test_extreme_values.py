@@ -50,7 +50,7 @@ numba.njit = lambda *function, **options: compiled(*function, **{**options, "bou
 import numpy as np
 import test_extreme_values
 test_extreme_values.draw_extreme_scenes()
-from gaussian_trimmer.rendering.numba_kernels import bin_gaussians
+from gaussian_trimmer.rendering.projection_kernels import bin_gaussians
 try:
     bin_gaussians(np.zeros((2, 3), np.float32), 16, 16, np.array([0, 1]), 0)
 except IndexError:

@@ -29,14 +29,12 @@ from gaussian_trimmer.rendering.numba_kernels import (
     _ONE,
     _QUARTER,
     _ZERO,
-    TILE,
     _falloff,
     _interleave,
-    _jit,
     _lets_light_through,
-    _parallel,
     _weight_and_light,
 )
+from gaussian_trimmer.rendering.projection_kernels import TILE, _jit, _parallel
 
 N_SUMS = 9
 """Sums of a pair: h; h z (2); h z z^T (xx, xy, yy); weight times g_C (3)."""

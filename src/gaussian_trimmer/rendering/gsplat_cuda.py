@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
-from importlib import import_module
 from typing import Any, TypeVar, cast
 from weakref import WeakKeyDictionary
 
@@ -31,12 +30,12 @@ from gaussian_trimmer.rendering import (
     pixels_inside,
 )
 from gaussian_trimmer.rendering.gsplat_contributors import top_by_kernel, top_by_pairs
+from gaussian_trimmer.rendering.gsplat_import import import_gsplat
 from gaussian_trimmer.rendering.gsplat_projection import Projection
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 Method = TypeVar("Method", bound=Callable[..., Any])
 
-_INSTALL = 'run: pip install "gaussian-trimmer[cuda]", or render with --renderer numba.'
 _CHANNELS_AT_ONCE = 32
 _LABELS_AT_ONCE = 8
 _TILE, _TILE_OF_1_6 = 8, 4
@@ -120,7 +119,7 @@ class GsplatRenderer:
     name = "gsplat"
 
     def __init__(self, device: str = "cuda") -> None:
-        self._torch, self._gsplat = _import_libraries(device)
+        self._torch, self._gsplat = import_gsplat(device)
         self._device = self._torch.device(device)
         # Version 1.6 is known by its kernel for this.
         self._lists_top = hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids")
@@ -334,29 +333,3 @@ class GsplatRenderer:
 
 def _array(tensor: Tensor) -> NDArray[Any]:
     return cast(NDArray[Any], tensor.detach().contiguous().cpu().numpy())
-
-
-def _import_libraries(device: str) -> tuple[Any, Any]:
-    """The modules torch and gsplat, with the kernels of gsplat loaded; compiles them if this was never done."""
-    try:
-        torch, gsplat = import_module("torch"), import_module("gsplat")
-    except ImportError as error:
-        raise InputError(f"The gsplat renderer needs PyTorch and gsplat ({error}); {_INSTALL}") from error
-    if device.startswith("cuda") and not torch.cuda.is_available():
-        raise InputError(
-            "The gsplat renderer needs a CUDA device, and PyTorch finds none here; render with --renderer numba."
-        )
-    try:
-        kernels = import_module("gsplat.cuda._backend")._C
-    except (ImportError, OSError, RuntimeError) as error:
-        raise InputError(_no_kernels(str(error).strip().partition("\n")[0])) from error
-    if kernels is None:
-        raise InputError(_no_kernels("there is no CUDA toolkit"))
-    return torch, gsplat
-
-
-def _no_kernels(reason: str) -> str:
-    return (
-        f"gsplat cannot compile its CUDA kernels ({reason}); install the CUDA toolkit that PyTorch was built for, "
-        "or a wheel of gsplat with compiled kernels, or render with --renderer numba."
-    )

@@ -25,15 +25,8 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
-from gaussian_trimmer.rendering.numba_kernels import (
-    TILE,
-    bin_gaussians,
-    blend_tiles,
-    count_tiles,
-    project,
-    sum_pairs,
-    top_of_pixels,
-)
+from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
+from gaussian_trimmer.rendering.projection_kernels import TILE, bin_gaussians, count_tiles, project
 
 _KEPT_BYTES = 1 << 29
 """Memory for projections that are kept for the next call; the last one is kept however large it is."""

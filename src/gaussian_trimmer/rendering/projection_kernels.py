@@ -1,0 +1,239 @@
+"""Compiled kernels that project Gaussians to splats, and list for each tile of the image those that reach it.
+
+No kernel writes beside its arrays, whatever the Gaussians and the camera hold: `project` lets nothing through that is
+not finite, and what `_columns_reached` and `_rows_reached` return lies in the image even for splats that are not.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
+from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
+
+TILE = 16
+"""Side of a tile in pixels."""
+_SHARES = 8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
+_LOST = 1e-8  # Determinant, as a share of the product of the variances, below which their difference has lost it.
+
+_jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
+_parallel = numba.njit(
+    cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True, parallel=True
+)
+
+
+@_parallel
+def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, world_to_camera, centre, lens, limits):  # type: ignore[no-untyped-def]
+    """EWA projection of N Gaussians.
+
+    Returns splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
+    of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,).
+    """
+    n = means.shape[0]
+    splats = np.empty((n, 8), np.float32)
+    colours = np.empty((n, 4), np.float32)
+    drawn = np.zeros(n, np.bool_)
+    fx, fy, cx, cy, width, height, near = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6]
+    W = world_to_camera
+    for i in numba.prange(n):
+        x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
+        depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
+        opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
+        if not (depth >= near and 0 < depth <= LARGEST_VALUE) or opacity < ALPHA_CUTOFF:
+            continue
+        across = (W[0, 0] * x + W[0, 1] * y + W[0, 2] * z + W[0, 3]) / depth
+        down = (W[1, 0] * x + W[1, 1] * y + W[1, 2] * z + W[1, 3]) / depth
+        # J W, with the projection's derivative taken inside the widened frustum.
+        tx = min(max(across, limits[0]), limits[1])
+        ty = min(max(down, limits[2]), limits[3])
+        ux0, ux1, ux2 = (
+            fx / depth * (W[0, 0] - tx * W[2, 0]),
+            fx / depth * (W[0, 1] - tx * W[2, 1]),
+            fx / depth * (W[0, 2] - tx * W[2, 2]),
+        )
+        uy0, uy1, uy2 = (
+            fy / depth * (W[1, 0] - ty * W[2, 0]),
+            fy / depth * (W[1, 1] - ty * W[2, 1]),
+            fy / depth * (W[1, 2] - ty * W[2, 2]),
+        )
+        qw, qx, qy, qz = (
+            float(quaternions[i, 0]),
+            float(quaternions[i, 1]),
+            float(quaternions[i, 2]),
+            float(quaternions[i, 3]),
+        )
+        norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        if not 1e-15 < norm < 1e15:  # Squares beyond that leave single precision.
+            longest = max(max(abs(qw), abs(qx)), max(abs(qy), abs(qz)))
+            qw, qx, qy, qz = qw / longest, qx / longest, qy / longest, qz / longest
+            norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
+        xx, xy, yy = LOW_PASS_VARIANCE, 0.0, LOW_PASS_VARIANCE
+        first_x, first_y, second_x, second_y = 0.0, 0.0, 0.0, 0.0
+        area = 0.0  # Sum of the squared areas that any two of the projected semi-axes span.
+        for axis in range(3):
+            # Column `axis` of the rotation matrix, scaled: one semi-axis of the ellipsoid, projected.
+            if axis == 0:
+                e0, e1, e2 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
+            elif axis == 1:
+                e0, e1, e2 = 2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)
+            else:
+                e0, e1, e2 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
+            s = math.exp(min(float(log_scales[i, axis]), LARGEST_LOG_SCALE))
+            px, py = s * (ux0 * e0 + ux1 * e1 + ux2 * e2), s * (uy0 * e0 + uy1 * e1 + uy2 * e2)
+            if not px * px + py * py <= LARGEST_SPREAD * LARGEST_SPREAD:
+                length = math.hypot(px, py)
+                px, py = LARGEST_SPREAD * (px / length), LARGEST_SPREAD * (py / length)
+            xx += px * px
+            xy += px * py
+            yy += py * py
+            area += (first_x * py - first_y * px) ** 2 + (second_x * py - second_y * px) ** 2
+            if axis == 0:
+                first_x, first_y = px, py
+            else:
+                second_x, second_y = px, py
+        det = xx * yy - xy * xy
+        if det < _LOST * xx * yy:
+            # The same by the formula of Cauchy and Binet, a sum of squares: right for needles, where the two products
+            # are equal but for their last digits.
+            det = LOW_PASS_VARIANCE * (xx + yy - LOW_PASS_VARIANCE) + area
+        if not 0 < det < math.inf:
+            continue
+        reach = math.sqrt(max(0.0, 2 * math.log(opacity / ALPHA_CUTOFF)))
+        half_x, half_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
+        centre_x, centre_y = fx * across + cx, fy * down + cy
+        if not (
+            centre_x + half_x > 0 and centre_x - half_x < width and centre_y + half_y > 0 and centre_y - half_y < height
+        ):
+            continue
+        drawn[i] = True
+        splats[i, 0], splats[i, 1] = centre_x, centre_y
+        a = math.sqrt(yy / det)
+        splats[i, 2], splats[i, 3], splats[i, 4] = a, -xy / (det * a), 1 / math.sqrt(yy)
+        splats[i, 5], splats[i, 6], splats[i, 7] = opacity, half_x, half_y
+        dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / distance, dy / distance, dz / distance
+        for c in range(3):
+            colour = max(0.0, 0.5 + _radiance(float(sh_dc[i, c]), sh_rest[i, c], dx, dy, dz))
+            colours[i, c] = min(colour, LARGEST_VALUE)
+        colours[i, 3] = depth
+    return splats, colours, drawn
+
+
+@numba.njit(cache=CACHE, inline="always")
+def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
+    """Real spherical harmonics of degree 0 to 3 in direction (x, y, z), with the signs of the 3DGS files."""
+    k = rest.shape[0]
+    value = SH_C0 * dc
+    if k >= 3:
+        value += 0.4886025119029199 * (-y * rest[0] + z * rest[1] - x * rest[2])
+    if k >= 8:
+        value += 1.0925484305920792 * (x * y * rest[3] - y * z * rest[4] - x * z * rest[6])
+        value += 0.31539156525252005 * (2 * z * z - x * x - y * y) * rest[5]
+        value += 0.5462742152960396 * (x * x - y * y) * rest[7]
+    if k >= 15:
+        value += -0.5900435899266435 * y * (3 * x * x - y * y) * rest[8] + 2.890611442640554 * x * y * z * rest[9]
+        value += -0.4570457994644658 * y * (4 * z * z - x * x - y * y) * rest[10]
+        value += 0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y) * rest[11]
+        value += -0.4570457994644658 * x * (4 * z * z - x * x - y * y) * rest[12]
+        value += (
+            1.445305721320277 * z * (x * x - y * y) * rest[13] - 0.5900435899266435 * x * (x * x - 3 * y * y) * rest[14]
+        )
+    return value
+
+
+@numba.njit(cache=CACHE, inline="always")
+def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
+    """First and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches.
+
+    No column for an ellipse that is not finite. Numbers are compared before they become integers: beyond these lies
+    what no processor says the same of.
+    """
+    low, high = (splat[0] - splat[6]) / TILE, (splat[0] + splat[6]) / TILE
+    if not (low < end and high >= start):
+        return start, start
+    first = math.floor(low) if low > start else start
+    last = math.floor(high) + 1 if high < end else end
+    return first, last
+
+
+@numba.njit(cache=CACHE, inline="always")
+def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
+    """First and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
+
+    On the ellipse (A dx + B dy)^2 + (C dy)^2 = q the lowest and highest dy lie at dx = +-(B / A) half_y, or, where that
+    is beside the tiles, at the pixel column nearest to it. No row for an ellipse that is not finite.
+    """
+    A, B, C = float(splat[2]), float(splat[3]), float(splat[4])
+    reach = splat[7] * C  # In standard deviations: `project` has taken the logarithm already.
+    q = reach * reach + 1e-3  # The margin covers the blending's rounding.
+    square = B * B + C * C
+    lean = B / A * splat[7]
+    x0, x1 = left + 0.5 - splat[0], left + TILE - 0.5 - splat[0]
+    x_low, x_high = min(max(lean, x0), x1), min(max(-lean, x0), x1)
+    root_low = math.sqrt(max(square * q - (A * C * x_low) ** 2, 0.0))
+    root_high = math.sqrt(max(square * q - (A * C * x_high) ** 2, 0.0))
+    low = splat[1] - (A * B * x_low + root_low) / square - 0.5
+    high = splat[1] + (root_high - A * B * x_high) / square - 0.5
+    if math.isnan(low) or math.isnan(high):
+        return 0, 0
+    first = math.ceil(min(max(low - 1e-3, 0.0), float(height)))
+    last = math.floor(min(max(high + 1e-3, -1.0), height - 1.0)) + 1
+    return first, last
+
+
+@_parallel
+def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
+    """Number of Gaussians that reach each tile, (T,). Takes as long for ellipses of many rows as for those of few."""
+    across, down = -(-width // TILE), -(-height // TILE)
+    counts = np.zeros((down + 1) * across, np.int64)  # First those that begin with a tile less those that end above it.
+    share = -(-across // _SHARES)
+    for job in numba.prange(-(-across // share)):
+        for i in range(splats.shape[0]):
+            x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
+            for tx in range(x0, x1):
+                first, last = _rows_reached(splats[i], tx * TILE, height)
+                if first < last:
+                    counts[first // TILE * across + tx] += 1
+                    counts[-(-last // TILE) * across + tx] -= 1
+        for tile in range(across, down * across):
+            if share * job <= tile % across < share * (job + 1):
+                counts[tile] += counts[tile - across]
+    return counts[: down * across]
+
+
+@_parallel
+def bin_gaussians(splats, width, height, starts, first_tile):  # type: ignore[no-untyped-def]
+    """Lists of the Gaussians that reach each of some tiles, in the order of `splats`, (P,).
+
+    The tiles are those from `first_tile` on; `starts` (T + 1,) says where each one's list begins. Also the first and
+    one past the last row of the tile that each listed Gaussian reaches, (P, 2).
+    """
+    across, n_tiles = -(-width // TILE), len(starts) - 1
+    lists = np.zeros(starts[-1], np.int32)
+    spans = np.zeros((starts[-1], 2), np.uint8)
+    ends = starts[:-1].copy()
+    above, below = first_tile // across, -(-(first_tile + n_tiles) // across)
+    share = -(-across // _SHARES)
+    for job in numba.prange(-(-across // share)):
+        for i in range(splats.shape[0]):
+            x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
+            for tx in range(x0, x1):
+                first, last = _rows_reached(splats[i], tx * TILE, height)
+                for ty in range(max(first // TILE, above), min(-(-last // TILE), below) if first < last else 0):
+                    tile = ty * across + tx - first_tile
+                    if not 0 <= tile < n_tiles:
+                        continue
+                    place = ends[tile]
+                    # Compiled in two places, the arithmetic above may round in two ways: no list grows beyond its end.
+                    if place < starts[tile + 1]:
+                        lists[place] = i
+                        spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
+                        ends[tile] += 1
+    return lists, spans
