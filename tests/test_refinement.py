@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.decomposition.fit_target import coverage_target, resized_mask, sharpened
+from gaussian_trimmer.decomposition.fit_target import coverage_target, resized_mask
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.refinement import RefineConfig, refine
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
@@ -138,19 +138,6 @@ def test_what_something_nearer_hides_says_nothing_about_coverage() -> None:
     assert alone.picture[3][middle] == 1 and alone.picture[3, 0, 0] == 0
 
 
-def test_a_sharper_outline_lies_where_the_soft_one_was() -> None:
-    opacity = np.tile(np.clip((np.arange(40) - 9.5) / 12, 0, 1).astype(np.float32), (30, 1))
-    coverage = sharpened(opacity)
-    np.testing.assert_array_equal(coverage > 0.5, opacity > 0.5)
-    assert np.abs(coverage - 0.5).min(axis=0)[14] > np.abs(opacity - 0.5).min(axis=0)[14]
-
-
-def test_what_is_thin_keeps_its_opacity() -> None:
-    opacity = np.zeros((30, 30), np.float32)
-    opacity[:, 13:16] = 0.7
-    np.testing.assert_array_equal(sharpened(opacity), opacity)
-
-
 def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     long = Gaussians(
         np.zeros((1, 3)), np.log([[0.5, 0.1, 0.1]]), [[1.0, 0, 0, 0]], [2.0], np.zeros((1, 3)), np.zeros((1, 3, 0))
@@ -164,6 +151,38 @@ def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     axis = rotation_matrices(fitted.quaternions)[0, :, 0]
     assert abs(axis @ [np.cos(angle), np.sin(angle), 0]) > np.cos(0.1)
     assert fit(long, np.array([False]), targets, 5, 0.05) is long
+
+
+def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:
+    cameras = small_views_around(_BOUNDS, 4, (20.0, 50.0), 64)
+    heights = np.linspace(-0.7, 0.7, 60)
+    wire = Gaussians(
+        np.column_stack([0.1 * np.sin(9 * heights), np.zeros(60), heights]), np.full((60, 3), np.log(0.02)),
+        np.tile([1.0, 0, 0, 0], (60, 1)), np.full(60, 4.0), np.zeros((60, 3)), np.zeros((60, 3, 0)),
+    )  # fmt: skip
+    haze = _sphere(40, 0.6, 0.2, 0.4)
+    left = refine(wire, haze, cameras, None, 1.0, _CONFIG)
+    assert "three pixels wide" in left.skipped_because and not left.fitted.any() and left.object is wire
+    fitted = refine(wire, haze, cameras, None, 1.0, RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1))
+    assert fitted.skipped_because is None and fitted.fitted.any()
+
+
+def test_an_object_that_other_things_hide_is_left_alone() -> None:
+    ball, cameras = _sphere(2000, 0.8, 0.05, 1.0), _views()
+    wall = _sphere(3000, 2.0, 0.2, -1.0)  # between the object and all views
+    hidden = refine(ball, wall, cameras, None, 1.0, _CONFIG)
+    assert "hidden" in hidden.skipped_because and not hidden.fitted.any()
+    assert refine(ball, wall, cameras, None, 1.0, RefineConfig(steps=2, max_hidden=1.0)).skipped_because is None
+
+
+def test_an_object_whose_outline_is_drawn_by_others_is_left_alone() -> None:
+    rng, ball, cameras = np.random.default_rng(3), _sphere(3000, 0.8, 0.08, 1.0), _views()
+    missing = (ball.means[:, 0] > 0.3) & (rng.random(3000) < 0.7)
+    inner, others = ball.select(~missing), ball.select(missing)
+    holey = refine(inner, others, cameras, None, 1.0, _CONFIG)
+    assert "take away" in holey.skipped_because and not holey.fitted.any()
+    assert refine(inner, others, cameras, None, 1.0, RefineConfig(steps=2, max_lost=1.0)).skipped_because is None
+    assert refine(ball, others.select(np.zeros(0, int)), cameras, None, 1.0, _CONFIG).skipped_because is None
 
 
 @pytest.mark.parametrize("n", [0, 1])

@@ -86,6 +86,8 @@ class TrimResult:
     """New Gaussians of the background, which close the hole that the object left in a surface."""
     fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
+    not_fitted: str | None = None
+    """Why the outline was not fitted although it was asked for; None if it was, or was not to be."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 

@@ -98,6 +98,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("recovered", f"{counts['recovered']:,} that were not selected joined the object")
     if counts["fitted"]:
         table.add_row("fitted", f"{counts['fitted']:,} at the outline")
+    elif report["not_fitted"]:
+        table.add_row("not fitted", report["not_fitted"])
     if counts["dropped"]:
         table.add_row(
             "cleaned", f"{counts['dropped']:,} Gaussians hidden by the object were removed from the background"

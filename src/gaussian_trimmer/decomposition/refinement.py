@@ -16,12 +16,13 @@ from typing import Annotated
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.decomposition.fit_target import coverage_target
+from gaussian_trimmer.decomposition.fit_target import coverage_target, thin_share
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.rendering.gradients import Drawing, draw
 from gaussian_trimmer.settings import Range, Share
+from gaussian_trimmer.views import HALF
 
 _MIN_WRONG_PIXELS = 0.02
 """Blend weight of a wrong pixel in each view, in pixels, from which on a Gaussian is worth the fit."""
@@ -45,6 +46,14 @@ class RefineConfig:
     """Steps of the fit; each looks at two views."""
     wrong_share: Share = 0.02
     """Least share of a Gaussian's blend weight at pixels that are wrong, in the object alone, for it to be fitted."""
+    max_thin: Share = 0.035
+    """Largest share of the object that may be less than three pixels wide in these views, where no masks are known. If
+    more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
+    max_hidden: Share = 1 / 3
+    """Largest share of the object that other things may hide in these views, where no masks are known."""
+    max_lost: Share = 0.03
+    """Largest share of the object's silhouettes that coverage which follows from labels may take away. If it takes
+    more, Gaussians that draw the object's outline are not among its own, and a fit would make it smaller still."""
     cut_above: Annotated[float, Range(0, 1e6)] = 0.5
     """Blend weight at wrong pixels in each view, in pixels, above which a Gaussian is cut in two along its longest axis
     before the fit; its halves may be cut once more."""
@@ -62,6 +71,8 @@ class Refined:
     """Which of them are parts of a Gaussian that was split, (M,)."""
     fitted: BoolArray
     """Which of them are not as they were, (M,)."""
+    skipped_because: str | None = None
+    """Why nothing was fitted, if the views do not tell enough."""
 
 
 def refine(
@@ -84,8 +95,13 @@ def refine(
     """
     together = concatenate([inner, background])
     drawings = [draw(inner, camera) for camera in cameras]
+    thin = thin_share(drawings) if masks is None else 0.0
+    if thin > config.max_thin:
+        return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
     given: Sequence[FloatArray | None] = [None] * len(cameras) if masks is None else masks
     targets = [coverage_target(alone, together, radius, mask) for alone, mask in zip(drawings, given, strict=True)]
+    if masks is None and (doubt := _doubt(drawings, targets, config)):
+        return _unchanged(inner, doubt)
     wrong = np.zeros((len(inner), 2), np.float32)
     for alone, target in zip(drawings, targets, strict=True):
         wrong += _wrong_weight(alone, target)
@@ -101,6 +117,26 @@ def refine(
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
+
+
+def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: RefineConfig) -> str | None:
+    """Why coverage that follows from labels cannot be trusted; None if it can."""
+    shown, hidden, lost = 0, 0, 0
+    for alone, target in zip(drawings, targets, strict=True):
+        silhouette, counts = alone.image[3] > HALF, target.weight[3] > 0
+        shown += int(np.count_nonzero(silhouette))
+        hidden += int(np.count_nonzero(silhouette & ~counts))
+        lost += int(np.count_nonzero(silhouette & counts & (target.picture[3] <= HALF)))
+    if hidden > config.max_hidden * shown:
+        return f"{100 * hidden / shown:.0f} % of the object is hidden in the fit's views"
+    if lost > config.max_lost * shown:
+        return f"the fit would take away {100 * lost / shown:.1f} % of the object's silhouettes"
+    return None
+
+
+def _unchanged(inner: Gaussians, reason: str) -> Refined:
+    none = np.zeros(len(inner), np.bool_)
+    return Refined(inner, np.arange(len(inner)), none, none, reason)
 
 
 def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:

@@ -116,6 +116,7 @@ def describe(
         ],
         "checked": checked_sides(result).as_json(),
         "refused": result.refused or None,
+        "not_fitted": result.not_fitted or None,
         "warnings": list(result.warnings),
         "counts": count(result),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},

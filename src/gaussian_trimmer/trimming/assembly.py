@@ -32,6 +32,8 @@ class Assembly:
     """Scene rows that neither has."""
     fitted: IntArray = field(default_factory=_no_rows)
     """Rows of the object that were fitted to its outline."""
+    not_fitted: str | None = None
+    """Why none was, if it was tried."""
     filled: Gaussians | None = None
     """New Gaussians of the background."""
 
@@ -45,6 +47,7 @@ class Assembly:
             source_index=np.concatenate([self.source_index[parent], self.source_index[n:]]),
             label=np.concatenate([label, self.label[n:]]),
             fitted=np.flatnonzero(refined.fitted),
+            not_fitted=refined.skipped_because,
         )
 
     def with_filled(self, filled: Gaussians) -> Assembly:

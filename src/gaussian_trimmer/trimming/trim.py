@@ -227,7 +227,7 @@ def finish(task: Task, decision: Decision, dropped: IntArray, clock: Clock) -> T
         with clock("refine"):
             accepted = [view for view in decision.views if not view.rejected]
             assembly = fit_outline(task, scope, assembly, accepted)
-        LOG.info("fitted %d of the object's rows", len(assembly.fitted))
+        LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
     if config.fill and decision.visible is not None:
         with clock("fill"):
             filled = fill(scope, parts, dropped, decision.visible, task.renderer, config)
