@@ -177,7 +177,7 @@ def test_an_object_that_other_things_hide_is_left_alone() -> None:
 
 def test_an_object_whose_outline_is_drawn_by_others_is_left_alone() -> None:
     rng, ball, cameras = np.random.default_rng(3), _sphere(3000, 0.8, 0.08, 1.0), _views()
-    missing = (ball.means[:, 0] > 0.3) & (rng.random(3000) < 0.7)
+    missing = (ball.means[:, 0] > 0.3) & (rng.random(3000) < 0.85)
     inner, others = ball.select(~missing), ball.select(missing)
     holey = refine(inner, others, cameras, None, 1.0, _CONFIG)
     assert "take away" in holey.skipped_because and not holey.fitted.any()
