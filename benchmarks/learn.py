@@ -33,12 +33,11 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import CameraSet, only_training
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
-from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.view_rendering import render_scope
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.task import PlugIns, Task
 from gaussian_trimmer.trimming.trim import decide
 from gaussian_trimmer.views import HALF
@@ -124,7 +123,7 @@ def samples_of(folder: Path) -> list[Sample]:
             decision = decide(task, Clock(lambda stage: None))
             scope, total = decision.scope, float(gain[gain > 0].sum())
             decided = decision.parts.members if decision.parts else scope.selected
-            values = _features(task).astype(np.float32)
+            values = _features(task, scope).astype(np.float32)
             found.append(Sample(scene.name, name, kind, values, gain[scope.rows], total, scope.selected, decided))
     return found
 
@@ -135,9 +134,8 @@ def _task(scene: BenchmarkScene, cameras: CameraSet, chosen: BoolArray) -> Task:
     return Task(scene.gaussians, chosen, nothing, config, PlugIns.of("numba", "silhouette"), cameras)
 
 
-def _features(task: Task) -> Float64Array:
+def _features(task: Task, scope: Scope) -> Float64Array:
     config, renderer = task.config, task.renderer
-    scope = plan_scope(task, find_up(task.scene, task.cameras, config.up, task.selection).direction)
     visible = render_scope(scope, renderer).visible
     label = correct_labels(scope.local, scope.selected, visible, scope.bounds, config.label_crf)
     plane = scope.support_plane(label > HALF, visible, config.label_crf.support_plane)

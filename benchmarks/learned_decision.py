@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.decomposition.evidence import HIDDEN, INSIDE, OUTSIDE
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.support_plane import SupportPlane
@@ -59,8 +60,7 @@ def weigh(task: Task, scope: Scope, label: FloatArray, renderer: Renderer) -> Ev
     rows = np.flatnonzero(scope.selected | (label > POSSIBLE))
     isolated = scope.local.select(rows)
     seen, alone = np.zeros((len(label), 2), np.float32), np.zeros((len(label), 3), np.float32)
-    known = task.cameras.cameras if task.cameras else ()
-    for camera in views_at_heights(scope.bounds, scope.cameras, known, VIEWS, SIZE):
+    for camera in views_at_heights(scope.bounds, scope.cameras, training_cameras(task.cameras), VIEWS, SIZE):
         nearest = renderer.render(scope.local, camera).depth
         mask = renderer.blend_values(scope.local, camera, label[:, None])[..., 0] > HALF
         seen += renderer.blend_weights(scope.local, camera, mask.astype(np.uint8), 2)
