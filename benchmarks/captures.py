@@ -153,6 +153,12 @@ class Rooms:
         ]
         tests = {camera.name: pictures[camera.name] for camera in room.test}
         _save(folder, learnt, {"up": [0.0, 0.0, 1.0], "frames": frames}, tests, masks, room.training)
+        for name in room.names:
+            rest = make_room(letter, self.coarseness, self.picture_scale, without=name)
+            (folder / "removed" / name).mkdir(parents=True)
+            for camera in room.test:
+                picture = _bytes(draw(rest.gaussians, camera).image[:3].transpose(1, 2, 0))
+                cv2.imwrite(str(folder / "removed" / name / camera.name), picture[..., ::-1])
         print(_summary(folder, learnt, room.test, tests, perf_counter() - start))
 
 

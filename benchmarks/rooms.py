@@ -66,10 +66,14 @@ class Room:
     test: list[Camera]
 
 
-def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0) -> Room:
-    """The room a, b or c; its Gaussians are `coarseness` times as far apart, its pictures scaled by a factor."""
+def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, without: str | None = None) -> Room:
+    """The room a, b or c; its Gaussians are `coarseness` times as far apart, its pictures scaled by a factor.
+
+    `without` is the name of a thing that does not stand there: neither it nor its shadow is seen.
+    """
     rng = np.random.default_rng(ord(letter))
     shell, things, arc = ROOMS[letter](rng)
+    things = {name: parts for name, parts in things.items() if name != without}
     bodies = [(part, ROOM_SPACING, -1) for part in shell]
     bodies += [(part, THING_SPACING, i) for i, parts in enumerate(things.values()) for part in parts]
     solid = [part for parts in things.values() for part in parts]

@@ -10,7 +10,7 @@ from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_dis
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 _PITCHES_DEGREES = (12.0, 45.0)
-_VIEWS_A_PITCH = 5
+_VIEWS_A_PITCH = 4
 _SIZE_PIXELS = 256
 
 

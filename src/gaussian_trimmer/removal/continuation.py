@@ -1,0 +1,149 @@
+"""The surfaces that an object hid go on: new Gaussians in the hole, and no shadow around it.
+
+Nobody has seen the surface there, so what is new is a guess: it continues what is seen around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.gaussians import (
+    SH_C0,
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    Gaussians,
+    IntArray,
+    concatenate,
+    logit,
+    quaternions_of,
+)
+from gaussian_trimmer.removal.ghosts import Hidden
+from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, cameras_before, take_picture
+from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
+from gaussian_trimmer.removal.texture_completion import complete, grown
+from gaussian_trimmer.views import HALF_COVERAGE
+
+_RIM_PIXELS = 4
+"""Pixels around a hole that are filled, too, since their colours are already those of the object."""
+_MAX_VISIBLE_SHARE = 0.6
+"""Blend weight in the scene, relative to that without the object, of Gaussians below the new ones that go."""
+_DEPTH_RADII, _HEIGHT_RADII = 0.6, 0.1
+"""How far below and above the surface they lie, in object radii."""
+_SINK_RADII = 0.01
+"""Depth of the new Gaussians below the surface: above it they would hide the object's foot."""
+_OVERLAP, _FLATNESS = 0.75, 0.1
+"""Standard deviations of new Gaussians along and across the surface, in widths of the squares that they stand for."""
+_OPACITY = 0.95
+_SQUARES = (4, 2, 1)
+"""Widths of these squares in pixels, the largest first."""
+_ALIKE = 0.02
+"""Range of colours in a square that one Gaussian may stand for."""
+_LEAST_GAIN = 1.02
+"""Gaussians in a shadow that makes them less dark than this stay as they are."""
+_MAX_SHOWN_SHARE = 0.5
+"""Largest blend weight of a new Gaussian while the object is there, relative to that without it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Continuation:
+    """How the surfaces go on, for N Gaussians."""
+
+    filled: Gaussians
+    """New Gaussians where the object hid the surfaces."""
+    dropped: BoolArray
+    """Gaussians in their place that no view of the scene shows, (N,)."""
+    relit: IntArray
+    """Rows of those on which the object's shadow lay, (R,)."""
+    relit_gaussians: Gaussians
+    """The same without the shadow, (R,)."""
+
+
+def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden) -> Continuation:
+    """Let the surfaces go on where the object hid them.
+
+    Args:
+        place: the object in views from all around.
+        surfaces: what it stands on, hangs on or leans against.
+        hidden: what only the object hid.
+    """
+    gaussians = place.gaussians
+    ghosts = hidden.dropped | hidden.to_object
+    visible = place.seen.sum(axis=1) > _MAX_VISIBLE_SHARE * hidden.shown
+    dropped, gain = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
+    new = [gaussians.select(np.zeros(0, np.int64))]
+    for surface in surfaces:
+        picture = take_picture(place, surface, surfaces, hidden.shown, ghosts)
+        if not picture.hole.any():
+            continue
+        hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
+        completed = complete(picture.rgb, picture.known, hole)
+        hole &= _where_it_is(picture, hole)
+        new.append(_new_gaussians(picture, hole, completed.rgb, gaussians.sh_rest.shape[2]))
+        pixels, inside = picture.pixels_of(gaussians.means)
+        rows, columns = pixels.T
+        height = surface.heights(gaussians.means)
+        below = inside & hole[rows, columns] & (height < _HEIGHT_RADII) & (height > -_DEPTH_RADII)
+        dropped |= below & (~visible | (height > -_HEIGHT_RADII)) & ~place.removed & ~ghosts
+        on_surface = inside & ~place.removed & (np.abs(height) < THICKNESS_RADII)
+        gain = np.where(on_surface, np.maximum(gain, completed.gain[rows, columns]), gain)
+    relit = np.flatnonzero((gain > _LEAST_GAIN) & ~dropped & ~ghosts)
+    filled = concatenate(new)
+    if len(filled) and not _stays_hidden(filled, place, surfaces, dropped | hidden.dropped): print('SHOWS')
+    return Continuation(filled, dropped, relit, _brightened(gaussians.select(relit), gain[relit]))
+
+
+def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
+    """Where in a hole the surface goes on rather than ends, as it does around it, (P, P)."""
+    unknown = (hole | ~(picture.known | picture.empty)).astype(np.uint8)
+    ends = np.where(picture.empty, 0, 255).astype(np.uint8)
+    if not picture.empty.any():
+        return np.ones_like(hole)
+    return np.asarray(cv2.inpaint(ends, unknown, 3, cv2.INPAINT_TELEA) > HALF_COVERAGE)
+
+
+def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, rest: int) -> Gaussians:
+    """Flat Gaussians in the surface, one for each square of the hole that has about one colour."""
+    left, surface = hole.copy(), picture.surface
+    parts: list[tuple[Float64Array, FloatArray, Float64Array]] = []
+    for width in _SQUARES:
+        size = len(hole) // width
+        colours = rgb.reshape(size, width, size, width, 3).swapaxes(1, 2).reshape(size, size, -1, 3)
+        whole = left.reshape(size, width, size, width).all(axis=(1, 3))
+        whole &= np.ptp(colours, axis=2).max(axis=2) <= (_ALIKE if width > 1 else 1)
+        places = picture.coordinates.reshape(size, width, size, width, 3).mean(axis=(1, 3))[whole]
+        parts.append((places, colours[whole].mean(axis=1), np.full(len(places), width / PIXELS_A_RADIUS)))
+        left &= ~np.repeat(np.repeat(whole, width, axis=0), width, axis=1)
+    coordinates, colour, widths = (np.concatenate(column) for column in zip(*parts, strict=True))
+    n = len(coordinates)
+    scales = widths[:, None] * surface.unit * np.array([_OVERLAP, _OVERLAP, _OVERLAP * _FLATNESS])
+    return Gaussians(
+        surface.points(coordinates - [0, 0, _SINK_RADII]).astype(np.float32),
+        np.log(scales).astype(np.float32),
+        np.tile(quaternions_of(surface.axes.T[None]), (n, 1)),
+        np.full(n, logit(np.array(_OPACITY)), np.float32),
+        ((colour - 0.5) / SH_C0).astype(np.float32),
+        np.zeros((n, 3, rest), np.float32),
+    )
+
+
+def _stays_hidden(filled: Gaussians, place: Place, surfaces: Sequence[Surface], dropped: BoolArray) -> bool:
+    """Whether the new Gaussians hardly show while the object is there, as what it hid must."""
+    shown = []
+    for left in (~dropped, ~dropped & ~place.removed):
+        both = concatenate([place.gaussians.select(left), filled])
+        views = [place.renderer.render(both, view, weights=True) for view in cameras_before(place, surfaces)[::2]]
+        shown.append(sum(float(view.weights[-len(filled) :].sum()) for view in views))
+    return shown[0] <= _MAX_SHOWN_SHARE * shown[1]
+
+
+def _brightened(gaussians: Gaussians, gain: Float64Array) -> Gaussians:
+    """The Gaussians with colours that many times brighter, seen from anywhere."""
+    factor = gain.astype(np.float32)[:, None]
+    sh_dc = ((0.5 + SH_C0 * gaussians.sh_dc) * factor - 0.5) / SH_C0
+    return gaussians.replace(sh_dc=sh_dc.astype(np.float32), sh_rest=gaussians.sh_rest * factor[..., None])

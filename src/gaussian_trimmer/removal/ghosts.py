@@ -1,0 +1,107 @@
+"""What only the object hid: Gaussians of its inside, and scraps of its skin that the masks gave to the background.
+
+Training puts Gaussians where no photograph can contradict them: inside an object and behind its skin. The object hides
+them; in the scene without it they are a dark cloud. These ghosts are told by three things: they show in the background
+alone and hardly in the whole scene; what they show lies within the object's silhouettes, from every side and height;
+and they lie where the object was, above what it stands on.
+
+Crumbs are visible scraps of the object's own skin. Nearly all that is near a crumb belongs to the object, so the crumb
+does too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
+
+_MAX_ROUNDS = 3
+"""What a ghost has hidden shows when it is gone, and may be another ghost."""
+_MIN_SHOWN_SHARE = 2e-6
+"""Smallest blend weight in the background alone, as a share of the views' pixels, of what can be noticed."""
+_MAX_VISIBLE_SHARE = 0.4
+"""Largest blend weight in the whole scene, relative to that in the background alone."""
+_MIN_INSIDE_SHARE = 0.65
+"""Smallest share of the blend weight in the background alone within the object's silhouettes."""
+_BOUNDS_MARGIN_RADII = 0.1
+"""Margin around the object's bounds, in object radii."""
+_CRUMB_NEIGHBOURS = 12
+_CRUMB_NEIGHBOUR_SHARE = 0.75
+"""Share of the nearest Gaussians of a crumb that are the object's or ghosts, at the least."""
+_CRUMB_INSIDE_SHARE = 0.9
+_MAX_CRUMB_WEIGHT_SHARE = 0.01
+"""Largest blend weight of all crumbs in the scene, relative to the object's; more is no crumb."""
+_MAX_JOINING_SHARE = 0.1
+"""Largest share of its blend weight outside the silhouettes with which a ghost joins the object."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hidden:
+    """What the object hides, of N Gaussians."""
+
+    to_object: BoolArray
+    """Those that belong to the object and do not change its outline, (N,)."""
+    dropped: BoolArray
+    """Those that show in the background alone and belong to nobody, (N,)."""
+    shown: FloatArray
+    """Blend weight of each Gaussian in the background alone, (N,); compare with that in the whole scene."""
+
+
+def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
+    """Which Gaussians of the background are only there because the object hid them, or are scraps of it.
+
+    Args:
+        place: the object in views from all sides, at several heights.
+        surfaces: what it stands on, hangs on or leans against; what lies in them is not looked at.
+    """
+    visible = place.seen.sum(axis=1)
+    there = _where_the_object_was(place, surfaces)
+    ghosts, shown = np.zeros(len(there), np.bool_), np.zeros(len(there), np.float32)
+    noticed = _MIN_SHOWN_SHARE * sum(camera.width * camera.height for camera in place.cameras)
+    for _ in range(_MAX_ROUNDS):
+        alone = place.weigh(~(place.removed | ghosts))
+        shown = np.maximum(shown, alone.sum(axis=1))
+        found = there & (shown > noticed) & (visible <= _MAX_VISIBLE_SHARE * shown)
+        found &= (alone[:, 1] >= _MIN_INSIDE_SHARE * shown) & ~ghosts
+        if not found.any():
+            break
+        ghosts |= found
+    joins = _find_crumbs(place, ghosts, there)
+    if ghosts.any():
+        both = place.weigh(place.own | ghosts | joins)
+        joins |= ghosts & (both[:, 0] <= _MAX_JOINING_SHARE * both.sum(axis=1))
+    return Hidden(joins, ghosts & ~joins, shown)
+
+
+def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> BoolArray:
+    """Which Gaussians of the background lie within the object's bounds, above what it stands on, (N,)."""
+    bounds, margin = place.bounds, _BOUNDS_MARGIN_RADII * place.bounds.radius
+    local = (place.gaussians.means - bounds.centre) @ bounds.axes.T
+    # The bounds are robust ones, so a thin top rises above them.
+    top = max(bounds.half_extents[2], float(local[place.own, 2].max(initial=0.0))) + margin
+    within = (np.abs(local[:, :2]) <= bounds.half_extents[:2] + margin).all(axis=1) & (local[:, 2] < top)
+    if surfaces:
+        return np.asarray(within & ~place.removed & above_all(surfaces, place.gaussians.means, THICKNESS_RADII))
+    return np.asarray(within & ~place.removed & (local[:, 2] > -bounds.half_extents[2]))
+
+
+def _find_crumbs(place: Place, ghosts: BoolArray, there: BoolArray) -> BoolArray:
+    """Visible scraps of the object among the background, (N,)."""
+    total, means = place.seen.sum(axis=1), place.gaussians.means
+    possible = np.flatnonzero(there & ~ghosts & (total > 0) & (place.seen[:, 1] >= _CRUMB_INSIDE_SHARE * total))
+    crumbs = np.zeros(len(ghosts), np.bool_)
+    if not len(possible):
+        return crumbs
+    _, near = nearest(means, means[possible], min(_CRUMB_NEIGHBOURS + 1, len(means)))
+    others = near != possible[:, None]
+    ours = ((place.own | ghosts)[near] & others).sum(axis=1) >= _CRUMB_NEIGHBOUR_SHARE * others.sum(axis=1)
+    rows = possible[ours]
+    rows = rows[np.argsort(total[rows], kind="stable")]
+    crumbs[rows[np.cumsum(total[rows]) <= _MAX_CRUMB_WEIGHT_SHARE * total[place.own].sum()]] = True
+    return crumbs

@@ -1,0 +1,186 @@
+"""A picture of a surface from straight above, without what stands on it, and which parts of it are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
+from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.rendering.reference import view_colours
+from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
+from gaussian_trimmer.removal.texture_completion import grown
+from gaussian_trimmer.views import HALF
+
+PIXELS_A_RADIUS = 64
+_HALF_WIDTH_RADII = 2.0
+"""The picture shows the surface this far to all sides of the object's centre, in object radii."""
+_SLAB_RADII = 0.08
+"""Height above and below the surface up to which Gaussians may be of it, in object radii."""
+_DISTANCE_RADII = 12.0
+"""Height of the camera above the surface: from so far away it looks straight down nearly everywhere."""
+_MIN_VISIBLE_SHARE = 0.5
+"""Smallest blend weight in the scene, relative to that without the object, of a Gaussian whose colours are trusted."""
+_FAINT = 1e-3
+_NOWHERE = -1e3
+"""Height of what is seen where nothing is."""
+_EDGE_PIXELS = 2
+"""Depths are not trusted so near the object's silhouette."""
+_MIN_VIEWS_THROUGH = 2
+_COARSENING = 2
+"""What views see is asked once for this many pixels along each axis."""
+_SPECK_PIXELS = 2
+"""Emptiness and holes narrower than about twice this are noise of the depths."""
+_REACH_RADII = 0.15
+"""A hole that does not come so near to the object's foot point is not the object's."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePicture:
+    """The surface from straight above, with what is known of each of P x P pixels."""
+
+    surface: Surface
+    rgb: FloatArray
+    """Colours, (P, P, 3), by first and second coordinate in the surface."""
+    known: BoolArray
+    """Where some view sees the surface, (P, P)."""
+    empty: BoolArray
+    """Where views see that the surface is not there, (P, P)."""
+    hole: BoolArray
+    """Where the object hides whether it is there, (P, P)."""
+
+    @property
+    def coordinates(self) -> Float64Array:
+        """Coordinates in the surface of the pixels' centres, (P, P, 3)."""
+        along = (np.arange(len(self.hole)) + 0.5) / PIXELS_A_RADIUS - _HALF_WIDTH_RADII
+        first, second = np.meshgrid(along, along, indexing="ij")
+        return np.stack([first, second, np.zeros_like(first)], axis=-1)
+
+    def pixels_of(self, points: FloatArray) -> tuple[IntArray, BoolArray]:
+        """The pixels above or below which points (N, 3) lie, (N, 2), and whether they do so within the picture, (N,)."""
+        pixels = np.floor((self.surface.coordinates(points)[:, :2] + _HALF_WIDTH_RADII) * PIXELS_A_RADIUS)
+        inside = ((pixels >= 0) & (pixels < len(self.hole))).all(axis=1)
+        return np.where(inside[:, None], pixels, 0).astype(np.int64), np.asarray(inside)
+
+
+def take_picture(
+    place: Place, surface: Surface, surfaces: Sequence[Surface], shown: FloatArray, ghosts: BoolArray
+) -> SurfacePicture:
+    """The picture of one of the surfaces around an object.
+
+    Args:
+        place: the object in views from all around. A view from behind any of the surfaces does not count.
+        surface: the surface.
+        surfaces: all of them; each ends where another begins.
+        shown: blend weight of each Gaussian in the views without the object, (N,).
+        ghosts: Gaussians that are of nobody, (N,).
+    """
+    size = round(2 * _HALF_WIDTH_RADII * PIXELS_A_RADIUS)
+    nothing = np.zeros((size, size), np.bool_)
+    picture = SurfacePicture(surface, np.zeros((size, size, 3), np.float32), nothing, nothing, nothing)
+    coordinates = picture.coordinates
+    points = surface.points(coordinates.reshape(-1, 3))
+    seen, through, by_object, by_others = _sights(place, surface, surfaces, coordinates)
+    others = [other for other in surfaces if other is not surface]
+    rgb, alpha = _from_above(place, surface, surfaces, shown, ghosts, size)
+    before = np.ones((size, size), np.bool_)
+    for other in others:
+        before &= other.heights(points).reshape(size, size) > 0
+    empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
+    known = (seen >= np.maximum(through, 1)) & (alpha > HALF)
+    hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
+    for other in others:
+        known &= other.heights(points).reshape(size, size) > THICKNESS_RADII
+    return replace(picture, rgb=rgb, known=known, empty=empty, hole=_at_the_object(_opened(hole), picture, place))
+
+
+def cameras_before(place: Place, surfaces: Sequence[Surface]) -> list[Camera]:
+    """The views of a place but for those from behind any of its surfaces."""
+    return [camera for camera in place.cameras if above_all(surfaces, camera.centre[None], THICKNESS_RADII).all()]
+
+
+def _sights(
+    place: Place, surface: Surface, surfaces: Sequence[Surface], coordinates: Float64Array
+) -> list[IntArray]:
+    """In how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
+    coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
+    points = surface.points(coarse.reshape(-1, 3))
+    counts, before = np.zeros((4, len(points)), np.int64), cameras_before(place, surfaces)
+    for camera, silhouette, rendering in zip(place.cameras, place.silhouettes, place.renderings, strict=True):
+        if camera not in before:
+            continue
+        pixels, depths = camera.project(points)
+        inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+        rows = np.flatnonzero(inside)
+        x, y = pixels[rows].astype(np.int64).T
+        height = _heights_of_what_is_seen(camera, rendering, surface)[y, x]
+        of_object, near_it = silhouette[y, x], grown(silhouette, _EDGE_PIXELS)[y, x]
+        counts[0, rows] += ~near_it & (np.abs(height) <= THICKNESS_RADII)
+        counts[1, rows] += ~near_it & (height < -THICKNESS_RADII)
+        counts[2, rows] += of_object & (height > -THICKNESS_RADII)
+        counts[3, rows] += ~near_it & (height > THICKNESS_RADII)
+    return [
+        np.repeat(np.repeat(count.reshape(coarse.shape[:2]), _COARSENING, axis=0), _COARSENING, axis=1)
+        for count in counts
+    ]
+
+
+def _heights_of_what_is_seen(camera: Camera, rendering: Rendering, surface: Surface) -> Float64Array:
+    """Height above the surface, in object radii, of what each pixel of a view shows, (H, W)."""
+    y, x = np.indices(rendering.alpha.shape) + 0.5
+    inverse = np.linalg.inv(camera.K)
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T @ (camera.rotation @ surface.axes[2])
+    start = surface.heights(camera.centre[None])[0]
+    return np.where(rendering.alpha > HALF, start + rays * rendering.depth / surface.unit, _NOWHERE)
+
+
+def _from_above(
+    place: Place,
+    surface: Surface,
+    surfaces: Sequence[Surface],
+    shown: FloatArray,
+    ghosts: BoolArray,
+    size: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Colours (P, P, 3) and opacity (P, P) of the visible Gaussians of the surface alone."""
+    means = place.gaussians.means
+    height = np.abs(surface.heights(means))
+    ours = (height < _SLAB_RADII) & ~place.removed & ~ghosts
+    ours &= place.seen.sum(axis=1) > _MIN_VISIBLE_SHARE * shown
+    for other in surfaces:
+        ours &= np.abs(other.heights(means)) >= height
+    # The image's right and down are the first and second coordinate, so that it must be seen from below: mirror one.
+    right, down, normal = surface.axes
+    rotation = np.stack([right, -down, -normal])
+    eye = surface.points(np.array([[0.0, 0.0, _DISTANCE_RADII]]))[0]
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, -rotation @ eye
+    focal = _DISTANCE_RADII * PIXELS_A_RADIUS
+    K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+    camera = Camera(transform, K, size, size, near=0.01 * surface.unit)
+    # Nobody looked from straight above, so the colours are those of the views, and not what they would be from there.
+    drawn, before = place.gaussians.select(ours), cameras_before(place, surfaces)
+    colours = np.mean([view_colours(drawn, view) for view in before], axis=0) if before else np.zeros((len(drawn), 3))
+    values = np.column_stack([colours, np.ones(len(drawn))]).astype(np.float32)
+    image = np.swapaxes(place.renderer.blend_values(drawn, camera, values)[::-1], 0, 1)
+    return np.asarray(np.clip(image[..., :3] / np.maximum(image[..., 3:], _FAINT), 0, 1)), np.asarray(image[..., 3])
+
+
+def _opened(mask: BoolArray) -> BoolArray:
+    square = np.ones((2 * _SPECK_PIXELS + 1,) * 2, np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
+
+
+def _at_the_object(hole: BoolArray, picture: SurfacePicture, place: Place) -> BoolArray:
+    """The connected parts of the hole that come near to the object as it is seen from above."""
+    pixels, inside = picture.pixels_of(place.gaussians.means[place.own])
+    below = np.zeros_like(hole)
+    below[tuple(pixels[inside].T)] = True
+    below = grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
+    _, parts = cv2.connectedComponents(hole.astype(np.uint8))
+    return np.asarray(hole & np.isin(parts, np.unique(parts[hole & below])))

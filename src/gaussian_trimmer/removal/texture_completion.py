@@ -1,0 +1,275 @@
+"""A picture with a hole, completed by the shifts under which it repeats.
+
+Boards continue along themselves, a check from square to square, plaster in any direction. So what lies around the hole
+is compared with the picture moved by every shift at once (the sum of squared differences, by Fourier transforms); the
+shifts that agree best give what the hole shows, each where it agrees nearby, and the middle half of what they say is
+averaged. The same prediction tells where the object darkened the picture: near the hole, where the picture is darker
+than its repetitions, by more than these differ from it farther away, lay a shadow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+
+_SHIFTS = 40
+_SPREAD_PIXELS = 6
+"""Shifts differ by more than this along one axis."""
+_MIN_SHIFT_PIXELS = 3
+_RING_PIXELS = 20
+"""Width of the ring around the hole in which shifts are compared."""
+_MIN_RING_SHARE, _MIN_HOLE_SHARE = 0.3, 0.1
+"""Share of the ring, and of the hole, for which the shifted picture must be known."""
+_FEWEST_PIXELS = 100
+"""Known pixels around a hole that are enough to go by."""
+_LEVELS = 16
+"""Levels of each colour channel between which colours are told apart."""
+_MIN_COLOUR_SHARE = 0.01
+"""Share of the ring that must have about the colour of a pixel that is taken."""
+_NEARBY_PIXELS = 6.0
+"""Standard deviation of the window in which a shift's agreement is measured, and half of that of its correction."""
+_SHARPNESS = 1.5
+"""Difference, relative to that of the best shift, at which a shift counts 1/e as much."""
+_LEAST_DIFFERENCE = 2e-4
+"""Squared difference of colours that is noise."""
+_MAX_ROUNDS = 10
+_COARSENING = 4
+"""Differences are smoothed on a grid so many times coarser."""
+_SHADOW_REACH_PIXELS = 20
+"""Width of the ring around the hole in which shadows are looked for."""
+_SHADOW_BLUR_PIXELS = 2.0
+"""Smoothing of the brightness, at half of the picture's size."""
+_SHADOW_DEVIATIONS = 2.0
+"""How much darker than predicted a shadow is, in standard deviations of the prediction where no shadow is expected."""
+_LEAST_DEVIATION = 0.01
+_FAR_SHARE = 0.7
+"""Share of the reach beyond which no shadow is expected."""
+_MAX_GAIN = 4.0
+_SHADOWED_GAIN = 1.04
+"""From this gain on a pixel is not taken as an example of the surface."""
+_DARK = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """The completed picture."""
+
+    rgb: FloatArray
+    """Colours, without shadow, (H, W, 3)."""
+    gain: FloatArray
+    """Factor that takes the shadow away from what was seen, at least 1, (H, W)."""
+
+
+def complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> Completed:
+    """Fill the hole of a picture, and tell the shadow that lies around it.
+
+    Args:
+        rgb: colours between 0 and 1, (H, W, 3).
+        known: pixels whose colours can be relied on, (H, W).
+        hole: pixels to be filled, (H, W).
+    """
+    known = known & ~hole
+    if known.sum() < _FEWEST_PIXELS:
+        return Completed(_smoothed_into(rgb, known, hole), np.ones(hole.shape, np.float32))
+    gain = _shadow(rgb, known, hole)
+    lit = np.clip(rgb * gain[..., None], 0, 1).astype(np.float32)
+    clear = known & ~grown(gain > _SHADOWED_GAIN, 1)
+    examples = clear if (clear & grown(hole, 2 * _RING_PIXELS)).sum() >= _FEWEST_PIXELS else known
+    return Completed(_filled(lit, examples, hole, _RING_PIXELS), gain)
+
+
+def grown(mask: BoolArray, radius: int) -> BoolArray:
+    """A mask (H, W) and all pixels within a radius of it."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
+
+
+def _shadow(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
+    """How many times brighter the picture would be without the shadow around the hole, (H, W)."""
+    height, width = hole.shape
+    small = (width // 2, height // 2)
+
+    def halved(image: FloatArray | BoolArray) -> FloatArray:
+        return np.asarray(cv2.resize(image.astype(np.float32), small, interpolation=cv2.INTER_AREA))
+
+    seen, inside, colours = halved(known) > 1 - _DARK, halved(hole) > 0, halved(rgb)
+    reach = _SHADOW_REACH_PIXELS // 2
+    near = grown(inside, reach)
+    beyond = seen & ~near
+    if beyond.sum() < _FEWEST_PIXELS:
+        return np.ones(hole.shape, np.float32)
+    predicted = _filled(colours, beyond, near & (seen | inside), _RING_PIXELS // 2)
+    ring = near & seen & ~inside
+
+    def brightness(image: FloatArray) -> FloatArray:
+        return np.asarray(cv2.GaussianBlur(image * ring[..., None], (0, 0), _SHADOW_BLUR_PIXELS) + _DARK)
+
+    # A shadow is dark in all channels; a stripe of another colour is not.
+    darker = np.log(brightness(predicted) / brightness(colours)).min(axis=2)
+    far = ring & ~grown(inside, round(_FAR_SHARE * reach))
+    deviation = _LEAST_DEVIATION
+    if far.any():
+        usual = float(np.median(darker[far]))
+        deviation = max(deviation, 1.4826 * float(np.median(np.abs(darker[far] - usual))))
+        darker = darker - usual
+    shadow = ring & (darker > _SHADOW_DEVIATIONS * deviation)
+    _, parts = cv2.connectedComponents((shadow | inside).astype(np.uint8))
+    shadow &= np.isin(parts, np.unique(parts[inside]))
+    gain = cv2.GaussianBlur(np.where(shadow, np.exp(darker), 1).astype(np.float32), (0, 0), 1.0)
+    return np.asarray(np.clip(cv2.resize(gain, (width, height), interpolation=cv2.INTER_LINEAR), 1, _MAX_GAIN))
+
+
+def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: int) -> FloatArray:
+    """The picture with its hole filled from examples (H, W), from the rim inwards where no shift spans it."""
+    examples = examples & ~hole
+    around = examples & grown(hole, 2 * ring_width)
+    if not around.any():
+        return _smoothed_into(rgb, examples, hole)
+    rgb = np.where(examples[..., None], rgb, rgb[around].mean(axis=0)).astype(np.float32)
+    examples = examples & _of_usual_colour(rgb, around)
+    left = hole.copy()
+    for _ in range(_MAX_ROUNDS):
+        ring = examples & grown(left, ring_width)
+        done = _fill_by_shifts(rgb, examples, ring, left) if ring.any() else np.zeros_like(hole)
+        examples, left = examples | done, left & ~done
+        if not left.any():
+            return rgb
+        if not done.any():
+            break
+    return _smoothed_into(rgb, examples, left)
+
+
+def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray) -> BoolArray:
+    """Fill those pixels of the hole that a shift reaches, in place; returns which, (H, W)."""
+    shifts, differences = _best_shifts(rgb, examples, ring, hole)
+    rows, columns = np.nonzero(hole)
+    if not len(shifts):
+        return np.zeros_like(hole)
+    sharpness = _SHARPNESS * (differences[0] + _LEAST_DIFFERENCE)
+    values, weights = [], []
+    for (down, right), difference in zip(shifts, differences, strict=True):
+        moved, there = _moved(rgb, down, right), _moved(examples, down, right)
+        both = (there & ring).astype(np.float32)
+        apart = (rgb - moved) * both[..., None]
+        local = _smoothed(np.dstack([(apart**2).sum(axis=2), both]), _NEARBY_PIXELS)
+        disagreement = (local[..., 0] + 0.01 * difference) / (local[..., 1] + 0.01)
+        shades = _smoothed(np.dstack([apart, both]), 2 * _NEARBY_PIXELS)
+        corrected = moved + shades[..., :3] / (shades[..., 3:] + 0.02)
+        weight = (np.exp(-np.minimum(disagreement / sharpness, 60)) + 1e-12) * there
+        values.append(corrected[rows, columns])
+        weights.append(weight[rows, columns])
+    colours, found = _middle_half(np.array(values), np.array(weights))
+    rgb[rows[found], columns[found]] = np.clip(colours[found], 0, 1)
+    done = np.zeros_like(hole)
+    done[rows[found], columns[found]] = True
+    return done
+
+
+def _best_shifts(
+    rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray
+) -> tuple[list[tuple[int, int]], list[float]]:
+    """The shifts down and right under which ring and examples agree best, and their mean squared differences."""
+    height, width = hole.shape
+    squared, pairs = _differences(rgb, ring, examples)
+    reached = _overlaps(hole, examples)
+    down, right = np.indices(squared.shape) - np.array([height, width])[:, None, None]
+    far = np.maximum(np.abs(down), np.abs(right)) >= _MIN_SHIFT_PIXELS
+    possible = far & (pairs > _MIN_RING_SHARE * ring.sum()) & (reached > _MIN_HOLE_SHARE * hole.sum())
+    if not possible.any():
+        possible = far & (pairs > 1) & (reached > 0.5)
+    mean = np.where(possible, squared / np.maximum(pairs, 1), np.inf)
+    left, shifts, found = mean.copy(), [], []
+    for _ in range(_SHIFTS):
+        row, column = np.unravel_index(int(np.argmin(left)), left.shape)
+        if not np.isfinite(left[row, column]):
+            break
+        shifts.append((int(down[row, column]), int(right[row, column])))
+        found.append(float(mean[row, column]))
+        left[
+            max(0, row - _SPREAD_PIXELS) : row + _SPREAD_PIXELS + 1,
+            max(0, column - _SPREAD_PIXELS) : column + _SPREAD_PIXELS + 1,
+        ] = np.inf
+    return shifts, found
+
+
+def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Float64Array, Float64Array]:
+    """Sum of squared differences between pixels and those a shift farther, and their number, for all shifts.
+
+    Only pixels of `here` are compared, with pixels of `there`, both (H, W). Shifts run from -H and -W, (2 H, 2 W).
+    """
+    first, second = _spectrum(here), _spectrum(there)
+    total = np.zeros_like(first)
+    for channel in rgb.astype(np.float64).transpose(2, 0, 1):
+        total += np.conj(_spectrum(here * channel**2)) * second + np.conj(first) * _spectrum(there * channel**2)
+        total -= 2 * np.conj(_spectrum(here * channel)) * _spectrum(there * channel)
+    return np.maximum(_by_shift(total, here.shape), 0), _by_shift(np.conj(first) * second, here.shape)
+
+
+def _overlaps(here: BoolArray, there: BoolArray) -> Float64Array:
+    """How many pixels of `here` meet one of `there` under each shift, (2 H, 2 W)."""
+    return _by_shift(np.conj(_spectrum(here)) * _spectrum(there), here.shape)
+
+
+def _spectrum(image: BoolArray | Float64Array) -> np.ndarray:
+    return np.fft.rfft2(image, [2 * length for length in image.shape])
+
+
+def _by_shift(spectrum: np.ndarray, shape: tuple[int, ...]) -> Float64Array:
+    return np.asarray(np.fft.fftshift(np.fft.irfft2(spectrum, [2 * length for length in shape])))
+
+
+def _moved(image: np.ndarray, down: int, right: int) -> np.ndarray:
+    """An image (H, W, ...) whose pixels show what lies a shift farther; zero where nothing does."""
+    height, width = image.shape[:2]
+    moved = np.zeros_like(image)
+    rows = slice(max(0, -down), min(height, height - down))
+    columns = slice(max(0, -right), min(width, width - right))
+    if rows.start < rows.stop and columns.start < columns.stop:
+        moved[rows, columns] = image[rows.start + down : rows.stop + down, columns.start + right : columns.stop + right]
+    return moved
+
+
+def _smoothed(image: FloatArray, deviation: float) -> FloatArray:
+    """A Gaussian blur of an image (H, W, C), on a coarser grid."""
+    height, width = image.shape[:2]
+    coarse = (max(1, width // _COARSENING), max(1, height // _COARSENING))
+    small = cv2.resize(image, coarse, interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(small, (0, 0), deviation / _COARSENING)
+    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def _middle_half(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Mean of the middle half, by weight, of S values (S, P, C) with weights (S, P), and where any weighs anything."""
+    total = weights.sum(axis=0)
+    order = np.argsort(values, axis=0)
+    values = np.take_along_axis(values, order, axis=0)
+    sorted_weights = np.take_along_axis(np.broadcast_to(weights[..., None], values.shape), order, axis=0)
+    until = np.cumsum(sorted_weights, axis=0)
+    low, high = 0.25 * total[:, None], 0.75 * total[:, None]
+    part = np.maximum(np.minimum(until, high) - np.maximum(until - sorted_weights, low), 0)
+    return (values * part).sum(axis=0) / np.maximum(part.sum(axis=0), 1e-20), total > 0
+
+
+def _of_usual_colour(rgb: FloatArray, around: BoolArray) -> BoolArray:
+    """Which pixels have about the colour of a fair share of those around the hole, (H, W)."""
+    level = np.clip((rgb * _LEVELS).astype(np.int64), 0, _LEVELS - 1)
+    counts = np.zeros((_LEVELS,) * 3)
+    np.add.at(counts, tuple(level[around].T), 1.0)
+    for axis in range(3):
+        padded = np.pad(counts, [(1, 1) if a == axis else (0, 0) for a in range(3)])
+        before, after = (np.take(padded, np.arange(_LEVELS) + step, axis) for step in (0, 2))
+        counts = counts + (before + after) / 2
+    return np.asarray(counts[tuple(np.moveaxis(level, 2, 0))] > _MIN_COLOUR_SHARE * around.sum())
+
+
+def _smoothed_into(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
+    """The picture with its hole filled smoothly from the known pixels around it (Telea, 2004)."""
+    if not known.any():
+        return np.where(hole[..., None], 0.5, rgb).astype(np.float32)
+    picture = np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
+    smooth = cv2.inpaint(picture, (~known).astype(np.uint8), 3, cv2.INPAINT_TELEA).astype(np.float32) / 255
+    return np.where(hole[..., None], smooth, rgb).astype(np.float32)
