@@ -7,11 +7,13 @@ not finite, and what `_columns_reached` and `_rows_reached` return lies in the i
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
@@ -27,19 +29,55 @@ _parallel = numba.njit(
 )
 
 
+class Ellipsoids(NamedTuple):
+    """N Gaussians without their colours, as in `Gaussians`."""
+
+    means: FloatArray
+    log_scales: FloatArray
+    quaternions: FloatArray
+    opacity_logits: FloatArray
+
+
+class Pinhole(NamedTuple):
+    """A camera."""
+
+    world_to_camera: Float64Array
+    """(4, 4)."""
+    centre: Float64Array
+    """(3,)."""
+    lens: Float64Array
+    """Focal lengths (2), principal point (2), width, height, near plane, (7,)."""
+    limits: Float64Array
+    """Slopes x / z (2) and y / z (2) of the widened frustum, (4,)."""
+
+
+class Tiles(NamedTuple):
+    """T tiles that follow each other, and the Gaussians that reach them."""
+
+    first: int
+    """Number of the first tile, row by row."""
+    starts: IntArray
+    """Where each tile's list begins in `lists`, (T + 1,)."""
+    lists: NDArray[np.int32]
+    """Indices of drawn Gaussians, from near to far, tile after tile, (P,)."""
+    spans: NDArray[np.uint8]
+    """First and one past the last row of its tile that each entry of `lists` reaches, (P, 2)."""
+
+
 @_parallel
-def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, world_to_camera, centre, lens, limits):  # type: ignore[no-untyped-def]
+def project(ellipsoids, sh_dc, sh_rest, pinhole):  # type: ignore[no-untyped-def]
     """EWA projection of N Gaussians.
 
     Returns splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
     of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,).
     """
+    means, log_scales, quaternions, opacity_logits = ellipsoids
+    W, centre, lens, limits = pinhole
     n = means.shape[0]
     splats = np.empty((n, 8), np.float32)
     colours = np.empty((n, 4), np.float32)
     drawn = np.zeros(n, np.bool_)
     fx, fy, cx, cy, width, height, near = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6]
-    W = world_to_camera
     for i in numba.prange(n):
         x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
         depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
