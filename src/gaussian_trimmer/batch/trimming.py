@@ -36,7 +36,7 @@ from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
 
-_BUSY = "Another run is writing"
+_FOLDER_IS_LOCKED = "Another run is writing"
 """How `atomic_folder` begins the error for a folder that is locked."""
 _SECONDS_BETWEEN_LOOKS = 0.5
 _SECONDS_TO_COMPILE = 300.0
@@ -99,7 +99,7 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
         message = f"It took longer than the time limit of {limit:g} seconds."
     except (InputError, OSError, MemoryError) as error:
         message = _sentence(error)
-        if message.startswith(_BUSY):
+        if message.startswith(_FOLDER_IS_LOCKED):
             return None
         if _is_of_machine(error):
             mark = ""  # The next run tries again what the machine is to blame for.

@@ -29,9 +29,24 @@ _MAX_JSON_BYTES, _MAX_PICTURE_BYTES = 1 << 26, 1 << 28
 _OPENGL_TO_OPENCV = np.array([1.0, -1.0, -1.0])
 _DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _SHARED_KEYS = (
-    "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy", "camera_model", "is_fisheye",
-    "width", "height", "fx", "fy", "K", "split", *_DISTORTION_KEYS,
-)  # fmt: skip
+    "w",
+    "h",
+    "fl_x",
+    "fl_y",
+    "camera_angle_x",
+    "camera_angle_y",
+    "cx",
+    "cy",
+    "camera_model",
+    "is_fisheye",
+    "width",
+    "height",
+    "fx",
+    "fy",
+    "K",
+    "split",
+    *_DISTORTION_KEYS,
+)
 """What may be given once for all frames."""
 
 

@@ -150,9 +150,16 @@ class Trim(TrimSettings):
         if renderer.name == "numba":
             announce_compiling(console)
         result = trim(
-            scene, selection, config=self.settings(), renderer=renderer, segmenter=segmenter, cameras=loaded.cameras,
-            view_cameras=views, excluded=excluded, progress=stage,
-        )  # fmt: skip
+            scene,
+            selection,
+            config=self.settings(),
+            renderer=renderer,
+            segmenter=segmenter,
+            cameras=loaded.cameras,
+            view_cameras=views,
+            excluded=excluded,
+            progress=stage,
+        )
         stage("write")
         if loaded.marks is not None:
             write_marks(loaded.marks, folder / MARKS)

@@ -20,8 +20,12 @@ from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VAL
 
 TILE = 16
 """Side of a tile in pixels."""
-_SHARES = 8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
-_LOST = 1e-8  # Determinant, as a share of the product of the variances, below which their difference has lost it.
+_PARALLEL_PARTS = (
+    8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
+)
+_CANCELLED_SHARE = (
+    1e-8  # Determinant, as a share of the product of the variances, below which their difference has lost it.
+)
 
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
 _parallel = numba.njit(
@@ -136,7 +140,7 @@ def project(ellipsoids, sh_dc, sh_rest, pinhole):  # type: ignore[no-untyped-def
             else:
                 second_x, second_y = px, py
         det = xx * yy - xy * xy
-        if det < _LOST * xx * yy:
+        if det < _CANCELLED_SHARE * xx * yy:
             # The same by the formula of Cauchy and Binet, a sum of squares: right for needles, where the two products
             # are equal but for their last digits.
             det = LOW_PASS_VARIANCE * (xx + yy - LOW_PASS_VARIANCE) + area
@@ -231,7 +235,7 @@ def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
     """Number of Gaussians that reach each tile, (T,). Takes as long for ellipses of many rows as for those of few."""
     across, down = -(-width // TILE), -(-height // TILE)
     counts = np.zeros((down + 1) * across, np.int64)  # First those that begin with a tile less those that end above it.
-    share = -(-across // _SHARES)
+    share = -(-across // _PARALLEL_PARTS)
     for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
             x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
@@ -258,7 +262,7 @@ def bin_gaussians(splats, width, height, starts, first_tile):  # type: ignore[no
     spans = np.zeros((starts[-1], 2), np.uint8)
     ends = starts[:-1].copy()
     above, below = first_tile // across, -(-(first_tile + n_tiles) // across)
-    share = -(-across // _SHARES)
+    share = -(-across // _PARALLEL_PARTS)
     for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
             x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
