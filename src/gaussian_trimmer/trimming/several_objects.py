@@ -67,6 +67,7 @@ class _Claim:
         return members
 
 
+# The arguments are those of `trim`, by the same names.
 def trim_objects(
     scene: Gaussians,
     objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike],

@@ -87,6 +87,7 @@ class Decision:
     """Gaussians of the scene that other objects got, (N,)."""
 
 
+# More arguments than a function of this package has elsewhere: callers give all but two by name, and most give none.
 def trim(
     scene: Gaussians,
     selection: ArrayLike,
