@@ -8,7 +8,7 @@ import os
 import sys
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.errors import InputError, printable
+from gaussian_trimmer.errors import InputError, explained, printable
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -81,15 +81,11 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _explain(error: BaseException) -> int:
     """Print what the user can mend, and raise the rest again."""
-    match error:
-        case InputError():
-            return _fail(str(error))
-        case OSError():
-            place = f": '{error.filename}'" if error.filename else ""
-            return _fail(f"{error.strerror or error}{place}.")
-        case MemoryError():
-            return _fail("There is not enough memory for this.")
-    raise error
+    message = explained(error)
+    if message is None:
+        raise error
+    print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
+    return USER_ERROR
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
@@ -132,8 +128,3 @@ def _overview() -> str:
     head = f"usage: {PROGRAM} COMMAND ...\n\nSharp object boundaries for 3D Gaussian Splatting segmentations.\n"
     tail = f"\n{PROGRAM} COMMAND --help lists the options of a command; --version prints the version."
     return "\n".join([head, *lines, tail])
-
-
-def _fail(message: str) -> int:
-    print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
-    return USER_ERROR

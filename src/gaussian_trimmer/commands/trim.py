@@ -47,6 +47,7 @@ from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
 
@@ -115,7 +116,8 @@ class Trim(TrimInputs):
         stage("read")
         loaded = loaded or self._read(console)
         scene, selection, excluded = loaded.scene, *self.without_excluded(loaded)
-        self._refuse_whole_scene(loaded.selection)
+        if self.selection is not None:
+            refuse_whole_scene(loaded.selection, self.selection, self.scene)
         seconds = {"read": time.perf_counter() - start}
         renderer, segmenter = get_renderer(self.renderer), self.make_segmenter()
         views = views_of_masks(segmenter, loaded.cameras, self.settings())
@@ -217,13 +219,6 @@ class Trim(TrimInputs):
             further = [FromFile(self.selection, self.selection_options), *further]
         settled = resolve_views(scene, further, cameras=cameras, up=self.config.up, camera_path=self.cameras)
         return settled if earlier is None else earlier.followed_by(settled, self.cameras)
-
-    def _refuse_whole_scene(self, selection: BoolArray) -> None:
-        if self.selection is not None and selection.all():
-            raise InputError(
-                f"'{self.selection}' selects all {len(selection)} Gaussians of '{self.scene}'; give the whole scene, "
-                "or leave the selection out if the file holds the object alone."
-            )
 
     def _photo_views(
         self, scene: Gaussians, selection: BoolArray, cameras: CameraSet | None, segmenter: Segmenter

@@ -10,6 +10,7 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
     Picture,
@@ -20,7 +21,7 @@ from gaussian_trimmer.output.pictures import (
     whole_close_up,
     write_picture,
 )
-from gaussian_trimmer.output.report import count_selected, write_json, write_labels
+from gaussian_trimmer.output.report import count_selected, write_labels
 from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
 
 _CELL_PIXELS = 240

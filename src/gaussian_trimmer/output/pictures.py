@@ -18,7 +18,7 @@ from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
@@ -201,8 +201,7 @@ def write_picture(picture: Picture, path: Path) -> None:
     done, data = cv2.imencode(path.suffix, picture)
     if not done:
         raise InputError(f"Cannot write '{path}': no picture format has the ending '{path.suffix}'.")
-    with atomic_file(path) as part:
-        part.write_bytes(data.tobytes())
+    write_whole(path, data.tobytes())
 
 
 def _row(

@@ -13,7 +13,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW, rows_of
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
 from gaussian_trimmer.result import TrimResult
@@ -95,8 +95,7 @@ def write_viewer(
     if path.exists() and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with overwrite=True.")
     page = viewer_page(parts, up, path.stem, bounds, angles)
-    with atomic_file(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def check_page_name(path: Path) -> None:
