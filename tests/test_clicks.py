@@ -10,6 +10,7 @@ from benchmark_data import benchmark_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
@@ -18,7 +19,7 @@ from gaussian_trimmer.selecting.clicks import NothingFoundError, select_by_box, 
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
-from gaussian_trimmer.trimming.trim import TrimConfig, trim
+from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import bounding_box
 
 RENDERER = get_renderer("numba")

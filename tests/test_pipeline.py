@@ -23,19 +23,13 @@ from toy import (
 )
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.config import BoundaryConfig, PlanConfig, SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.trimming.trim import (
-    BoundaryConfig,
-    PlanConfig,
-    RowLabel,
-    SplitConfig,
-    TrimConfig,
-    paper_config,
-    trim,
-)
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = ball_on_floor()
 SPECKLED = TRUTH ^ ((np.random.default_rng(1).random(len(SCENE)) < 0.05) & dilated(SCENE, TRUTH, 1.0))

@@ -9,10 +9,12 @@ import toy
 from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
+from gaussian_trimmer.config import AcceptanceConfig
 from gaussian_trimmer.output.html.changes import DROPPED, FITTED, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
-from gaussian_trimmer.trimming.trim import AcceptanceConfig, RowLabel, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 HOSTILE = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>.ply"
 

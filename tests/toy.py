@@ -6,10 +6,11 @@ import cv2
 import numba
 import numpy as np
 
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, logit, quaternions_of, rotation_matrices
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.trimming.trim import RowLabel, TrimConfig
+from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.views import TrimmedView, View, bounding_box
 
 UP = np.array([0.0, 0.0, 1.0])
