@@ -159,11 +159,7 @@ def _name(given: Any) -> str:
 
 
 def _size_of_image(folder: Path, name: str, where: str, trust_paths: bool) -> dict[str, int]:
-    """Width and height of a frame's image beside the file, as `w` and `h`; Blender's paths have no suffix.
-
-    Raises:
-        InputError: there is no such image, or it lies elsewhere and paths are not trusted.
-    """
+    """Width and height of a frame's image beside the file, as `w` and `h`; Blender's paths have no suffix."""
     relative = PurePosixPath(name.replace("\\", "/"))
     for image in (folder / relative, folder / f"{relative}.png", folder / f"{relative}.jpg"):
         if not is_file(image):

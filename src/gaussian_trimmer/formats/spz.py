@@ -173,11 +173,7 @@ def _decompress_zstd(data: bytes, size: int, path: Path) -> bytes:
 
 
 def _zstd() -> Any:
-    """Python's zstd module, which came with version 3.14, or its backport.
-
-    Raises:
-        InputError: neither is there.
-    """
+    """Python's zstd module, which came with version 3.14, or its backport."""
     for name in ("compression.zstd", "backports.zstd"):
         try:
             return import_module(name)
