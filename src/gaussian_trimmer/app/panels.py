@@ -20,12 +20,8 @@ WHENS = {"Before": "before", "After": "after"}
 UPS = ("Automatic", "+X", "-X", "+Y", "-Y", "+Z", "-Z")
 AS_SCENE = "as the scene"
 TINT, VIEWS, ARROW = "Tint", "Virtual cameras", "Up arrow"
-_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CLOSE_HOLE = (
-    "Take in what is attached",
-    "Fit the outline",
-    "Clean the background",
-    "Close the hole",
-)
+_TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
+_CLEAN_BACKGROUND, _CLOSE_HOLE = "Clean the background", "Close the hole"
 _HINTS = {
     LOOK: "Drag to turn, right-drag to move, use the wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",

@@ -208,12 +208,8 @@ def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyp
         g_xx = 0.5 * A * A * uu
         g_xy = 0.5 * A * (B * uu + C * uv)
         g_yy = 0.5 * (B * B * uu + 2 * B * C * uv + C * C * vv)
-        qw, qx, qy, qz = (
-            float(quaternions[i, 0]),
-            float(quaternions[i, 1]),
-            float(quaternions[i, 2]),
-            float(quaternions[i, 3]),
-        )
+        qw, qx = float(quaternions[i, 0]), float(quaternions[i, 1])
+        qy, qz = float(quaternions[i, 2]), float(quaternions[i, 3])
         norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
         # The rotation's columns in the camera's frame, and in the image.

@@ -20,12 +20,10 @@ from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VAL
 
 TILE = 16
 """Side of a tile in pixels."""
-_PARALLEL_PARTS = (
-    8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
-)
-_CANCELLED_SHARE = (
-    1e-8  # Determinant, as a share of the product of the variances, below which their difference has lost it.
-)
+_PARALLEL_PARTS = 8
+"""Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order."""
+_CANCELLED_SHARE = 1e-8
+"""Determinant, as a share of the product of the variances, below which their difference has lost it."""
 
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
 _parallel = numba.njit(
@@ -103,12 +101,8 @@ def project(ellipsoids, sh_dc, sh_rest, pinhole):  # type: ignore[no-untyped-def
             fy / depth * (W[1, 1] - ty * W[2, 1]),
             fy / depth * (W[1, 2] - ty * W[2, 2]),
         )
-        qw, qx, qy, qz = (
-            float(quaternions[i, 0]),
-            float(quaternions[i, 1]),
-            float(quaternions[i, 2]),
-            float(quaternions[i, 3]),
-        )
+        qw, qx = float(quaternions[i, 0]), float(quaternions[i, 1])
+        qy, qz = float(quaternions[i, 2]), float(quaternions[i, 3])
         norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         if not 1e-15 < norm < 1e15:  # Squares beyond that leave single precision.
             longest = max(max(abs(qw), abs(qx)), max(abs(qy), abs(qz)))
