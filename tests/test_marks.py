@@ -20,10 +20,7 @@ SCENE, TRUTH = toy.ball_on_floor()
 CAMERAS = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(size=96))[0]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def middle(camera, point=toy.CENTRE):

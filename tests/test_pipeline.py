@@ -17,7 +17,6 @@ from toy import (
     jaccard,
     moved,
     object_rows,
-    one_thread,
     small_config,
     with_floaters,
 )
@@ -42,10 +41,7 @@ SELECTIONS = {
 WHOLE, CUT = SplitConfig("none"), SplitConfig("plane")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @cache

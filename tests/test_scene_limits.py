@@ -24,10 +24,7 @@ class NoRenderer:
     blend_values = blend_weights = top_contributors = render
 
 
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def with_values(name, row, value):

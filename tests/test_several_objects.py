@@ -43,10 +43,7 @@ def rough(truth, centre, reach=0.4):
 ROUGH = {3: rough(FIRST, toy.CENTRE), 7: rough(SECOND, toy.CENTRE + SHIFT)}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")
