@@ -22,13 +22,15 @@ from random_sam2 import RandomSam2Segmenter, save_large_model
 from synthetic_scenes import KERNEL_SIZE, kernel_view
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
+from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
 from gaussian_trimmer.selection_files import load_selection
-from gaussian_trimmer.trimming.trim import TrimConfig, TrimResult, trim
+from gaussian_trimmer.trimming.trim import trim
 
 Record = dict[str, Any]
 Result = TypeVar("Result")

@@ -39,12 +39,12 @@ from synthetic_scenes import tiled, with_object_of
 from tyro.conf import arg
 
 from gaussian_trimmer import formats, sample
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import RENDERER_CHOICES
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.selection_files import load_selection
-from gaussian_trimmer.trimming.trim import TrimConfig
 
 Section = Literal["warm", "cold", "sizes", "objects", "views", "resolutions", "kernel", "threads", "avx2", "host"]
 Change = Callable[[Gaussians, BoolArray, int], tuple[Gaussians, BoolArray]]

@@ -60,3 +60,12 @@ def is_installed(name):
 
 def is_worker(config):
     return hasattr(config, "workerinput")
+
+
+@pytest.fixture(scope="module")
+def one_thread():
+    """So few pixels as a toy scene's views lose more to the threads than they gain."""
+    from toy import one_thread
+
+    with one_thread():
+        yield

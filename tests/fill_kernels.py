@@ -38,17 +38,20 @@ def searching():
 
 def fitting():
     """The derivatives' kernels, by the types that they are called with."""
-    from numba import boolean, float32, float64, int32, int64, uint8
+    from numba import boolean, float32, float64, int32, int64, types, uint8
 
     from gaussian_trimmer.rendering import gradient_kernels
+    from gaussian_trimmer.rendering.projection_kernels import Ellipsoids, Pinhole, Tiles
 
     table, images = float32[:, ::1], float32[:, :, ::1]
-    tiles = (int64[::1], int32[::1], uint8[:, ::1], int64, int64, int64)
+    tiles = types.NamedTuple((int64, int64[::1], int32[::1], uint8[:, ::1]), Tiles)
+    size = types.UniTuple(int64, 2)
     gradient_kernels.robust_slopes.compile((images, images, images, float32, float32))
-    gradient_kernels.differentiate_tiles.compile((table, table, boolean[::1], *tiles, images, images))
+    gradient_kernels.differentiate_tiles.compile((table, table, boolean[::1], tiles, size, images, images))
     gradient_kernels.sum_moving_pairs.compile((table, int64[::1], int32[::1], boolean[::1], table))
-    camera = (float64[:, ::1], float64[::1], float64[::1])
-    gradient_kernels.gather.compile((table, table, table, float32[::1], *camera, table, table, table))
+    ellipsoids = types.NamedTuple((table, table, table, float32[::1]), Ellipsoids)
+    pinhole = types.NamedTuple((float64[:, ::1], float64[::1], float64[::1], float64[::1]), Pinhole)
+    gradient_kernels.gather.compile((ellipsoids, pinhole, table, table, table))
 
 
 PARTS = {"drawing": [drawing], "searching and fitting": [searching, fitting]}

@@ -30,10 +30,7 @@ CONFIG = toy.small_config(
 HEAVY = {"numba", "cv2", "numpy", "tyro", "rich", "torch"}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")

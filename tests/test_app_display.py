@@ -13,13 +13,14 @@ from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.cameras import look_at
+from gaussian_trimmer.config import BoundaryConfig, SplitConfig, TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
-from gaussian_trimmer.trimming.trim import BoundaryConfig, SplitConfig, TrimConfig, trim
+from gaussian_trimmer.trimming.trim import trim
 
 
 @pytest.fixture(scope="module")

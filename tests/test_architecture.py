@@ -119,6 +119,18 @@ def test_every_room_has_a_layer() -> None:
     assert {room(path) for path in modules()} <= known
 
 
+def test_contributors_are_shown_the_rooms_in_this_order() -> None:
+    page = Path(__file__).parents[1] / "CONTRIBUTING.md"
+    if not page.is_file():
+        pytest.skip("the project's files are not here")
+    section = page.read_text(encoding="utf-8").split("## Where things are")[1].split("\n## ")[0]
+    lines = [line.strip() for line in section.splitlines() if line.startswith("    ")]
+    shown = [name for line in lines for name in line.split("  ")[0].split()]
+    layers = {name: number for number, layer in enumerate(LAYERS) for name in layer}
+    assert sorted([*shown, "_version", "__main__", "__init__"]) == sorted(layers)
+    assert [layers[name] for name in shown] == sorted(layers[name] for name in shown)
+
+
 def test_imports_point_one_way(trees: dict[Path, ast.Module]) -> None:
     wrong = [
         f"{path.relative_to(PACKAGE)} imports {imported}"

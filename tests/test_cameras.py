@@ -55,10 +55,6 @@ def test_pose_is_rigid_and_gives_back_position_and_direction(position):
     np.testing.assert_allclose(camera.to_camera(camera.centre[None]), np.zeros((1, 3)), atol=1e-12)
 
 
-def test_length_of_up_does_not_matter():
-    np.testing.assert_allclose(placed(POSITIONS[1], up=1e-6 * UP).rotation, placed(POSITIONS[1]).rotation, atol=1e-9)
-
-
 def test_look_at_refuses_what_has_no_answer():
     with pytest.raises(ValueError, match="own position"):
         look_at(np.ones(3), np.ones(3), UP)

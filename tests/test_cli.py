@@ -1,7 +1,6 @@
 """The commands, run in this process as the terminal runs them."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -16,7 +15,6 @@ from command_line import SMALL, run, save_ball
 from gaussian_trimmer import __version__, cli, formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.config import TrimConfig, paper_config
-from gaussian_trimmer.formats import ply
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.rendering import get_renderer
 
@@ -310,16 +308,6 @@ def test_up_is_an_axis_wherever_it_stands(given, vector):
     assert cli._parse("convert", ["a.ply", "b.html", *given]).up == vector
 
 
-def test_a_refusal_says_first_that_nothing_was_trimmed(ball, tmp_path, capsys):
-    folder, _, _ = ball
-    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL]
-    assert run(*command, "--acceptance.min-silhouette", 10**6) == 3
-    printed = capsys.readouterr()
-    assert printed.err.startswith("gaussian-trimmer: Not trimmed. Only 0 of 5 views were accepted")
-    assert printed.err.endswith("The selection was written unchanged.\n")
-    assert report_of(tmp_path)["refused"].startswith("only 0 of 5 views")
-
-
 def test_the_summary_adds_up(ball, tmp_path, capsys):
     folder, _, _ = ball
     assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL) == 0
@@ -428,33 +416,6 @@ def test_warnings_of_libraries_stay_off_the_terminal(ball):
         done = subprocess.run([sys.executable, *options, "-c", code], capture_output=True, text=True, check=True)
         assert "splats:" in done.stdout
         assert ("heard" in done.stderr) == heard
-
-
-def test_what_files_say_cannot_steer_the_terminal(ball, tmp_path, capsys):
-    _, scene, _ = ball
-    name = "\x1b]0;owned\x07\x1b[31mred"
-    extras = {name: np.zeros(len(scene), np.float32), "a" * 3000: np.zeros(len(scene), np.float32)}
-    ply.write(scene.replace(extras=extras), tmp_path / "steering.ply", extras=True)
-    assert run("info", tmp_path / "steering.ply") == 0
-    printed = capsys.readouterr().out
-    assert "\\x1b]0;owned\\x07\\x1b[31mred" in printed
-    assert "\x1b" not in printed
-    assert max(map(len, printed.splitlines())) < 1500
-    assert run("info", tmp_path / f"{name}.ply") == run("info", "nowhere" * 20_000) == 2
-    printed = capsys.readouterr().err
-    assert "\x1b" not in printed
-    assert max(map(len, printed.splitlines())) < 1500
-    assert printed.count("\n") == 2
-
-
-def test_terminal_of_few_characters(ball, tmp_path):
-    folder, _, _ = ball
-    scene = tmp_path / "Gauß→.ply"
-    scene.write_bytes((folder / "scene.ply").read_bytes())
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "ascii:strict"}
-    command = [sys.executable, "-m", "gaussian_trimmer", "info", str(scene)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert "Gau\\xdf\\u2192.ply" in done.stdout
 
 
 def test_photographs_take_the_place_of_virtual_views(ball, tmp_path):

@@ -9,7 +9,7 @@ import toy
 from benchmark_data import benchmark_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
@@ -18,7 +18,7 @@ from gaussian_trimmer.selecting.clicks import NothingFoundError, select_by_box, 
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
-from gaussian_trimmer.trimming.trim import TrimConfig, trim
+from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import bounding_box
 
 RENDERER = get_renderer("numba")
@@ -27,11 +27,6 @@ RENDERER = get_renderer("numba")
 @pytest.fixture(scope="module")
 def ball():
     return toy.ball_on_floor(n_ball=1500)
-
-
-def camera_at(position, target=toy.CENTRE, size=200):
-    pose = look_at(np.asarray(position, float), np.asarray(target, float), toy.UP)
-    return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
 
 
 def pixel_of(camera, point):
@@ -50,7 +45,7 @@ def box_in(scene, camera, box):
 @pytest.mark.parametrize("position", [(5, 0, 3), (0, -7, 4)])
 def test_click_finds_what_stands_on_the_floor(ball, position):
     scene, truth = ball
-    pick = click_on(toy.CENTRE, camera_at(position), scene)
+    pick = click_on(toy.CENTRE, toy.camera_at(position), scene)
     assert pick.kind == "piece"
     assert toy.jaccard(pick.selection, truth) > 0.9
 
@@ -58,7 +53,7 @@ def test_click_finds_what_stands_on_the_floor(ball, position):
 def test_large_pictures_and_units_change_nothing(ball):
     scene, truth = ball
     turned, scale = toy.any_rotation(), 40.0
-    camera = camera_at((5, 0, 3), size=900)
+    camera = toy.camera_at((5, 0, 3), size=900)
     pose = camera.world_to_camera.copy()
     pose[:3, :3] = pose[:3, :3] @ turned.T
     pose[:3, 3] *= scale
@@ -75,7 +70,7 @@ def test_a_rough_surface_does_not_hide_what_stands_on_it():
     means[floor, 2] -= 0.14
     higher = floor[rng.random(len(floor)) < 0.3]
     means[higher, 2] += rng.uniform(0, 0.14, len(higher)).astype(np.float32)
-    pick = click_on(toy.CENTRE, camera_at((5, 0, 3)), scene.replace(means=means))
+    pick = click_on(toy.CENTRE, toy.camera_at((5, 0, 3)), scene.replace(means=means))
     assert pick.kind == "piece"
     assert toy.jaccard(pick.selection, truth) > 0.9
 
@@ -83,7 +78,7 @@ def test_a_rough_surface_does_not_hide_what_stands_on_it():
 def test_permuted_gaussians_give_the_permuted_answer(ball):
     scene, _ = ball
     order = np.random.default_rng(1).permutation(len(scene))
-    camera = camera_at((5, 0, 3))
+    camera = toy.camera_at((5, 0, 3))
     straight, permuted = (click_on(toy.CENTRE, camera, s).selection for s in (scene, scene.select(order)))
     np.testing.assert_array_equal(straight[order], permuted)
 
@@ -100,7 +95,7 @@ def two_balls(apart=2.7):
 
 def test_neighbours_stay_apart():
     scene, first, second = two_balls()
-    camera = camera_at((6, 1, 4), (0, 1.3, 1))
+    camera = toy.camera_at((6, 1, 4), (0, 1.3, 1))
     assert toy.jaccard(click_on(toy.CENTRE, camera, scene).selection, first) > 0.9
     assert toy.jaccard(click_on(toy.CENTRE + np.array([0, 2.7, 0]), camera, scene).selection, second) > 0.9
 
@@ -137,7 +132,7 @@ def test_what_few_large_gaussians_show_is_one_object():
     colours = np.concatenate([rng.uniform(-1.5, 1.5, (60, 3)), rng.uniform(-1.5, 1.5, (len(floor), 3))])
     n = len(means)
     scene = Gaussians(means, np.log(scales), [[1.0, 0, 0, 0]] * n, np.full(n, 3.0), colours, np.zeros((n, 3, 0)))
-    camera = camera_at((6, 1, 4), (0, 0, 1))
+    camera = toy.camera_at((6, 1, 4), (0, 0, 1))
     pick = click_on((0, 0, 1), camera, scene)
     assert pick.kind == "piece"
     np.testing.assert_array_equal(pick.selection, np.arange(n) < 60)
@@ -145,7 +140,7 @@ def test_what_few_large_gaussians_show_is_one_object():
 
 def test_box_finds_the_thing_that_fills_it():
     scene, first, second = two_balls()
-    camera = camera_at((6, 1, 4), (0, 1.3, 1))
+    camera = toy.camera_at((6, 1, 4), (0, 1.3, 1))
     for truth in (first, second):
         shown = RENDERER.blend_values(scene, camera, truth.astype(np.float32)[:, None])[..., 0] > 0.5
         pick = box_in(scene, camera, bounding_box(shown))
@@ -163,7 +158,7 @@ def patch_on_wall():
 
 def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     scene, red = patch_on_wall()
-    camera = camera_at((6, 0, 0.5), (0, 0, 0))
+    camera = toy.camera_at((6, 0, 0.5), (0, 0, 0))
     shown = RENDERER.blend_values(scene, camera, red.astype(np.float32)[:, None])[..., 0] > 0.5
     pick = box_in(scene, camera, bounding_box(shown, 1))
     assert pick.kind == "part"
@@ -204,17 +199,17 @@ def test_nearer_surface_comes_first():
 @pytest.mark.parametrize("pixel", [(-1, 5), (5, 200)])
 def test_pixels_outside_the_picture(ball, pixel):
     with pytest.raises(InputError, match="outside the view of 200 x 200"):
-        select_by_click(ViewedScene(ball[0], camera_at((5, 0, 3)), toy.UP, RENDERER), *pixel)
+        select_by_click(ViewedScene(ball[0], toy.camera_at((5, 0, 3)), toy.UP, RENDERER), *pixel)
 
 
 @pytest.mark.parametrize("box", [(5, 5, 5, 9), (200, 0, 220, 5)])
 def test_impossible_boxes(ball, box):
     with pytest.raises(InputError, match="holds no pixel of the view of 200 x 200 pixels"):
-        box_in(ball[0], camera_at((5, 0, 3)), box)
+        box_in(ball[0], toy.camera_at((5, 0, 3)), box)
 
 
 def test_where_nothing_is_seen(ball):
-    away = camera_at((40, 0, 60), (80, 0, 120))
+    away = toy.camera_at((40, 0, 60), (80, 0, 120))
     with pytest.raises(InputError, match="Nothing is seen at the pixel"):
         select_by_click(ViewedScene(ball[0], away, toy.UP, RENDERER), 100, 100)
     with pytest.raises(InputError, match="Nothing is seen in the box"):

@@ -41,11 +41,3 @@ def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch,
     # The table around the foot goes, and not much else.
     assert 50 < report["counts"]["removed"] < 250
     assert 2100 < report["counts"]["object"] == len(formats.read(folder / "object.ply")) < 2413
-
-
-def test_demo_spares_a_folder_that_the_user_names(tmp_path, capsys):
-    (tmp_path / "object.ply").write_text("mine")
-    assert run("demo", "--quiet", "--output", tmp_path) == 2
-    assert run("demo", "--quiet", "--output", tmp_path, "--overwrite") == 2
-    assert (tmp_path / "object.ply").read_text() == "mine"
-    assert capsys.readouterr().out == ""

@@ -1,11 +1,9 @@
 """A trim that would take most of the selection away must not stand."""
 
 import numpy as np
-import pytest
 from toy import CENTRE, RADIUS, ball_on_floor, gaussians, jaccard, object_rows, small_config
 
 from gaussian_trimmer.config import AcceptanceConfig, EvidenceConfig, SplitConfig
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.trimming.trim import trim
 
@@ -26,18 +24,6 @@ def test_a_trim_that_would_leave_little_is_refused_and_the_selection_returned():
     result = trim(scene, truth, config=small_config(split=WHOLE))
     assert "would remain; 0.4 is needed" in result.refused
     np.testing.assert_array_equal(object_rows(result), truth)
-
-
-def test_a_trim_that_leaves_most_of_it_stands():
-    scene, truth = ball_on_floor()
-    assert trim(scene, truth, config=small_config(split=WHOLE)).refused is None
-
-
-@pytest.mark.parametrize("value", [-0.1, float("nan")])
-def test_a_limit_without_meaning_is_refused(value):
-    scene, truth = ball_on_floor(n_ball=100)
-    with pytest.raises(InputError, match="min-remaining"):
-        trim(scene, truth, config=small_config(acceptance=AcceptanceConfig(min_remaining=value)))
 
 
 def ball_among_leaves(logit):

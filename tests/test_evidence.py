@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
+from gaussian_trimmer.config import PlanConfig, SplitConfig
 from gaussian_trimmer.decomposition.evidence import (
     EvidenceConfig,
     classify_gaussians,
@@ -13,7 +14,8 @@ from gaussian_trimmer.decomposition.evidence import (
     find_halo,
     find_large_halo,
 )
-from gaussian_trimmer.trimming.trim import PlanConfig, RowLabel, SplitConfig, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 COARSE, OTHER = True, False
 FREE, RESTING = True, False

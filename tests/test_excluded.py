@@ -20,10 +20,7 @@ PATCH = Sphere((0, -1, 1), 0.6, effect="remove")
 IN_PATCH = np.linalg.norm(SCENE.means - (0, -1, 1), axis=1) <= 0.6
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def ball_without_its_patch():

@@ -10,7 +10,6 @@ import sys
 
 import numpy as np
 import pytest
-import toy
 from extreme_scenes import COORDINATES, FAR_COORDINATES, MEANINGLESS, extreme_camera, extreme_scene, huge_gaussians
 from scenes import front_camera, gaussian
 from test_rendering_parity import LARGEST_FLIP, TOLERANCE, assert_close, assert_weights_close
@@ -18,7 +17,6 @@ from test_rendering_parity import LARGEST_FLIP, TOLERANCE, assert_close, assert_
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.trimming.trim import trim
 
 N_SCENES = 50
 
@@ -119,16 +117,3 @@ def test_the_length_of_a_quaternion_does_not_matter(renderer, length):
     stretched = turned.replace(quaternions=(np.float64(length) * turned.quaternions).astype(np.float32))
     np.testing.assert_allclose(get_renderer(renderer).render(stretched, camera).alpha, expected, atol=1e-5)
     assert expected.max() > 0.5
-
-
-@pytest.mark.parametrize("selected", [False, True])
-@pytest.mark.parametrize("log_scale", [48.0, 80.0])
-def test_one_exploded_gaussian_does_not_spoil_a_trim(log_scale, selected):
-    scene, truth = toy.ball_on_floor(n_ball=400, floor_side=20)
-    selection = toy.dilated(scene, truth)
-    log_scales = scene.log_scales.copy()
-    log_scales[np.flatnonzero(selection == selected)[0]] = log_scale
-    result = trim(scene.replace(log_scales=log_scales), selection, config=toy.small_config())
-    assert result.refused is None
-    toy.check_parts(result, selection)
-    assert toy.jaccard(toy.object_rows(result), truth) > 0.98 > toy.jaccard(selection, truth)

@@ -9,7 +9,8 @@ from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.trimming.trim import RowLabel, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 
 def ball_over_a_hole(radius=0.5):

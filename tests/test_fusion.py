@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import Gaussians, concatenate
@@ -62,16 +63,12 @@ def fuse(silhouettes, logits):
     return fuse_with_silhouettes(VIEWS, silhouettes, logits, SCENE, RENDERER)
 
 
-def overlap(a, b):
-    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
-
-
 @pytest.mark.parametrize("truth", [WIDER, NARROWER], ids=["adds", "removes"])
 def test_sure_masks_that_agree_from_view_to_view_are_followed(truth):
     silhouettes, right = masks_of(LEFT, CAMERAS), masks_of(truth, CAMERAS)
     fused, aside = fuse(silhouettes, logits_of(right))
     assert aside == 0
-    assert min(overlap(mask, truth) for mask, truth in zip(fused, right, strict=True)) > 0.97
+    assert min(toy.jaccard(mask, truth) for mask, truth in zip(fused, right, strict=True)) > 0.97
 
 
 @pytest.mark.parametrize("wrong", [WIDER, NARROWER], ids=["adds", "removes"])
@@ -81,14 +78,14 @@ def test_a_mask_that_the_other_views_contradict_is_not(wrong):
     fused, aside = fuse(silhouettes, logits_of(masks, 2.0))
     assert aside == 0
     for mask, silhouette in zip(fused, silhouettes, strict=True):
-        assert overlap(mask, silhouette) > 0.97
+        assert toy.jaccard(mask, silhouette) > 0.97
 
 
 def test_unsure_masks_are_not_followed():
     silhouettes = masks_of(LEFT, CAMERAS)
     masks = [*masks_of(WIDER, CAMERAS)[:2], *silhouettes[2:]]
     fused, _ = fuse(silhouettes, logits_of(masks, 0.1))
-    assert all(overlap(mask, silhouette) > 0.97 for mask, silhouette in zip(fused, silhouettes, strict=True))
+    assert all(toy.jaccard(mask, silhouette) > 0.97 for mask, silhouette in zip(fused, silhouettes, strict=True))
 
 
 @pytest.mark.parametrize(("half_width", "stays"), [(0.008, True), (0.1, False)], ids=["rod", "bar"])

@@ -10,7 +10,8 @@ from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.trimming.trim import RowLabel, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 CONFIG = toy.small_config()

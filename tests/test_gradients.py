@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import pytest
 
@@ -92,19 +91,6 @@ def test_only_what_is_asked_for_is_differentiated() -> None:
     some, every = gradients(drawing, slopes, moving), gradients(drawing, slopes, np.ones(len(gaussians), np.bool_))
     np.testing.assert_allclose(some[moving], every[moving], rtol=1e-5, atol=1e-6 * np.abs(every).max())
     assert not some[~moving].any()
-
-
-def test_derivatives_do_not_depend_on_the_number_of_threads() -> None:
-    gaussians, camera = _scene(60)
-    before, found = numba.get_num_threads(), []
-    try:
-        for threads in {1, numba.config.NUMBA_NUM_THREADS}:
-            numba.set_num_threads(threads)
-            found.append(gradients(draw(gaussians, camera), _slopes(camera), np.ones(len(gaussians), np.bool_)))
-    finally:
-        numba.set_num_threads(before)
-    for other in found[1:]:
-        np.testing.assert_array_equal(found[0], other)
 
 
 def test_what_no_light_reaches_changes_nothing_and_is_not_changed() -> None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import benchmark_data
 import numpy as np
 import pytest
+import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
@@ -140,10 +141,6 @@ def test_impossible_masks() -> None:
         lift_by_assignment(scene(), cameras(), left_masks(), REFERENCE, gamma=float("nan"))
 
 
-def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    return float((a & b).sum() / (a | b).sum())
-
-
 def masks_of(bench: benchmark_data.BenchmarkScene, name: str, views: Sequence[Camera]) -> list[np.ndarray]:
     return [(255 * bench.coverage(name, view.name)).round().astype(np.uint8) for view in views]
 
@@ -159,7 +156,7 @@ def test_benchmark_assignment(where: str) -> None:
             image[mask > 127] = number
     assigned = lift_objects_by_assignment(bench.gaussians, views, labels, get_renderer("numba"))
     for number, name in enumerate(bench.objects, 1):
-        assert overlap(assigned == number, bench.coarse(name, "exact")) >= 0.99
+        assert toy.jaccard(assigned == number, bench.coarse(name, "exact")) >= 0.99
 
 
 def test_large_object_numbers_are_lifted_as_small_ones() -> None:

@@ -9,7 +9,6 @@ import toy
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.selecting.marks import Box, Box3D, Click, FromFile, Grow, Plane, Shrink, Sphere, Viewpoint
 from gaussian_trimmer.selecting.marks_file import write_marks
@@ -20,10 +19,7 @@ SCENE, TRUTH = toy.ball_on_floor()
 CAMERAS = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(size=96))[0]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def middle(camera, point=toy.CENTRE):
@@ -138,20 +134,8 @@ def test_views_from_all_around_are_saved_with_what_is_drawn_in_them(tmp_path):
     assert np.array_equal(gt.select(SCENE, tmp_path / "marks.json").mask, made.mask)
 
 
-def two_balls():
-    """A red ball at the origin of the floor and a blue one beside it; which Gaussians are the first and the second."""
-    second = SCENE.select(TRUTH)
-    second = second.replace(means=second.means + np.float32([2.6, 0, 0]), sh_dc=second.sh_dc[:, ::-1].copy())
-    n = len(SCENE)
-    scene = concatenate([SCENE, second])
-    rows = np.arange(len(scene))
-    first = np.zeros(len(scene), np.bool_)
-    first[:n] = TRUTH
-    return scene, first, rows >= n
-
-
 def test_a_click_adds_or_removes_a_whole_thing_beside_others():
-    scene, first, second = two_balls()
+    scene, first, second = toy.two_balls((2.6, 0, 0))
     cameras = plan_cameras(scene.select(first | second), toy.UP, PlanConfig(size=128))[0]
     at_second = toy.CENTRE + np.array([2.6, 0, 0])
     view = next(camera for camera in cameras if abs(middle(camera)[0] - middle(camera, at_second)[0]) > 30)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
@@ -15,11 +14,6 @@ from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import bounding_box
 
 RENDERER = get_renderer("numba")
-
-
-def camera_at(position, size=200):
-    pose = look_at(np.asarray(position, float), np.asarray(toy.CENTRE, float), toy.UP)
-    return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
 
 
 def viewed(scene, camera):
@@ -53,7 +47,7 @@ def box_of(scene, part, camera):
 
 def test_what_the_built_in_way_finds_too_is_left_to_it(ball):
     scene, truth = ball
-    camera = camera_at((5, 0, 3))
+    camera = toy.camera_at((5, 0, 3))
     box, oracle = box_of(scene, truth, camera), Oracle(scene, truth, camera)
     pick = select_by_model(viewed(scene, camera), box, oracle)
     np.testing.assert_array_equal(pick.selection, select_by_box(viewed(scene, camera), box).selection)
@@ -63,7 +57,7 @@ def test_what_the_built_in_way_finds_too_is_left_to_it(ball):
 
 def test_a_click_on_what_stands_on_something_means_that_without_asking(ball):
     scene, truth = ball
-    camera = camera_at((5, 0, 3))
+    camera = toy.camera_at((5, 0, 3))
     x, y = camera.project(np.atleast_2d(np.asarray(toy.CENTRE, float)))[0][0]
     mark, oracle = (int(x), int(y)), Oracle(scene, truth, camera)
     pick = select_by_model(viewed(scene, camera), mark, oracle)
@@ -76,7 +70,7 @@ def test_a_part_is_carried_around_the_object(ball, monkeypatch):
     """The built-in way takes the whole ball for what is meant; the model sees its upper half, and that is selected."""
     scene, truth = ball
     part = truth & (scene.means[:, 2] > np.median(scene.means[truth, 2]))
-    camera = camera_at((5, 0, 3))
+    camera = toy.camera_at((5, 0, 3))
     oracle = Oracle(scene, part, camera)
     monkeypatch.setattr(model_masks, "select_by_box", lambda *_: Pick(truth, "piece"))
     pick = select_by_model(viewed(scene, camera), box_of(scene, part, camera), oracle)
@@ -92,7 +86,7 @@ def test_a_part_is_carried_around_the_object(ball, monkeypatch):
 def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatch):
     """It is asked with the pixel's centre, and its mask with the best score is taken."""
     scene, truth = ball
-    camera = camera_at((5, 0, 3))
+    camera = toy.camera_at((5, 0, 3))
 
     def refuse(*_):
         raise NothingFoundError("Nothing stands there.")
@@ -110,7 +104,7 @@ def test_where_nothing_stands_the_model_says_what_a_click_means(ball, monkeypatc
 
 def test_marks_outside_the_picture_are_refused_before_the_model_is_asked(ball):
     scene, truth = ball
-    camera = camera_at((5, 0, 3))
+    camera = toy.camera_at((5, 0, 3))
     oracle = Oracle(scene, truth, camera)
     with pytest.raises(InputError, match="outside"):
         select_by_model(viewed(scene, camera), (300, 5), oracle)

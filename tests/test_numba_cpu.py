@@ -5,7 +5,6 @@ from weakref import ref
 
 import numpy as np
 import pytest
-from command_line import run, save_ball
 from scenes import front_camera, gaussian, random_scene
 
 from gaussian_trimmer import rendering
@@ -82,15 +81,6 @@ def test_views_of_too_many_pairs_are_refused(monkeypatch):
     NumbaRenderer().render(large_and_faint(10), camera)
     with pytest.raises(InputError, match=r"64 x 32 pixels consists of 88 pairs .* at most 80 can be drawn; take sm"):
         NumbaRenderer().render(large_and_faint(11), camera)
-
-
-def test_too_many_pairs_are_one_sentence_on_the_command_line(tmp_path, monkeypatch, capsys):
-    save_ball(tmp_path)
-    monkeypatch.setattr(rendering, "MOST_PAIRS", 1000)
-    out = tmp_path / "out"
-    assert run("trim", tmp_path / "scene.ply", tmp_path / "rough.npy", "--output", out, "--quiet") == 2
-    assert "at most 1,000 can be drawn" in capsys.readouterr().err
-    assert not out.exists()
 
 
 # --- memory for projections that are kept

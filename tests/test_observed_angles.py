@@ -97,16 +97,3 @@ def test_one_training_camera_is_enough_for_a_trim(position):
     kept = np.zeros(len(SCENE), np.bool_)
     kept[result.source_index[: len(result.object)]] = True
     assert toy.jaccard(kept, TRUTH) > toy.jaccard(rough, TRUTH)
-
-
-def test_where_no_training_camera_sees_the_object_nothing_is_trimmed():
-    away = camera((6, 0, 2), target=(12, 0, 3))
-    config = toy.small_config(plan=PlanConfig(size=64))
-    with toy.one_thread():
-        given, without = (
-            trim(SCENE, TRUTH, config=config, cameras=cameras)
-            for cameras in (CameraSet((away,), None, (True,), False), None)
-        )
-    assert "camera" in given.refused and not given.views
-    np.testing.assert_array_equal(given.object_mask, TRUTH)
-    assert without.refused is None and len(without.views) == 5

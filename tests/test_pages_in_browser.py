@@ -49,10 +49,6 @@ def viewer(result, tmp_path_factory):
     return path
 
 
-def overlap(a, b):
-    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
-
-
 def test_sliders_of_the_report_move_by_mouse_and_by_keys(browser, report):
     with opened(browser, report) as page:
         pair = page.locator(".pair").first
@@ -118,7 +114,7 @@ def test_the_viewer_draws_what_the_renderer_does(browser, viewer, result):
     height, width = alone.shape[:2]
     camera = camera_of(result, width, height)
     expected = RENDERER.render(result.object, camera)
-    assert overlap(alone[..., 3] > 127, expected.alpha > 0.5) > 0.97
+    assert toy.jaccard(alone[..., 3] > 127, expected.alpha > 0.5) > 0.97
     # Colours of the constant term alone, as the page has them.
     for part, picture in ((result.object, alone), (result.scene, whole), (result.background, without)):
         flat = part.replace(sh_rest=np.zeros((len(part), 3, 0), np.float32))

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from toy import (
@@ -18,27 +17,18 @@ from toy import (
     jaccard,
     moved,
     object_rows,
-    one_thread,
     small_config,
     with_floaters,
 )
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.config import BoundaryConfig, PlanConfig, SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.trimming.trim import (
-    BoundaryConfig,
-    LabelCrfConfig,
-    PlanConfig,
-    RowLabel,
-    SplitConfig,
-    TrimConfig,
-    paper_config,
-    trim,
-)
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = ball_on_floor()
 SPECKLED = TRUTH ^ ((np.random.default_rng(1).random(len(SCENE)) < 0.05) & dilated(SCENE, TRUTH, 1.0))
@@ -51,10 +41,7 @@ SELECTIONS = {
 WHOLE, CUT = SplitConfig("none"), SplitConfig("plane")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @cache
@@ -147,20 +134,6 @@ def test_permuting_the_scene_permutes_the_answer():
     np.testing.assert_array_equal(object_rows(result), object_rows(trimmed("speckled"))[order])
 
 
-def test_runs_are_equal_bit_by_bit_on_any_number_of_threads():
-    results = []
-    for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
-        numba.set_num_threads(threads)
-        results.append(trim(SCENE, SPECKLED, config=splitting_config("plane"), segmenter=TightMasks()))
-    assert results[0].count(RowLabel.SPLIT_INSIDE) > 5
-    for other in results[1:]:
-        np.testing.assert_array_equal(other.source_index, results[0].source_index)
-        np.testing.assert_array_equal(other.label, results[0].label)
-        for name in ("means", "log_scales", "quaternions", "opacity_logits"):
-            np.testing.assert_array_equal(getattr(other.object, name), getattr(results[0].object, name))
-            np.testing.assert_array_equal(getattr(other.outside_parts, name), getattr(results[0].outside_parts, name))
-
-
 @pytest.mark.parametrize(
     ("scale", "shift", "turn"), [(1, (50, -20, 5), 0), (100, (0, 0, 0), 0), (0.01, (1, 1, 1), 3), (1e-4, (0, 0, 0), 0)]
 )
@@ -231,35 +204,6 @@ def test_names_and_objects_of_renderers_and_segmenters_are_the_same():
     by_object = trim(SCENE, SPECKLED, config=small_config(split=WHOLE), renderer=NumbaRenderer(), segmenter="grabcut")
     assert by_object.segmenter == "grabcut"
     assert jaccard(object_rows(by_object), TRUTH) > 0.97
-
-
-@pytest.mark.parametrize("selection", [TRUTH[:3], TRUTH[:, None], TRUTH.astype(np.float32)])
-def test_selections_that_do_not_fit_are_refused(selection):
-    with pytest.raises(InputError, match=f"{len(SCENE)} booleans are needed"):
-        trim(SCENE, selection, config=small_config())
-
-
-def test_empty_selections_are_refused():
-    with pytest.raises(InputError, match="selection is empty"):
-        trim(SCENE, np.zeros_like(TRUTH), config=small_config())
-
-
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        ({"renderer": "numbar"}, "Unknown renderer 'numbar'; available: .*numba"),
-        ({"segmenter": "sam9"}, "Unknown segmenter 'sam9'; available: .*silhouette"),
-        ({"config": small_config(up=(0, 0, 0))}, "up vector .* not all zero"),
-        ({"config": small_config(plan=PlanConfig(views=0))}, r"plan\.views is 0; it must be a whole number from 1"),
-        ({"config": small_config(label_crf=LabelCrfConfig(passes=0))}, r"label-crf\.passes is 0"),
-        ({"config": small_config(boundary=BoundaryConfig(band=0))}, r"boundary\.band is 0; it must be a whole number"),
-        ({"config": small_config(split=SplitConfig("plain"))}, r"split\.rule is 'plain'; available: .*sagd, none"),
-    ],
-)
-def test_wrong_names_and_settings_are_refused_in_one_sentence(wrong, sentence):
-    with pytest.raises(InputError, match=sentence) as refusal:
-        trim(SCENE, TRUTH, **wrong)
-    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("count", [1, 4])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import toy
 
+from gaussian_trimmer.config import PlanConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.trimming.trim import PlanConfig, SplitConfig, trim
+from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_floaters=0)
 CONFIG = toy.small_config(plan=PlanConfig(size=64, views=2), split=SplitConfig("plane"))

@@ -37,11 +37,6 @@ def straight_camera(width, height):
     return type(camera)(np.eye(4), camera.K, width, height)
 
 
-def object_rows(result):
-    """Which rows of the scene have a part in the object, (N,)."""
-    return np.isin(np.arange(len(result.scene)), result.source_index[: len(result.object)])
-
-
 @cache
 def view(scene, width, height):
     """Gaussians and a camera, by the scene's name."""
@@ -206,6 +201,6 @@ def test_a_whole_trim(fast, reference_trim):
     scene, coarse, truth, expected = reference_trim
     result = trim(scene, coarse, config=SMALL_VIEWS, renderer=fast)
     assert (result.renderer, result.refused) == (fast.name, None)
-    wrong_before, wrong = np.count_nonzero(coarse != truth), np.count_nonzero(object_rows(result) != truth)
+    wrong_before, wrong = np.count_nonzero(coarse != truth), np.count_nonzero(result.object_mask != truth)
     assert wrong < 0.1 * wrong_before
-    assert np.count_nonzero(object_rows(result) != object_rows(expected)) <= 2
+    assert np.count_nonzero(result.object_mask != expected.object_mask) <= 2

@@ -8,9 +8,10 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.config import BoundaryConfig, SplitConfig
+from gaussian_trimmer.config import AcceptanceConfig, BoundaryConfig, SplitConfig
 from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
-from gaussian_trimmer.trimming.trim import AcceptanceConfig, RowLabel, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 CONFIG = toy.small_config()
 

@@ -9,11 +9,14 @@ import toy
 from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
+from gaussian_trimmer.config import AcceptanceConfig
 from gaussian_trimmer.output.html.changes import DROPPED, FITTED, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
-from gaussian_trimmer.trimming.trim import AcceptanceConfig, RowLabel, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
+pytestmark = pytest.mark.usefixtures("one_thread")
 HOSTILE = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>.ply"
 
 
@@ -23,8 +26,7 @@ def page_of(result, **inputs):
 
 def trimmed(**stages):
     scene, truth = toy.ball_on_floor()
-    with toy.one_thread():
-        return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages))
+    return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages))
 
 
 @pytest.fixture(scope="module")
@@ -151,13 +153,12 @@ def ball(tmp_path):
 
 def test_the_command_writes_the_page_and_a_later_run_without_it_removes_it(ball, capsys):
     command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", 0, 0, 1, *SMALL, "--output", ball / "out"]
-    with toy.one_thread():
-        assert run(*command, "--html") == 0
-        assert "report.html" in capsys.readouterr().out
-        page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
-        assert page.all("h1")[0][1] == 'scene.ply, trimmed from "rough.npy"'
-        check_stands_alone(page)
-        assert run(*command, "--overwrite", "--quiet") == 0
+    assert run(*command, "--html") == 0
+    assert "report.html" in capsys.readouterr().out
+    page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
+    assert page.all("h1")[0][1] == 'scene.ply, trimmed from "rough.npy"'
+    check_stands_alone(page)
+    assert run(*command, "--overwrite", "--quiet") == 0
     assert not (ball / "out" / "report.html").exists()
 
 
@@ -166,8 +167,7 @@ def test_several_objects_have_a_section_each(ball, capsys):
     floor = ~truth & (np.abs(scene.means[:, 0] - 2) < 0.6) & (np.abs(scene.means[:, 1] - 2) < 0.6)
     np.save(ball / "labels.npy", np.where(toy.dilated(scene, truth), 1, np.where(floor, 2, 0)))
     command = ["trim", ball / "scene.ply", "--labels", ball / "labels.npy", "--up", 0, 0, 1, *SMALL]
-    with toy.one_thread():
-        assert run(*command, "--output", ball / "out", "--html") == 0
+    assert run(*command, "--output", ball / "out", "--html") == 0
     assert "report.html" in capsys.readouterr().out
     page = Page((ball / "out" / "report.html").read_text(encoding="utf-8"))
     check_stands_alone(page)

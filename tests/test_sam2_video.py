@@ -297,6 +297,14 @@ def plant_prompt_as_mask(segmenter: Sam2Segmenter) -> None:
     segmenter.model.mask_decoder.register_forward_hook(answer)
 
 
+def recorded(folder, views, **settings) -> Recorder:
+    """What a segmenter's model is given for the views, and answers."""
+    segmenter = make_segmenter(folder, **settings)
+    recorder = Recorder(segmenter)
+    segmenter.segment(views)
+    return recorder
+
+
 def bounds(mask: np.ndarray) -> tuple[int, ...]:
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     return columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
@@ -330,10 +338,7 @@ def test_pictures_keep_their_orientation_and_are_clipped(folder):
     view = make_view()
     view.rgb[:, 60:, 0] = 1.7
     view.rgb[40:, :, 2] = -0.3
-    segmenter = make_segmenter(folder)
-    recorder = Recorder(segmenter)
-    segmenter.segment([view])
-    seen = recorder.pictures[0] * STD[:, None, None] + MEAN[:, None, None]
+    seen = recorded(folder, [view]).pictures[0] * STD[:, None, None] + MEAN[:, None, None]
     assert seen.shape == (3, SIDE, SIDE)
     np.testing.assert_allclose(seen[:, 10, 10], [0.2, 0.5, 0.8], atol=1e-5)
     np.testing.assert_allclose(seen[:, 10, -10], [1.0, 0.5, 0.8], atol=1e-5)
@@ -342,9 +347,7 @@ def test_pictures_keep_their_orientation_and_are_clipped(folder):
 
 @pytest.mark.parametrize("prompting", ["video", "per-view"])
 def test_corners_are_the_centres_of_the_corner_pixels(folder, prompting):
-    segmenter = make_segmenter(folder, prompting=prompting)
-    recorder = Recorder(segmenter)
-    segmenter.segment([make_view(box=(0, 0, 120, 80))])
+    recorder = recorded(folder, [make_view(box=(0, 0, 120, 80))], prompting=prompting)
     # Pixel centres at +0.5 in both frames; the model counts centres from zero.
     expected = [[0.5 * SIDE / 120 - 0.5, 0.5 * SIDE / 80 - 0.5], [119.5 * SIDE / 120 - 0.5, 79.5 * SIDE / 80 - 0.5]]
     np.testing.assert_allclose(recorder.corners[0], expected, atol=1e-4)
@@ -352,40 +355,29 @@ def test_corners_are_the_centres_of_the_corner_pixels(folder, prompting):
 
 def test_a_video_is_prompted_once_and_followed_in_order_of_yaw(folder):
     colours = [(0.1, 0.2, 0.3), (0.9, 0.1, 0.4), (0.5, 0.6, 0.7), (0.3, 0.3, 0.9)]
-    segmenter = make_segmenter(folder)
-    recorder = Recorder(segmenter)
-    segmenter.segment([make_view(colour=colour) for colour in colours])
+    recorder = recorded(folder, [make_view(colour=colour) for colour in colours])
     seen = [picture.mean(axis=(1, 2)) * STD + MEAN for picture in recorder.pictures]
     np.testing.assert_allclose(seen, colours, atol=1e-5)
     assert [corners is not None for corners in recorder.corners] == [True, False, False, False]
 
 
 def test_per_view_prompts_every_view_with_its_own_box(folder):
-    segmenter = make_segmenter(folder, prompting="per-view")
-    recorder = Recorder(segmenter)
-    segmenter.segment([make_view(box=(12, 8, 30, 24)), make_view(box=(60, 40, 90, 56))])
-    lefts = [corners[0, 0] for corners in recorder.corners]
+    views = [make_view(box=(12, 8, 30, 24)), make_view(box=(60, 40, 90, 56))]
+    lefts = [corners[0, 0] for corners in recorded(folder, views, prompting="per-view").corners]
     np.testing.assert_allclose(lefts, [12.5 * SIDE / 120 - 0.5, 60.5 * SIDE / 120 - 0.5], atol=1e-4)
 
 
 def test_only_a_video_remembers_the_views_before(folder):
     views = textured_views(2)
     for prompting, remembers in (("per-view", False), ("video", True)):
-        together, alone = (make_segmenter(folder, prompting=prompting) for _ in range(2))
-        of_two, of_one = Recorder(together), Recorder(alone)
-        together.segment(views)
-        alone.segment(views[1:])
+        of_two, of_one = (recorded(folder, some, prompting=prompting) for some in (views, views[1:]))
         assert np.allclose(of_two.logits[1], of_one.logits[0], atol=1e-5) is not remembers
 
 
 def test_both_ways_of_prompting_agree_on_the_first_view(folder):
     views = textured_views(1)
-    recorders = []
-    for prompting in ("video", "per-view"):
-        segmenter = make_segmenter(folder, prompting=prompting)
-        recorders.append(Recorder(segmenter))
-        segmenter.segment(views)
-    np.testing.assert_allclose(recorders[0].logits[0], recorders[1].logits[0], atol=1e-5)
+    video, per_view = (recorded(folder, views, prompting=prompting) for prompting in ("video", "per-view"))
+    np.testing.assert_allclose(video.logits[0], per_view.logits[0], atol=1e-5)
 
 
 def test_a_video_prompted_by_a_mask_segments_its_first_view_at_the_end(folder):
@@ -401,14 +393,11 @@ def test_a_video_prompted_by_a_mask_segments_its_first_view_at_the_end(folder):
 
 
 def test_the_mask_prompt_is_the_visible_silhouette(folder):
-    box = (30, 20, 90, 40)
-    segmenter = make_segmenter(folder, prompting="per-view", prompt="mask")
-    recorder = Recorder(segmenter)
-    view = make_view(box=box)
+    view = make_view(box=(30, 20, 90, 40))
     hidden = view.object_visible.copy()
     hidden[:, 60:] *= 0.4
-    segmenter.segment([replace(view, object_visible=hidden)])
-    low = recorder.masks[0] > 0
+    hidden_there = replace(view, object_visible=hidden)
+    low = recorded(folder, [hidden_there], prompting="per-view", prompt="mask").masks[0] > 0
     np.testing.assert_array_equal(bounds(low), [30 / 120 * 32, 20 / 80 * 32, 60 / 120 * 32, 40 / 80 * 32])
 
 
@@ -528,17 +517,18 @@ def test_a_model_of_another_kind_is_refused(tmp_path):
         make_segmenter(tmp_path)
 
 
-def test_weights_that_could_hold_code_are_refused(tmp_path):
-    model = random_model()
-    model.config.save_pretrained(tmp_path)
-    torch.save(model.state_dict(), tmp_path / "pytorch_model.bin")
-    with pytest.raises(InputError, match="cannot be loaded"):
-        make_segmenter(tmp_path)
+def weights_that_could_hold_code(folder):
+    torch.save(random_model().state_dict(), folder / "pytorch_model.bin")
 
 
-def test_damaged_weights_are_refused(tmp_path):
+def damaged_weights(folder):
+    (folder / "model.safetensors").write_bytes(b"no weights in here")
+
+
+@pytest.mark.parametrize("write", [weights_that_could_hold_code, damaged_weights])
+def test_other_weights_are_refused(tmp_path, write):
     random_model().config.save_pretrained(tmp_path)
-    (tmp_path / "model.safetensors").write_bytes(b"no weights in here")
+    write(tmp_path)
     with pytest.raises(InputError, match="cannot be loaded"):
         make_segmenter(tmp_path)
 

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 import toy
-from command_line import SMALL, run
 
-from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.geometry.limits import check_magnitudes
-from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=400, floor_side=20)
@@ -27,10 +24,7 @@ class NoRenderer:
     blend_values = blend_weights = top_contributors = render
 
 
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def with_values(name, row, value):
@@ -82,17 +76,6 @@ def test_scenes_in_impossible_units_are_refused(factor, said):
         trim(scaled(factor), SELECTION, config=CONFIG, renderer=NoRenderer())
 
 
-def test_they_are_one_sentence_on_the_command_line(tmp_path, capsys):
-    formats.write(scaled(1e30), tmp_path / "scene.ply")
-    np.save(tmp_path / "rough.npy", SELECTION)
-    command = ["trim", tmp_path / "scene.ply", tmp_path / "rough.npy", *SMALL, "--output", tmp_path / "out"]
-    assert run(*command) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert run("select", tmp_path / "scene.ply", "--click", 5, 5, "--view-index", 0) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["rough.npy", "scene.ply"]
-
-
 @pytest.mark.parametrize("log_scale", [60.0, -1e6])
 def test_objects_of_impossible_sizes_are_refused(log_scale):
     scene = SCENE.replace(log_scales=np.full_like(SCENE.log_scales, log_scale))
@@ -138,10 +121,3 @@ def test_one_extreme_gaussian_does_not_spoil_a_trim(name, value, selected, tmp_p
     toy.check_parts(result, SELECTION)
     assert toy.jaccard(toy.object_rows(result), TRUTH) > 0.98
     result.save(tmp_path / "trimmed")
-
-
-def test_planning_refuses_them_too():
-    with pytest.raises(InputError, match="The selected object is 0 units large"):
-        plan_cameras(
-            SCENE.replace(means=np.zeros_like(SCENE.means), log_scales=np.full_like(SCENE.log_scales, -1e9)), toy.UP
-        )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import toy
 
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.errors import InputError
@@ -35,10 +36,6 @@ def view(expected, rgb=None):
     return View(camera, Rendering(rgb, blank + 1, blank), blank, blank, expected, (0, 0, width, height))
 
 
-def overlap(a, b):
-    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
-
-
 def test_every_segmenter_of_the_table_that_needs_no_download_can_be_made():
     for name in ("silhouette", "grabcut"):
         assert name in SEGMENTERS
@@ -67,20 +64,20 @@ def test_grabcut_finds_the_disc_from_a_rough_silhouette(x, radius):
     truth, rough = disc(), disc(x, radius=radius)
     (mask,) = GrabCutSegmenter().segment([view(rough, picture(truth))])
     assert mask.shape == truth.shape
-    assert overlap(mask, truth) > max(0.98, overlap(rough, truth))
+    assert toy.jaccard(mask, truth) > max(0.98, toy.jaccard(rough, truth))
 
 
 def test_grabcut_stays_near_the_expected_silhouette():
     twins = disc(35, radius=20) | disc(95, radius=20)
     (mask,) = GrabCutSegmenter().segment([view(disc(35, radius=20), picture(twins))])
     assert not mask[:, 64:].any()
-    assert overlap(mask, disc(35, radius=20)) > 0.98
+    assert toy.jaccard(mask, disc(35, radius=20)) > 0.98
 
 
 def test_grabcut_reaches_the_edge_of_the_image():
     truth = disc(5)
     (mask,) = GrabCutSegmenter().segment([view(disc(5, radius=24), picture(truth))])
-    assert overlap(mask, truth) > 0.97
+    assert toy.jaccard(mask, truth) > 0.97
     assert mask[48, 0]
 
 
@@ -117,7 +114,7 @@ def test_grabcut_accepts_colours_out_of_range():
     truth = disc()
     rgb = 3 * picture(truth) - 0.5
     (mask,) = GrabCutSegmenter().segment([view(disc(radius=24), rgb)])
-    assert overlap(mask, truth) > 0.97
+    assert toy.jaccard(mask, truth) > 0.97
 
 
 def test_options_of_segmenters_come_from_their_own_dataclasses(monkeypatch):
@@ -134,6 +131,6 @@ def test_grab_cut_leaves_the_trimap_as_it_was():
     trimap = np.where(mask, 3, 2).astype(np.uint8)
     trimap[0] = 0
     before = trimap.copy()
-    assert overlap(grab_cut(picture(mask), trimap, 3), mask) > 0.95
+    assert toy.jaccard(grab_cut(picture(mask), trimap, 3), mask) > 0.95
     np.testing.assert_array_equal(trimap, before)
     assert grab_cut(picture(mask), np.full_like(trimap, 3), 3).all()

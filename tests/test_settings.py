@@ -178,7 +178,7 @@ def outer(**values):
         (outer(choice="three"), "a.choice is 'three'; available: one, two."),
         (outer(choice=None), "a.choice is None"),
         (outer(choice=np.zeros(2)), "a.choice is array"),
-        (outer(on=1), "a.on is 1; it must be True or False."),
+        (outer(on=1), "a.on is 1; it must be true or false."),
         (outer(up=(0, 1)), "a.up is (0, 1); it must be 3 values."),
         (outer(up="0 0 1"), "a.up is '0 0 1'"),
         (outer(up=(0, 0, None)), "a.up is None"),

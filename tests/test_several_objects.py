@@ -22,18 +22,7 @@ CONFIG = toy.small_config()
 SHIFT = np.float32([2.4, 0, 0])
 
 
-def two_balls():
-    """A red and a blue ball beside each other on a floor, and which Gaussians each is."""
-    scene, truth = toy.ball_on_floor()
-    second = scene.select(truth)
-    second = second.replace(means=second.means + SHIFT, sh_dc=second.sh_dc[:, ::-1].copy())
-    both = concatenate([scene, second])
-    first = np.zeros(len(both), np.bool_)
-    first[: len(scene)] = truth
-    return both, first, np.arange(len(both)) >= len(scene)
-
-
-SCENE, FIRST, SECOND = two_balls()
+SCENE, FIRST, SECOND = toy.two_balls(SHIFT)
 
 
 def rough(truth, centre, reach=0.4):
@@ -43,10 +32,7 @@ def rough(truth, centre, reach=0.4):
 ROUGH = {3: rough(FIRST, toy.CENTRE), 7: rough(SECOND, toy.CENTRE + SHIFT)}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_pixels_need_one_thread():
-    with toy.one_thread():
-        yield
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
-from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.rendering import get_renderer
 
@@ -113,12 +112,6 @@ def test_a_plane_passes_through_the_camera_and_the_slanted_edge():
 def test_gaussians_on_one_side_are_no_straddlers():
     assert len(straddlers(needle(0.9)).rows) == 0
     assert len(straddlers(needle(-0.9)).rows) == 0
-
-
-@pytest.mark.parametrize("band", [0, -3])
-def test_a_band_narrower_than_a_pixel_is_refused(band):
-    with pytest.raises(InputError, match=f"boundary.band is {band}; it must be a whole number from 1"):
-        straddlers(needle(), band=band)
 
 
 @pytest.mark.parametrize("value", [True, False])

@@ -17,10 +17,12 @@ import numpy as np
 import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config
 
+from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.trimming.trim import BoundaryConfig, RowLabel, SplitConfig, trim
+from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.trim import trim
 
 N_CALLS = 12
 

@@ -17,6 +17,8 @@ from gaussian_trimmer.output.html import viewer
 from gaussian_trimmer.output.html.viewer import first_angles, first_view, viewer_page, write_viewer
 from gaussian_trimmer.trimming.trim import trim
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 
 @pytest.fixture(scope="module")
 def parts():
@@ -71,8 +73,7 @@ def test_the_page_opens_on_the_side_that_was_photographed():
     places = [(np.cos(angle), np.sin(angle), 0.8) for angle in np.radians([170, 190, 210])]
     K = intrinsics(0.8, 64, 64)
     cameras = tuple(Camera(look_at(toy.CENTRE + 6 * np.array(p), toy.CENTRE, toy.UP), K, 64, 64) for p in places)
-    with toy.one_thread():
-        result = trim(scene, truth, config=toy.small_config(), cameras=CameraSet(cameras, None, (True,) * 3, False))
+    result = trim(scene, truth, config=toy.small_config(), cameras=CameraSet(cameras, None, (True,) * 3, False))
     view = first_view(result.bounds, first_angles(result))
     outward = np.cos(view["yaw"]) * result.bounds.axes[0] + np.sin(view["yaw"]) * result.bounds.axes[1]
     assert outward @ np.array([np.cos(np.radians(190)), np.sin(np.radians(190)), 0]) > 0.95
@@ -80,8 +81,7 @@ def test_the_page_opens_on_the_side_that_was_photographed():
 
 def test_a_result_exports_object_background_or_both(tmp_path):
     scene, truth = toy.ball_on_floor()
-    with toy.one_thread():
-        result = trim(scene, toy.dilated(scene, truth), config=toy.small_config())
+    result = trim(scene, toy.dilated(scene, truth), config=toy.small_config())
     counts = {"object": len(result.object), "background": len(result.background)}
     for part, count in {**counts, "both": sum(counts.values())}.items():
         result.export_viewer(tmp_path / f"{part}.html", part)
@@ -103,8 +103,7 @@ def ball(tmp_path):
 
 def trim_ball(ball, *options):
     command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", 0, 0, 1, *SMALL, "--output", ball / "out"]
-    with toy.one_thread():
-        return run(*command, "--quiet", *options)
+    return run(*command, "--quiet", *options)
 
 
 def test_the_command_writes_the_page_among_its_results_or_elsewhere(ball):

@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from toy import accepted_view
 
-from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.views import bounding_box, box_slices
 
 
@@ -27,10 +25,3 @@ def test_a_box_and_its_margin_stay_within_the_image(margin, box):
 @pytest.mark.parametrize("margin", [0, 3])
 def test_an_empty_mask_has_the_whole_image_as_its_box(margin):
     assert bounding_box(np.zeros((6, 9), np.bool_), margin) == (0, 0, 9, 6)
-
-
-def test_a_silhouette_is_where_the_object_contributes_more_than_half():
-    camera = Camera(np.eye(4), intrinsics(1.0, 3, 1), 3, 1)
-    view = accepted_view(camera, np.ones((1, 3), np.bool_)).view
-    view.object_prior[:] = [0.5, 0.51, 0.49]
-    assert view.silhouette.tolist() == [[False, True, False]]

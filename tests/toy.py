@@ -6,10 +6,12 @@ import cv2
 import numba
 import numpy as np
 
-from gaussian_trimmer.gaussians import SH_C0, Gaussians, logit, quaternions_of, rotation_matrices
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.gaussians import SH_C0, Gaussians, concatenate, logit, quaternions_of, rotation_matrices
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.trimming.trim import RowLabel, TrimConfig
+from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.views import TrimmedView, View, bounding_box
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -51,6 +53,21 @@ def ball_on_floor(seed=0, n_ball=700, floor_side=30, n_floaters=12):
     scene = gaussians(means, scales, colours + rng.normal(0, 0.02, (n, 3)))
     order = rng.permutation(n)
     return scene.select(order), order < n_ball
+
+
+def two_balls(shift=(2.4, 0, 0)):
+    """A red ball at the origin of the floor and a blue one beside it; which Gaussians are the first and the second."""
+    scene, truth = ball_on_floor()
+    second = scene.select(truth)
+    second = second.replace(means=second.means + np.float32(shift), sh_dc=second.sh_dc[:, ::-1].copy())
+    rows = np.arange(len(scene) + len(second))
+    return concatenate([scene, second]), np.pad(truth, (0, len(second))), rows >= len(scene)
+
+
+def camera_at(position, target=CENTRE, size=200):
+    """A camera that looks at the ball, or elsewhere."""
+    pose = look_at(np.asarray(position, float), np.asarray(target, float), UP)
+    return Camera(pose, intrinsics(np.radians(60), size, size), size, size)
 
 
 def dilated(scene, truth, reach=0.5):

@@ -21,18 +21,20 @@ from gaussian_trimmer._version import __version__
 if TYPE_CHECKING:
     from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
+    from gaussian_trimmer.config import TrimConfig
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.output.html.viewer import export_viewer
     from gaussian_trimmer.output.report import describe
     from gaussian_trimmer.output.saving import save
+    from gaussian_trimmer.result import TrimResult
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks_file import read_marks
     from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selection_files import load_selection as read_selection
     from gaussian_trimmer.trimming.several_objects import trim_objects
-    from gaussian_trimmer.trimming.trim import TrimConfig, TrimResult, trim
+    from gaussian_trimmer.trimming.trim import trim
 
 
 __all__ = [

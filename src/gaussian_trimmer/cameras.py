@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
 
-_SQUARABLE = 1e150
+_MAX_SQUARABLE = 1e150
 """Squares of numbers between this and its inverse neither overflow nor vanish."""
 AXIS = re.compile(r"[+-]?[xyz]", re.IGNORECASE)
 """How an axis is written."""
@@ -143,7 +143,7 @@ def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:
         given = f" {up.tolist()}" if up.shape == (3,) else ""
         raise InputError(f"{what}{given} must be three finite numbers that are not all zero.")
     largest = abs(up).max()
-    if not 1 / _SQUARABLE < largest < _SQUARABLE:
+    if not 1 / _MAX_SQUARABLE < largest < _MAX_SQUARABLE:
         up = up / largest
     return np.asarray(up / np.linalg.norm(up))
 

@@ -8,7 +8,7 @@ import os
 import sys
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.errors import InputError, printable
+from gaussian_trimmer.errors import InputError, explained, printable
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -28,11 +28,13 @@ COMMANDS = {
     "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
     "evaluate nvos": (
-        "gaussian_trimmer.commands.evaluate_dataset", "Nvos", "score a method on NVOS, before and after trimming",
+        "gaussian_trimmer.commands.evaluate_dataset",
+        "Nvos",
+        "score a method on NVOS, before and after trimming",
     ),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
-}  # fmt: skip
+}
 """A command of two words goes before the command of its first word."""
 
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
@@ -79,15 +81,11 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _explain(error: BaseException) -> int:
     """Print what the user can mend, and raise the rest again."""
-    match error:
-        case InputError():
-            return _fail(str(error))
-        case OSError():
-            place = f": '{error.filename}'" if error.filename else ""
-            return _fail(f"{error.strerror or error}{place}.")
-        case MemoryError():
-            return _fail("There is not enough memory for this.")
-    raise error
+    message = explained(error)
+    if message is None:
+        raise error
+    print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
+    return USER_ERROR
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
@@ -127,12 +125,6 @@ def _parse(name: str, arguments: Sequence[str]) -> Any:
 def _overview() -> str:
     width = max(map(len, COMMANDS)) + 2
     lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
-    return "\n".join([
-        f"usage: {PROGRAM} COMMAND ...", "", "Sharp object boundaries for 3D Gaussian Splatting segmentations.", "",
-        *lines, "", f"{PROGRAM} COMMAND --help lists the options of a command; --version prints the version.",
-    ])  # fmt: skip
-
-
-def _fail(message: str) -> int:
-    print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)
-    return USER_ERROR
+    head = f"usage: {PROGRAM} COMMAND ...\n\nSharp object boundaries for 3D Gaussian Splatting segmentations.\n"
+    tail = f"\n{PROGRAM} COMMAND --help lists the options of a command; --version prints the version."
+    return "\n".join([head, *lines, tail])

@@ -46,6 +46,19 @@ def shown(name: str) -> str:
     return printable(name, _NAME_LENGTH)
 
 
+def explained(error: BaseException) -> str | None:
+    """What a user is told of an error that is not a defect of this package; None if it is one."""
+    match error:
+        case InputError():
+            return str(error)
+        case OSError():
+            place = f": '{error.filename}'" if error.filename else ""
+            return f"{error.strerror or error}{place}."
+        case MemoryError():
+            return "There is not enough memory for this."
+    return None
+
+
 def _without_middle(text: str, length: int) -> str:
     tail = (length - 3) // 2
     return f"{text[: length - 3 - tail]}...{text[len(text) - tail :]}"

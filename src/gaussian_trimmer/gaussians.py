@@ -172,11 +172,7 @@ class Gaussians:
 
 
 def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Finite numbers in float32, of a shape, in which -1 stands for any length.
-
-    Raises:
-        InputError: they are not.
-    """
+    """Finite numbers in float32, of a shape, in which -1 stands for any length."""
     try:
         with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
             array = np.asarray(values, np.float32)
@@ -196,11 +192,7 @@ def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _either(name: str, values: Any, raw_name: str, raw_values: Any, shape: tuple[int, ...]) -> FloatArray:
-    """The one of two arrays that is given.
-
-    Raises:
-        InputError: both are or none is, or it is no array of that shape.
-    """
+    """The one of two arrays that is given; not both."""
     if (values is None) == (raw_values is None):
         raise InputError(f"Give either {name} or {raw_name}.")
     return _array(name, values, shape) if raw_values is None else _array(raw_name, raw_values, shape)

@@ -30,8 +30,8 @@ from gaussian_trimmer.settings import hints_of
 Path = tuple[str, ...]
 Made = TypeVar("Made")
 UP = "X Y Z, or an axis such as z or -y"
-_NUMBER = re.compile(r"-[\d.]")
-_MEANINGS = {"INT": "a whole number", "FLOAT": "a number"}
+_NEGATIVE_NUMBER = re.compile(r"-[\d.]")
+_METAVAR_MEANINGS = {"INT": "a whole number", "FLOAT": "a number"}
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Path, Any]:
     left = deque(words)
     while left:
         word = left[0]
-        if word.startswith("--") or (word.startswith("-") and not _NUMBER.match(word)):
+        if word.startswith("--") or (word.startswith("-") and not _NEGATIVE_NUMBER.match(word)):
             left.popleft()
             flag, equals, value = word.partition("=")
             option, is_on = _flags_of(kind).get(flag.replace("_", "-"), (None, False))
@@ -219,7 +219,7 @@ def _wanted(option: Option) -> str:
         return f"it must be {UP}"
     if option.reader.choices:
         return f"available: {', '.join(option.reader.choices)}"
-    kinds = {_MEANINGS.get(kind, option.metavar) for kind in re.findall("[A-Z]+", option.reader.metavar)}
+    kinds = {_METAVAR_MEANINGS.get(kind, option.metavar) for kind in re.findall("[A-Z]+", option.reader.metavar)}
     if option.reader.nargs == 1:
         return f"it must be {kinds.pop()}"
     if isinstance(option.reader.nargs, int):

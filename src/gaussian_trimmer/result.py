@@ -42,11 +42,9 @@ class RowLabel(IntEnum):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TrimResult:
-    """The object, the scene without it, and how they were obtained."""
+class Division:
+    """A scene divided into an object of M Gaussians and a background."""
 
-    scene: Gaussians
-    """The Gaussians that were given."""
     object: Gaussians
     """The trimmed object: whole Gaussians in the order of the scene, then the inner parts of split ones."""
     outside_parts: Gaussians
@@ -55,6 +53,22 @@ class TrimResult:
     """Scene row of each row of the object, then of each row of the background; -1 where none is."""
     label: NDArray[np.uint8]
     """What happened to each of these rows, a `RowLabel`."""
+    dropped: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
+    filled: Gaussians | None = None
+    """New Gaussians of the background, which close the hole that the object left in a surface."""
+    fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
+    not_fitted: str | None = None
+    """Why the outline was not fitted although it was asked for; None if it was, or was not to be."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrimResult(Division):
+    """The object, the scene without it, and how they were obtained."""
+
+    scene: Gaussians
+    """The Gaussians that were given."""
     up: UpVector
     bounds: Bounds
     """Bounds of the roughly selected object, which the views frame."""
@@ -80,14 +94,6 @@ class TrimResult:
     """The renderer itself, which draws the pictures that are saved."""
     cameras: tuple[Camera, ...] = ()
     """The training cameras, if known."""
-    dropped: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
-    filled: Gaussians | None = None
-    """New Gaussians of the background, which close the hole that the object left in a surface."""
-    fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
-    not_fitted: str | None = None
-    """Why the outline was not fitted although it was asked for; None if it was, or was not to be."""
     warnings: tuple[str, ...] = ()
     """What may be wrong with the inputs although the object was trimmed, a sentence each."""
 

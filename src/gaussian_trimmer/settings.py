@@ -35,6 +35,9 @@ class Range:
         return bool(self.low <= value <= self.high)  # false for NaN
 
 
+_LARGEST: dict[Any, Range] = {int: Range(-(1 << 53), 1 << 53), float: Range(-1e30, 1e30)}
+"""Where a field states no range: whole numbers that survive programs which keep all numbers as floats, and others whose
+squares can still be computed with."""
 Share = Annotated[float, Range(0, 1)]
 """A part of a whole."""
 _Component = Annotated[float, Range(-1e9, 1e9)]
@@ -61,7 +64,7 @@ def check_settings(settings: Any, prefix: str = "") -> None:
     gaussian_trimmer.errors.InputError: evidence.recover-limit is nan; it must be a number from 0 to 1.
     """
     for name, kind in hints_of(settings.__class__).items():
-        _check(getattr(settings, name), kind, f"{prefix}.{name}".lstrip(".").replace("_", "-"))
+        check_value(getattr(settings, name), kind, f"{prefix}.{name}".lstrip(".").replace("_", "-"))
 
 
 @cache
@@ -71,47 +74,63 @@ def hints_of(settings: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in fields(settings)}
 
 
-def _check(value: Any, kind: Any, name: str) -> None:
-    """Check one value against the type of its field; types that are neither number nor choice allow everything."""
+def check_value(value: Any, kind: Any, name: str) -> None:
+    """Check a value against the type of its field; types that are neither number nor choice allow everything.
+
+    Raises:
+        InputError: the type does not have this value; the message calls it by the name.
+    """
     origin, arguments = get_origin(kind), get_args(kind)
     if is_dataclass(kind):
         if not isinstance(value, kind):  # type: ignore[arg-type]
-            raise _impossible(name, value, f"settings of the kind {getattr(kind, '__name__', kind)}")
+            raise wrong_value(value, name, f"settings of the kind {getattr(kind, '__name__', kind)}")
         check_settings(value, name)
     elif origin is Annotated:
         allowed = next((note for note in arguments[1:] if isinstance(note, Range)), None)
         if allowed is None:
-            _check(value, arguments[0], name)
+            check_value(value, arguments[0], name)
         else:
-            _check_number(value, arguments[0], allowed, name)
+            _check_number(value, arguments[0], allowed, name, f" from {allowed.low:.12g} to {allowed.high:.12g}")
     elif origin in (Union, types.UnionType):
         if value is not None:
-            _check(value, next(argument for argument in arguments if argument is not types.NoneType), name)
+            check_value(value, without_none(kind), name)
     elif origin is tuple:
-        _check_tuple(value, arguments, name)
+        for element, element_kind in tuple_elements(value, kind, name):
+            check_value(element, element_kind, name)
     elif origin is Literal and (not isinstance(value, str | int) or value not in arguments):
         raise InputError(f"{name} is {shown(repr(value))}; available: {', '.join(map(str, arguments))}.")
     elif kind is bool and not isinstance(value, bool):
-        raise _impossible(name, value, "True or False")
+        raise wrong_value(value, name, "true or false")
+    elif kind in (int, float):
+        _check_number(value, kind, _LARGEST[kind], name)
 
 
-def _check_number(value: Any, kind: type, allowed: Range, name: str) -> None:
-    whole = kind is int
-    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real) or value not in allowed:
-        number = "a whole number" if whole else "a number"
-        raise _impossible(name, value, f"{number} from {allowed.low:.12g} to {allowed.high:.12g}")
+def without_none(kind: Any) -> Any:
+    """The type that an optional one has beside None."""
+    return next(argument for argument in get_args(kind) if argument is not types.NoneType)
 
 
-def _check_tuple(value: Any, kinds: tuple[Any, ...], name: str) -> None:
+def tuple_elements(value: Any, kind: Any, name: str) -> list[tuple[Any, Any]]:
+    """The elements of a list or an array, each with the type that it has in a tuple of some type.
+
+    Raises:
+        InputError: the value is no list, or not of the tuple's length.
+    """
+    kinds = get_args(kind)
     any_length = len(kinds) == 2 and kinds[1] is Ellipsis
     is_list = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     if not is_list or not (any_length or len(value) == len(kinds)):
-        raise _impossible(name, value, "a list of values" if any_length else f"{len(kinds)} values")
-    for i, element in enumerate(value):
-        _check(element, kinds[0] if any_length else kinds[i], name)
+        raise wrong_value(value, name, "a list of values" if any_length else f"{len(kinds)} values")
+    return [(element, kinds[0] if any_length else kinds[i]) for i, element in enumerate(value)]
 
 
-def _impossible(name: str, value: Any, allowed: str) -> InputError:
+def wrong_value(value: Any, name: str, needed: str) -> InputError:
+    """The error that says what a value must be."""
     return InputError(
-        f"{name} is {shown(str(value) if isinstance(value, Real) else repr(value))}; it must be {allowed}."
+        f"{name} is {shown(str(value) if isinstance(value, Real) else repr(value))}; it must be {needed}."
     )
+
+
+def _check_number(value: Any, kind: type, allowed: Range, name: str, limits: str = "") -> None:
+    if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real) or value not in allowed:
+        raise wrong_value(value, name, f"a {'whole ' if kind is int else '' if limits else 'finite '}number{limits}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-_ON, _OFF = "\u25cf ", "\u25cb "
+_ON_SIGN, _OFF_SIGN = "\u25cf ", "\u25cb "
 
 
 class Switches:
@@ -27,7 +27,7 @@ class Switches:
         self._clicked.append(clicked)
 
     def _labels(self) -> tuple[str, ...]:
-        return tuple((_ON if option in self._on else _OFF) + option for option in self.options)
+        return tuple((_ON_SIGN if option in self._on else _OFF_SIGN) + option for option in self.options)
 
     def _show(self, on: set[str]) -> None:
         self._on = on
@@ -35,7 +35,7 @@ class Switches:
             self._group.options = self._labels()
 
     def _click(self, event: Any) -> None:
-        self._press(str(event.target.value)[len(_ON) :])
+        self._press(str(event.target.value)[len(_ON_SIGN) :])
         for clicked in self._clicked:
             clicked(event)
 

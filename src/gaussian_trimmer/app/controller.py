@@ -22,9 +22,9 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Point, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 
-_STAGES = 12
+_STAGES_OF_A_TRIM = 12
 """About as many stages as a trim has, for the progress bar."""
-_AXES: dict[str, Point] = {
+_AXIS_DIRECTIONS: dict[str, Point] = {
     "+X": (1.0, 0.0, 0.0),
     "-X": (-1.0, 0.0, 0.0),
     "+Y": (0.0, 1.0, 0.0),
@@ -32,7 +32,7 @@ _AXES: dict[str, Point] = {
     "+Z": (0.0, 0.0, 1.0),
     "-Z": (0.0, 0.0, -1.0),
 }
-_DISTANCE = 3.0
+_VIEW_DISTANCE_RADII = 3.0
 """Distance from which something is looked at, in its radius."""
 _BRUSH_STEP = 1.25
 _TOOL_KEYS = {
@@ -42,7 +42,7 @@ _TOOL_KEYS = {
     "X": controls.BOX3D,
     "B": controls.BRUSH,
 }
-_ENDED = "The program has ended. Nothing on this page works any more; start 'gaussian-trimmer view' again."
+_PROGRAM_ENDED = "The program has ended. Nothing on this page works any more; start 'gaussian-trimmer view' again."
 
 
 class Controller:
@@ -79,9 +79,9 @@ class Controller:
         """End the worker, and say so in all tabs."""
         self.worker.stop()
         self.panels.busy("", 0)
-        self.panels.say(_ENDED)
+        self.panels.say(_PROGRAM_ENDED)
         for client in self._server.get_clients().values():
-            client.add_notification("The program has ended", _ENDED, color="red", auto_close_seconds=None)
+            client.add_notification("The program has ended", _PROGRAM_ENDED, color="red", auto_close_seconds=None)
         self._server.flush()
 
     def do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
@@ -111,7 +111,9 @@ class Controller:
     def trim(self) -> str:
         """Trim the active object; returns the result in a sentence."""
         panels = self.panels
-        sentence = self.session.trim(panels.choices, self._stages(_STAGES, "Trimming: "), self.worker.cancelled)
+        sentence = self.session.trim(
+            panels.choices, self._stages(_STAGES_OF_A_TRIM, "Trimming: "), self.worker.cancelled
+        )
         panels.when.value, panels.overlays[TINT] = "After", panels.part.value == "Both"
         return sentence
 
@@ -121,7 +123,7 @@ class Controller:
         points = (means[now.object.selected.mask] if now.object.n_selected else means).astype(np.float64)
         centre = np.median(points, axis=0)
         radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
-        eye = centre - _DISTANCE * radius * self.tools.viewpoint(client).camera.forward
+        eye = centre - _VIEW_DISTANCE_RADII * radius * self.tools.viewpoint(client).camera.forward
         self._view.look(client, point_of(eye), point_of(centre))
         return self.panels.status_text
 
@@ -248,7 +250,7 @@ class Controller:
         return "The scene has these cameras now; your marks are kept, and understood with them."
 
     def _set_up(self, name: str) -> str:
-        up = self.session.set_up(_AXES.get(name))
+        up = self.session.set_up(_AXIS_DIRECTIONS.get(name))
         self._show_object()
         self._look_from_camera()
         return controls.describe_up(up)

@@ -17,7 +17,7 @@ from gaussian_trimmer.result import RowLabel
 Part = Literal["both", "object", "background"]
 When = Literal["before", "after"]
 
-_TINT = 0.6
+_TINT_SHARE = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
 
 
@@ -86,7 +86,9 @@ class Painter:
         if showing.tint:
             for place, marked in enumerate(now.objects):
                 mine = owner == place
-                colours[mine] = (1 - _TINT) * colours[mine] + _TINT * np.array(marked.colour, np.float32) / 255
+                colours[mine] = (1 - _TINT_SHARE) * colours[mine] + _TINT_SHARE * np.array(
+                    marked.colour, np.float32
+                ) / 255
         return replace(splats, colours=colours)
 
     def _splats(self, visible: BoolArray) -> Splats:

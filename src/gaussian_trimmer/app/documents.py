@@ -14,6 +14,7 @@ import numpy as np
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
@@ -23,7 +24,6 @@ from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
 from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
 from gaussian_trimmer.selecting.view_lookup import resolve_views
-from gaussian_trimmer.trimming.trim import TrimConfig
 
 Colour = tuple[int, int, int]
 Progress = Callable[[str], None]

@@ -20,7 +20,8 @@ WHENS = {"Before": "before", "After": "after"}
 UPS = ("Automatic", "+X", "-X", "+Y", "-Y", "+Z", "-Z")
 AS_SCENE = "as the scene"
 TINT, VIEWS, ARROW = "Tint", "Virtual cameras", "Up arrow"
-_ATTACHED, _FIT, _CLEAN, _FILL = "Take in what is attached", "Fit the outline", "Clean the background", "Close the hole"
+_TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
+_CLEAN_BACKGROUND, _CLOSE_HOLE = "Clean the background", "Close the hole"
 _HINTS = {
     LOOK: "Drag to turn, right-drag to move, use the wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",
@@ -76,7 +77,9 @@ class Panels:
     def choices(self) -> TrimChoices:
         """The settings of the next trim."""
         on = self.options
-        return TrimChoices(recover=on[_ATTACHED], clean=on[_CLEAN], fill=on[_FILL], fit=on[_FIT])
+        return TrimChoices(
+            recover=on[_TAKE_ATTACHED], clean=on[_CLEAN_BACKGROUND], fill=on[_CLOSE_HOLE], fit=on[_FIT_OUTLINE]
+        )
 
     @property
     def target(self) -> Target:
@@ -167,7 +170,7 @@ class Panels:
             self.load = gui.add_button("Replace the marks by this file", icon="file-import")
 
     def _make_trim(self, gui: Any) -> None:
-        options = (_ATTACHED, _FIT, _CLEAN, _FILL)
+        options = (_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CLOSE_HOLE)
         self.options = Switches(gui, "Options", options, options[:3])
         self.trim = gui.add_button("Trim", icon="cut", color="green")
         self.summary = gui.add_markdown("")

@@ -17,19 +17,19 @@ from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, point_of
 from gaussian_trimmer.views import TrimmedView
 
-_GOOD, _BAD = (60, 200, 90), (230, 60, 60)
+_ACCEPTED_COLOUR, _REJECTED_COLOUR = (60, 200, 90), (230, 60, 60)
 _MASK_TINT = (40, 230, 120)
-_THUMBNAIL = 192
+_THUMBNAIL_PIXELS = 192
 """Pixels of the pictures in the virtual cameras."""
-_FRUSTUM = 0.3
+_FRUSTUM_RADII = 0.3
 """Size of a virtual camera, relative to the object's radius."""
-_ARROW = 2.5
+_UP_ARROW_LENGTH = 2.5
 """Length of the up arrow in the viewer's units."""
 _EDGE_PIXELS = 2.0
 _BALL_SUBDIVISIONS = 2
-_EDGES = np.array([[corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit])
+_BOX_EDGES = np.array([[corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit])
 """Corners of a box that an edge joins, (12, 2); the bits of a corner's number are its sides in x, y and z."""
-_SIGNS = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
+_BOX_CORNERS = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
 """Corners of a box of side one around the origin, (8, 3)."""
 
 
@@ -67,11 +67,13 @@ class SceneView:
 
     def show_arrow(self, up: Float64Array, visible: bool) -> None:
         """Show the up vector as an arrow, or hide it."""
-        points = np.array([[np.zeros(3), _ARROW * up]], np.float32)
+        points = np.array([[np.zeros(3), _UP_ARROW_LENGTH * up]], np.float32)
         self._server.scene.add_arrows(
             "/up", points, (40, 120, 255), shaft_radius=0.03, head_radius=0.09, head_length=0.25, visible=visible
         )
-        self._server.scene.add_label("/up/label", "up", position=tuple((1.08 * _ARROW * up).tolist()), visible=visible)
+        self._server.scene.add_label(
+            "/up/label", "up", position=tuple((1.08 * _UP_ARROW_LENGTH * up).tolist()), visible=visible
+        )
 
     def show_views(self, result: TrimResult | None) -> None:
         """Show the virtual cameras of a trim with what they saw and its masks, or none."""
@@ -80,7 +82,7 @@ class SceneView:
         self._views = []
         for number, view in enumerate(result.views if result is not None else ()):
             assert result is not None
-            size = _FRUSTUM * result.bounds.radius * self.frame.scale
+            size = _FRUSTUM_RADII * result.bounds.radius * self.frame.scale
             self._views.append(self._frustum(f"/views/{number}", view, size))
 
     def show_points(self, points: Sequence[Point]) -> None:
@@ -165,7 +167,7 @@ class SceneView:
 
     def _edges(self, size: Sequence[float]) -> FloatArray:
         """Ends of the edges of a box in the viewer's units, around its middle, (12, 2, 3)."""
-        return np.asarray((_SIGNS * np.array(size, np.float64) * self.frame.scale)[_EDGES], np.float32)
+        return np.asarray((_BOX_CORNERS * np.array(size, np.float64) * self.frame.scale)[_BOX_EDGES], np.float32)
 
     def _place(self, point: Point) -> Point:
         return point_of(self.frame.to_viewer(np.array(point)))
@@ -177,7 +179,7 @@ class SceneView:
             fov=float(2 * np.arctan(camera.height / 2 / camera.K[1, 1])),
             aspect=camera.width / camera.height,
             scale=size,
-            color=_BAD if view.rejected else _GOOD,
+            color=_REJECTED_COLOUR if view.rejected else _ACCEPTED_COLOUR,
             image=_thumbnail(view),
             format="jpeg",
             wxyz=quaternions_of(camera.rotation.T[None])[0],
@@ -190,6 +192,6 @@ def _thumbnail(view: TrimmedView) -> NDArray[np.uint8]:
     """What a view saw, its mask tinted."""
     picture = np.clip(view.view.rgb, 0, 1) * 255
     tinted = np.where(view.mask[..., None], 0.5 * picture + 0.5 * np.array(_MASK_TINT), picture)
-    scale = _THUMBNAIL / max(tinted.shape[:2])
+    scale = _THUMBNAIL_PIXELS / max(tinted.shape[:2])
     size = max(1, round(tinted.shape[1] * scale)), max(1, round(tinted.shape[0] * scale))
     return np.asarray(cv2.resize(tinted.astype(np.uint8), size, interpolation=cv2.INTER_AREA))

@@ -75,11 +75,7 @@ def wait(until: Callable[[], bool] = lambda: False) -> None:
 
 
 def _start(port: int) -> Any:
-    """A guarded server that listens.
-
-    Raises:
-        InputError: viser is not installed or cannot be guarded.
-    """
+    """A guarded server that listens; viser has to be there."""
     try:
         import viser
     except ImportError as error:

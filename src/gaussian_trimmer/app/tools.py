@@ -30,7 +30,7 @@ _MODIFIERS: dict[str | None, Effect | None] = {
     "cmd/ctrl+shift": "intersect",
 }
 """What keys that are held make of a mark; None: what the panel says."""
-_MIDDLE = (0.5, 0.5)
+_SCREEN_MIDDLE = (0.5, 0.5)
 _DABS_APART = 0.5
 """Distance of a stroke's balls, in their radius."""
 _MOST_DABS = 500
@@ -89,7 +89,7 @@ class Tools:
 
     def _show_ball(self, client: Any) -> None:
         """Show the brush in the middle of the picture, so that its size can be seen."""
-        (point,) = self._surface_points(self.viewpoint(client), [_MIDDLE])
+        (point,) = self._surface_points(self.viewpoint(client), [_SCREEN_MIDDLE])
         if point is not None:
             self._view.show_ball(point, self._radius, self._dragged)
 
@@ -104,7 +104,7 @@ class Tools:
             centre = (low + high) / 2 @ turn
         else:
             view = self.viewpoint(client)
-            (point,) = self._surface_points(view, [_MIDDLE])
+            (point,) = self._surface_points(view, [_SCREEN_MIDDLE])
             if point is None:
                 raise InputError("Nothing is in the middle of the picture; turn towards the object, then choose again.")
             centre = np.array(point)

@@ -15,7 +15,7 @@ from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
 
-_SIZE = 5.0
+_MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
@@ -41,7 +41,7 @@ class Frame:
         """The frame in which half of the centres (N, 3) lie within five units of the origin."""
         centre = np.median(means, axis=0).astype(np.float64)
         distance = float(np.median(np.linalg.norm(means - centre, axis=1)))
-        return cls(centre, _SIZE / distance if distance > 0 else 1.0)
+        return cls(centre, _MEDIAN_DISTANCE / distance if distance > 0 else 1.0)
 
     def to_viewer(self, points: Float64Array | FloatArray) -> Float64Array:
         """Points of the scene (..., 3) in the viewer's coordinates."""

@@ -17,7 +17,7 @@ PROCESS_BYTES = 400 << 20
 """What a worker takes without a scene: the interpreter, libraries, compiled kernels, pictures of views."""
 _BYTES_PER_SCENE_BYTE = 3.5
 """What a trim takes at most, beside that, for each byte of the scene as arrays; measured, see docs/scale.md."""
-_EXPANSION = {
+_BYTES_PER_FILE_BYTE = {
     ".ply": 1.0,
     ".compressed.ply": 4.0,
     ".splat": 2.0,
@@ -84,7 +84,7 @@ def scene_need(scene: str) -> float:
         suffix, size = formats.format_suffix(file), file.stat().st_size
         if suffix == "meta.json":  # The Gaussians are in the textures beside it.
             size = sum(path.stat().st_size for path in file.parent.glob("*.webp")) or size
-        return _BYTES_PER_SCENE_BYTE * _EXPANSION[suffix] * size
+        return _BYTES_PER_SCENE_BYTE * _BYTES_PER_FILE_BYTE[suffix] * size
     return 0.0
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.manifest import MANIFEST
-from gaussian_trimmer.io.writing import atomic_file, atomic_folder, remove_leftovers
+from gaussian_trimmer.io.writing import atomic_folder, remove_leftovers, write_whole
 from gaussian_trimmer.output.report import RESULTS, result_files
 
 ITEM = "item.json"
@@ -76,8 +76,7 @@ class Store:
         """
         path = self._root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(path) as part:
-            part.write_text(text, encoding="utf-8")
+        write_whole(path, text)
 
     def clean(self, name: str) -> None:
         """Remove what a process that was killed has left beside the results of an item."""

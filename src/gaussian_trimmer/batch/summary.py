@@ -19,7 +19,7 @@ COLUMNS = (
     *("views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint"),
 )
 _MOST_PICTURES = 500
-_STYLE = (
+_CSS = (
     "body{margin:2em}table{border-collapse:collapse}"
     "td,th{padding:.3em .8em;text-align:left;vertical-align:top;border-bottom:1px solid var(--line)}"
     "img{width:320px;display:block}.failed{color:var(--bad)}.left{color:var(--faint)}"
@@ -96,7 +96,7 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
             link = f"items/{quote(outcome.item.name)}/before_after.png"
             picture = f'<a href="{link}"><img loading="lazy" src="{link}" alt=""></a>'
         lines.append(_row(outcome, picture))
-    return document("Batch", "\n".join([*lines, "</table>"]), style=_STYLE, stands_alone=False)
+    return document("Batch", "\n".join([*lines, "</table>"]), style=_CSS, stands_alone=False)
 
 
 def _row(outcome: Outcome, picture: str) -> str:

@@ -25,7 +25,7 @@ from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome, outcome_of
 from gaussian_trimmer.batch.storage import ITEM, Store
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.errors import InputError, printable
+from gaussian_trimmer.errors import InputError, explained, printable
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 from gaussian_trimmer.output.report import describe, write_results
@@ -33,10 +33,11 @@ from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.selection_files import load_selection
+from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
 
-_BUSY = "Another run is writing"
+_FOLDER_IS_LOCKED = "Another run is writing"
 """How `atomic_folder` begins the error for a folder that is locked."""
 _SECONDS_BETWEEN_LOOKS = 0.5
 _SECONDS_TO_COMPILE = 300.0
@@ -98,8 +99,8 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
     except _TookTooLong:
         message = f"It took longer than the time limit of {limit:g} seconds."
     except (InputError, OSError, MemoryError) as error:
-        message = _sentence(error)
-        if message.startswith(_BUSY):
+        message = explained(error) or ""
+        if message.startswith(_FOLDER_IS_LOCKED):
             return None
         if _is_of_machine(error):
             mark = ""  # The next run tries again what the machine is to blame for.
@@ -163,11 +164,7 @@ def _selection(scene: Gaussians, item: Item) -> BoolArray:
     if item.selection is None:
         return np.ones(len(scene), np.bool_)
     selection = load_selection(Path(item.selection), scene, item.selection_options)
-    if selection.all():
-        raise InputError(
-            f"'{item.selection}' selects all {len(selection)} Gaussians of '{item.scene}'; give the whole scene, or "
-            "leave the selection out if the file holds the object alone."
-        )
+    refuse_whole_scene(selection, item.selection, item.scene)
     return selection
 
 
@@ -224,15 +221,6 @@ def _is_of_machine(error: BaseException | None) -> bool:
             return True
         error = error.__cause__
     return False
-
-
-def _sentence(error: InputError | OSError | MemoryError) -> str:
-    if isinstance(error, MemoryError):
-        return "There is not enough memory for this."
-    if isinstance(error, InputError):
-        return str(error)
-    place = f": '{error.filename}'" if error.filename else ""
-    return f"{error.strerror or error}{place}."
 
 
 class _FinishedByAnotherRun(Exception):  # noqa: N818

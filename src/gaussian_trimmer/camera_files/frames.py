@@ -17,7 +17,7 @@ DISTORTION_TOLERANCE = 1e-4
 _RIGID_TOLERANCE = 1e-2
 _MAX_IMAGE_SIDE = 1 << 16
 _MAX_PIXELS = 1 << 28
-_REACH = 1e4
+_MAX_SIDES = 1e4
 """Focal lengths and distances of the principal point from the picture, in longer sides of the picture, at most; and
 focal lengths, in parts of it, at least. Fields of view end at 0.006 and 179.99 degrees so."""
 
@@ -62,8 +62,8 @@ def make_lens(pinhole: Sequence[Any], width: Any, height: Any, distorted: bool, 
     size = floats([width, height], (2,), f"{where}: the image size")
     if ((size < 1) | (size > _MAX_IMAGE_SIDE) | (size % 1 != 0)).any() or size.prod() > _MAX_PIXELS:
         raise InputError(f"{where}: an image of {size[0]:.12g} x {size[1]:.12g} pixels is not possible.")
-    reach = size.max() * _REACH
-    if not all(size.max() / _REACH <= focal <= reach for focal in (fx, fy)) or max(abs(cx), abs(cy)) > reach:
+    reach = size.max() * _MAX_SIDES
+    if not all(size.max() / _MAX_SIDES <= focal <= reach for focal in (fx, fy)) or max(abs(cx), abs(cy)) > reach:
         raise InputError(
             f"{where}: the focal lengths {fx:g} and {fy:g} with the principal point ({cx:g}, {cy:g}) are not possible "
             f"for an image of {size[0]:g} x {size[1]:g} pixels."

@@ -29,9 +29,24 @@ _MAX_JSON_BYTES, _MAX_PICTURE_BYTES = 1 << 26, 1 << 28
 _OPENGL_TO_OPENCV = np.array([1.0, -1.0, -1.0])
 _DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _SHARED_KEYS = (
-    "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy", "camera_model", "is_fisheye",
-    "width", "height", "fx", "fy", "K", "split", *_DISTORTION_KEYS,
-)  # fmt: skip
+    "w",
+    "h",
+    "fl_x",
+    "fl_y",
+    "camera_angle_x",
+    "camera_angle_y",
+    "cx",
+    "cy",
+    "camera_model",
+    "is_fisheye",
+    "width",
+    "height",
+    "fx",
+    "fy",
+    "K",
+    "split",
+    *_DISTORTION_KEYS,
+)
 """What may be given once for all frames."""
 
 
@@ -144,11 +159,7 @@ def _name(given: Any) -> str:
 
 
 def _size_of_image(folder: Path, name: str, where: str, trust_paths: bool) -> dict[str, int]:
-    """Width and height of a frame's image beside the file, as `w` and `h`; Blender's paths have no suffix.
-
-    Raises:
-        InputError: there is no such image, or it lies elsewhere and paths are not trusted.
-    """
+    """Width and height of a frame's image beside the file, as `w` and `h`; Blender's paths have no suffix."""
     relative = PurePosixPath(name.replace("\\", "/"))
     for image in (folder / relative, folder / f"{relative}.png", folder / f"{relative}.jpg"):
         if not is_file(image):

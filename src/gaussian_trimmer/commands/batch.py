@@ -75,11 +75,7 @@ class Batch:
         self._report_end(console, outcomes)
 
     def _report_end(self, console: Console, outcomes: list[Outcome]) -> None:
-        """Say what became of the batch.
-
-        Raises:
-            InputError: items have failed.
-        """
+        """Say what became of the batch, as an error if items have failed."""
         done = [outcome for outcome in outcomes if outcome.state == "done"]
         found = sum(not outcome.fresh for outcome in done)
         failed = [outcome for outcome in outcomes if outcome.state == "failed"]

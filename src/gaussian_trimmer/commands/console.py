@@ -33,7 +33,7 @@ _STAGES = {
     "fill": "filling the hole",
     "write": "writing files and pictures",
 }
-_STEPS = len(_STAGES) + 1
+_PROGRESS_STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
 _PROGRAM = "gaussian-trimmer"
 _COMPILING = "Compiling kernels, once per installation: about 20 seconds."
@@ -72,7 +72,7 @@ def progress_over_stages(console: Console) -> Iterator[Callable[[str], None]]:
         disable=console.quiet or not console.is_terminal,
     )
     with bar:
-        task = bar.add_task("", total=_STEPS)
+        task = bar.add_task("", total=_PROGRESS_STEPS)
 
         def show(stage: str) -> None:
             name, _, part = stage.partition(" ")  # a part of a stage that takes long is no step of its own

@@ -15,7 +15,7 @@ from typing import Any
 from gaussian_trimmer.options import Option, options_of
 
 HELP_ALL = "--help-all"
-_WIDEST, _INDENT = 110, 8
+_MAX_WIDTH, _TEXT_INDENT = 110, 8
 
 
 def help_on(kind: type, prog: str, *, everything: bool) -> str:
@@ -26,7 +26,7 @@ def help_on(kind: type, prog: str, *, everything: bool) -> str:
         prog: how the command is called.
         everything: list every setting, not just the usual options.
     """
-    width = min(shutil.get_terminal_size().columns, _WIDEST)
+    width = min(shutil.get_terminal_size().columns, _MAX_WIDTH)
     options = [option for option in options_of(kind) if not option.is_hidden]
     listed = options if everything else _common(options, kind)
     places = [option.metavar for option in options if option.is_positional]
@@ -74,7 +74,7 @@ def _body(option: Option, width: int) -> Iterator[str]:
     if not hint and option.default not in (MISSING, None, "", ()) and option.default is not False:
         hint = f"(default: {' '.join(option.reader.str_from_instance(option.default))})"
     if words or hint:
-        yield _wrapped(f"{words} {hint}", width, _INDENT)
+        yield _wrapped(f"{words} {hint}", width, _TEXT_INDENT)
 
 
 @cache

@@ -26,10 +26,10 @@ from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionF
 from gaussian_trimmer.selection_files.splat_kinds import MASK
 from gaussian_trimmer.selection_files.splat_rows import has_identity_features
 
-_FAINT, _SOLID = 0.05, 0.95
-_LISTED = 24
+_FAINT_OPACITY, _SOLID_OPACITY = 0.05, 0.95
+_MAX_LISTED = 24
 _COLMAP_FILES = ("cameras.bin", "cameras.txt", "images.bin", "images.txt")
-_USES = {
+_USES_BY_KIND = {
     "trimmed": f"labels of a trim: selects its object, or one of several with {flag('object_id')}",
     "mask": "selects from a scene of {n} Gaussians",
     "labels": f"selects from a scene of {{n}} Gaussians, with {flag('object_id')}",
@@ -97,8 +97,8 @@ def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
     yield f"bounds of the middle 98 %: {', '.join(ranges)}"
     opacities = gaussians.opacities
     yield (
-        f"opacity: median {np.median(opacities):.2f}, {_percent(opacities < _FAINT)} below {_FAINT}, "
-        f"{_percent(opacities > _SOLID)} above {_SOLID}"
+        f"opacity: median {np.median(opacities):.2f}, {_percent(opacities < _FAINT_OPACITY)} below {_FAINT_OPACITY}, "
+        f"{_percent(opacities > _SOLID_OPACITY)} above {_SOLID_OPACITY}"
     )
     with np.errstate(over="ignore"):
         largest = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
@@ -112,11 +112,11 @@ def describe_marks(marks: Marks) -> Iterator[str]:
     """Lines on marks that were saved."""
     names = {kind: name for name, kind in KINDS.items()}
     yield f"marks: {len(marks.marks)}, in a scene of {marks.scene_size or 'unknown'} Gaussians"
-    for number, mark in enumerate(marks.marks[:_LISTED], 1):
+    for number, mark in enumerate(marks.marks[:_MAX_LISTED], 1):
         effect = getattr(mark, "effect", None)
         yield f"{number}. {names[type(mark)]}{f', {effect}' if effect else ''}"
-    if len(marks.marks) > _LISTED:
-        yield f"and {len(marks.marks) - _LISTED} more"
+    if len(marks.marks) > _MAX_LISTED:
+        yield f"and {len(marks.marks) - _MAX_LISTED} more"
     yield "selects: give the file as SELECTION of trim, or to select --marks"
 
 
@@ -129,17 +129,17 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"classifier of {classifier.weight.shape[0]} ids from {classifier.weight.shape[1]} identity features"
         yield f"selects from a scene with obj_dc columns, with {flag('object_id')}"
         return
-    for name, array in list(file.arrays.items())[:_LISTED]:
+    for name, array in list(file.arrays.items())[:_MAX_LISTED]:
         yield f"{f'array {shown(name)}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
-    if len(file.arrays) > _LISTED:
-        yield f"and {len(file.arrays) - _LISTED} more arrays"
+    if len(file.arrays) > _MAX_LISTED:
+        yield f"and {len(file.arrays) - _MAX_LISTED} more arrays"
     options = SelectionOptions()
     labels = file.vector(options, *LABEL_NAMES)
     longest = max((max(array.shape, default=0) for array in file.arrays.values()), default=0)
     n = longest if labels is None else len(labels)
     kinds = offered_kinds(file, n, options)
     for kind in kinds:
-        yield _USES[kind].format(n=n)
+        yield _USES_BY_KIND[kind].format(n=n)
     if "labels" in kinds and _distinct_rows(file, options):
         yield "selects the listed rows of a scene with more Gaussians"
     if not kinds:

@@ -49,9 +49,24 @@ class Select(TrimSettings):
     """
 
     COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
-        "--list-views", "--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract",
-        "--marks", "--masks", "--object-ids", "--cameras", "--up", "--output", "--overwrite", "--trim", "--quiet",
-    )  # fmt: skip
+        "--list-views",
+        "--view",
+        "--view-index",
+        "--click",
+        "--remove-click",
+        "--box",
+        "--add",
+        "--subtract",
+        "--marks",
+        "--masks",
+        "--object-ids",
+        "--cameras",
+        "--up",
+        "--output",
+        "--overwrite",
+        "--trim",
+        "--quiet",
+    )
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or the folder of a training."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import (
     announce_compiling,
@@ -24,9 +22,8 @@ from gaussian_trimmer.commands.console import (
     print_warnings,
     progress_over_stages,
 )
-from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.trim_inputs import TrimInputs
 from gaussian_trimmer.commands.trim_objects import trim_labels
-from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.config import check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -36,7 +33,7 @@ from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
-from gaussian_trimmer.output.saving import suffix_of, trim_files, write_trim
+from gaussian_trimmer.output.saving import trim_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
@@ -47,12 +44,10 @@ from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, wri
 from gaussian_trimmer.selecting.saved_selection import excluded_from
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
-from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.selection_files.options import flag
-from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
 
@@ -78,31 +73,11 @@ class Loaded(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Trim(TrimSettings):
+class Trim(TrimInputs):
     """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
 
     Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone.
     """
-
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (*TrimSettings.COMMON_OPTIONS, "--labels", "--objects", "--exclude")
-
-    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """Splat file of the scene, or of the object alone; or the folder of a training."""
-    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
-    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, a file that a
-    segmentation method saved, or marks that were saved as .json."""
-    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
-    """Folder for the results."""
-    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
-    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
-    labels: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Trim several objects at once, in place of SELECTION: one id a Gaussian, what a method with several objects saved,
-    or a folder of masks whose pixels are ids. There is a file object_ID for each, and one background without all."""
-    objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
-    """Which objects of --labels; without it, all with ids above zero."""
-    exclude: Annotated[tuple[Path, ...], arg(metavar="FILE ...")] = ()
-    """Selections of other objects, such as labels.npz of an earlier trim: their Gaussians stay out of this object."""
-    mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
 
     def run(self, load: Callable[[], Loaded] | None = None) -> int:
         """Trim and write the results; returns the exit code, 3 where nothing was trimmed.
@@ -141,7 +116,8 @@ class Trim(TrimSettings):
         stage("read")
         loaded = loaded or self._read(console)
         scene, selection, excluded = loaded.scene, *self.without_excluded(loaded)
-        self._refuse_whole_scene(loaded.selection)
+        if self.selection is not None:
+            refuse_whole_scene(loaded.selection, self.selection, self.scene)
         seconds = {"read": time.perf_counter() - start}
         renderer, segmenter = get_renderer(self.renderer), self.make_segmenter()
         views = views_of_masks(segmenter, loaded.cameras, self.settings())
@@ -150,9 +126,16 @@ class Trim(TrimSettings):
         if renderer.name == "numba":
             announce_compiling(console)
         result = trim(
-            scene, selection, config=self.settings(), renderer=renderer, segmenter=segmenter, cameras=loaded.cameras,
-            view_cameras=views, excluded=excluded, progress=stage,
-        )  # fmt: skip
+            scene,
+            selection,
+            config=self.settings(),
+            renderer=renderer,
+            segmenter=segmenter,
+            cameras=loaded.cameras,
+            view_cameras=views,
+            excluded=excluded,
+            progress=stage,
+        )
         stage("write")
         if loaded.marks is not None:
             write_marks(loaded.marks, folder / MARKS)
@@ -171,16 +154,6 @@ class Trim(TrimSettings):
         if not selection.any():
             raise InputError("Nothing is left of the selection: --exclude names all of it.")
         return selection, others if loaded.excluded is None else others | loaded.excluded
-
-    def excluded_rows(self, scene: Gaussians) -> BoolArray:
-        """Which Gaussians of the scene --exclude names, (N,)."""
-        excluded = np.zeros(len(scene), np.bool_)
-        for path in self.exclude:
-            if path.suffix == ".npz" and is_trimmed(open_selection(path, len(scene))):
-                excluded |= np.any(list(load_objects(path, scene).values()), axis=0)
-            else:
-                excluded |= load_selection(path, scene)
-        return excluded
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
@@ -203,20 +176,6 @@ class Trim(TrimSettings):
         self.mark_options.marks()
         self.pages.check(self.folder(), overwrite=self.overwrite)
 
-    def suffix(self) -> str:
-        """Ending of the splat files that are written."""
-        if self.format is None:
-            return formats.written_suffix(formats.find_scene(self.scene))
-        return suffix_of(self.format)
-
-    def folder(self) -> Path:
-        """The folder for the results."""
-        if self.output is not None:
-            return self.output
-        given = self.selection or self.labels
-        names = [self.scene.name.split(".")[0], *([given.name.split(".")[0]] if given else [])]
-        return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
-
     def _input_paths(self) -> list[Path]:
         """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
         cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
@@ -229,20 +188,6 @@ class Trim(TrimSettings):
             *(value for values in options for value in values.values()),
         ]
         return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
-
-    def read_scene(self, console: Console) -> Gaussians:
-        """The Gaussians of the scene; of a training's folder, those of its latest iteration, which is said."""
-        found = formats.find_scene(self.scene)
-        if found != self.scene:
-            console.print(f"{self.scene}: reading {found}")
-        return formats.read(found)
-
-    def read_cameras(self, console: Console) -> CameraSet | None:
-        """The training cameras, if they are given, in the coordinates of the scene."""
-        if self.cameras is None:
-            return None
-        scene = formats.find_scene(self.scene)
-        return read_cameras_of(scene, self.cameras, trust_paths=self.trust_paths, say=console.print)
 
     def _read(self, console: Console) -> Loaded:
         scene = self.read_scene(console)
@@ -274,13 +219,6 @@ class Trim(TrimSettings):
             further = [FromFile(self.selection, self.selection_options), *further]
         settled = resolve_views(scene, further, cameras=cameras, up=self.config.up, camera_path=self.cameras)
         return settled if earlier is None else earlier.followed_by(settled, self.cameras)
-
-    def _refuse_whole_scene(self, selection: BoolArray) -> None:
-        if self.selection is not None and selection.all():
-            raise InputError(
-                f"'{self.selection}' selects all {len(selection)} Gaussians of '{self.scene}'; give the whole scene, "
-                "or leave the selection out if the file holds the object alone."
-            )
 
     def _photo_views(
         self, scene: Gaussians, selection: BoolArray, cameras: CameraSet | None, segmenter: Segmenter

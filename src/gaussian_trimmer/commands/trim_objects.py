@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import progress_over_stages
+from gaussian_trimmer.commands.trim_inputs import TrimInputs
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_folder
@@ -23,11 +24,8 @@ from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
-if TYPE_CHECKING:
-    from gaussian_trimmer.commands.trim import Trim
 
-
-def trim_labels(command: Trim, console: Console) -> None:
+def trim_labels(command: TrimInputs, console: Console) -> None:
     """Trim all objects that a command names by its labels, and write the results.
 
     Raises:
@@ -75,7 +73,7 @@ def trim_labels(command: Trim, console: Console) -> None:
     console.print(f"object_ID{suffix}, background{suffix}, {looked_at} and the rest are in {folder}.")
 
 
-def _refuse_other_options(command: Trim) -> None:
+def _refuse_other_options(command: TrimInputs) -> None:
     """Refuse what a trim of several objects would have to ignore."""
     if command.selection is not None or command.mark_options.marks():
         raise InputError("--labels says what to trim; leave SELECTION and marks out.")
@@ -105,7 +103,7 @@ def _sentence(entry: Mapping[str, Any]) -> str:
     return f"object {entry['id']}: {entry['gaussians']:,} Gaussians. {sentence_of(entry['counts'])}."
 
 
-def _objects(command: Trim, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:
+def _objects(command: TrimInputs, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:
     assert command.labels is not None
     if not command.labels.is_dir():
         return load_objects(command.labels, scene, command.objects, command.selection_options)
@@ -120,7 +118,7 @@ def _objects(command: Trim, scene: Gaussians, cameras: CameraSet | None) -> dict
     return {number: np.asarray(labels == number) for number in (command.objects or present)}
 
 
-def _inputs(command: Trim) -> dict[str, Any]:
+def _inputs(command: TrimInputs) -> dict[str, Any]:
     return {
         "scene": str(command.scene),
         "labels": str(command.labels),

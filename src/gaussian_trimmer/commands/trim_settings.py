@@ -12,9 +12,21 @@ from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.trimming.options import TrimOptions
 
 _COMMON_OPTIONS = (
-    "--cameras", "--up", "--photos", "--views", "--segmenter", "--preset", "--background", "--fill", "--output",
-    "--overwrite", "--format", "--html", "--export-viewer", "--quiet",
-)  # fmt: skip
+    "--cameras",
+    "--up",
+    "--photos",
+    "--views",
+    "--segmenter",
+    "--preset",
+    "--background",
+    "--fill",
+    "--output",
+    "--overwrite",
+    "--format",
+    "--html",
+    "--export-viewer",
+    "--quiet",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

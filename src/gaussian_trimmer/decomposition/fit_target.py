@@ -21,7 +21,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.rendering.gradients import Drawing, draw_with
 from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE
 
-_SHARPENING = 2.0
+_SHARPENING_FACTOR = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
 _SCENE_EXPONENT = 0.25
 """Exponent of the share of the scene's picture in the geometric mean; that of the opacity alone is the rest to one."""
@@ -48,7 +48,7 @@ def coverage_target(alone: Drawing, everything: Gaussians, radius: float, mask: 
     coverage = mask
     if coverage is None:
         mean = np.maximum(opacity, 0) ** (1 - _SCENE_EXPONENT) * np.maximum(share, 0) ** _SCENE_EXPONENT
-        coverage = np.clip(HALF + _SHARPENING * (mean - HALF), 0, 1)
+        coverage = np.clip(HALF + _SHARPENING_FACTOR * (mean - HALF), 0, 1)
     scene_depth, object_depth = together.depth, alone.depth
     hidden = (
         (scene_depth > 0) & (scene_depth < object_depth - OCCLUDER_DISTANCE * radius) & (opacity > _MIN_SHOWN_OPACITY)

@@ -36,7 +36,7 @@ SAGD_SHRINKAGE = 0.8
 _MAX_SWEEPS = 12
 """Sweeps of Jacobi turns over the three pairs of columns; four are usual."""
 
-_ORTHOGONAL = 1e-13
+_ORTHOGONAL_COSINE = 1e-13
 """Cosine between two columns up to which they count as orthogonal."""
 
 SplitRule = Callable[[Gaussians, Float64Array, Float64Array], tuple[Gaussians, Gaussians | None]]
@@ -200,7 +200,7 @@ def _principal_axes(factors: Float64Array) -> tuple[Float64Array, Float64Array]:
         for i, j in ((0, 1), (0, 2), (1, 2)):
             a, b = columns[i], columns[j]
             alpha, beta, gamma = (np.sum(x * y, axis=1) for x, y in ((a, a), (b, b), (a, b)))
-            skew = np.abs(gamma) > _ORTHOGONAL * np.sqrt(alpha * beta)
+            skew = np.abs(gamma) > _ORTHOGONAL_COSINE * np.sqrt(alpha * beta)
             if not skew.any():
                 continue
             turned = True

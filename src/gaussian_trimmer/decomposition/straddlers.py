@@ -13,7 +13,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.settings import Range, Share, check_settings
+from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import TrimmedView
 
 _MAX_OFFSET = 3.0
@@ -72,11 +72,7 @@ def find_straddlers(
         weights: blend weight outside and inside the mask, (N, 2) for each view.
         renderer: gives the contributors of the contours' pixels.
         config: thresholds.
-
-    Raises:
-        InputError: a setting is out of its range.
     """
-    check_settings(config, "boundary")
     found = [_in_view(gaussians, view, weight, renderer, config) for view, weight in zip(views, weights, strict=True)]
     rows = np.concatenate([straddlers.rows for straddlers in found])
     normals = np.concatenate([straddlers.normals for straddlers in found])

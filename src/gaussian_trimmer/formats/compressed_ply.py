@@ -27,10 +27,10 @@ from gaussian_trimmer.formats.ply_table import Header, read_columns, read_header
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
-_CHUNK = 256
-_AXES = ("x", "y", "z")
-_SCALES = ("scale_x", "scale_y", "scale_z")
-_COLOURS = ("r", "g", "b")
+_ROWS_IN_A_CHUNK = 256
+_AXIS_NAMES = ("x", "y", "z")
+_SCALE_NAMES = ("scale_x", "scale_y", "scale_z")
+_COLOUR_NAMES = ("r", "g", "b")
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _SH_COUNTS = (9, 24, 45)
 _SH_RANGE = 4.0
@@ -57,16 +57,21 @@ def read(path: Path) -> Gaussians:
         raise InputError(f"'{path}' is no compressed PLY: it has no chunks with packed vertices.")
     chunks, rows = read_columns(path, header, "chunk"), read_columns(path, header)
     missing = [name for name in _PACKED if name not in rows or rows[name].dtype.kind != "u"]
-    missing += [f"{end}_{name}" for end in ("min", "max") for name in _AXES + _SCALES if f"{end}_{name}" not in chunks]
+    missing += [
+        f"{end}_{name}"
+        for end in ("min", "max")
+        for name in _AXIS_NAMES + _SCALE_NAMES
+        if f"{end}_{name}" not in chunks
+    ]
     if missing:
         raise InputError(f"'{path}' is no compressed PLY: it lacks {', '.join(missing)}.")
     n = len(rows["packed_position"])
-    if len(chunks["min_x"]) != -(-n // _CHUNK):
+    if len(chunks["min_x"]) != -(-n // _ROWS_IN_A_CHUNK):
         raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks['min_x'])} chunks of 256.")
     position, rotation, scale, colour = (np.asarray(rows[name], np.uint32) for name in _PACKED)
     return Gaussians(
-        means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXES).astype(np.float32),
-        log_scales=_between_extremes(_split_11_10_11(scale), (11, 10, 11), chunks, _SCALES).astype(np.float32),
+        means=_between_extremes(_split_11_10_11(position), (11, 10, 11), chunks, _AXIS_NAMES).astype(np.float32),
+        log_scales=_between_extremes(_split_11_10_11(scale), (11, 10, 11), chunks, _SCALE_NAMES).astype(np.float32),
         quaternions=_unpack_rotations(rotation),
         opacity_logits=opacity_logits_of((colour & 0xFF).astype(np.uint8)),
         sh_dc=sh_dc_of(_unpack_colours(colour, chunks)),
@@ -100,7 +105,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
 
 def _header(n_chunks: int, n: int, n_coefficients: int) -> str:
     lines = ["ply", "format binary_little_endian 1.0", f"element chunk {n_chunks}"]
-    for names in (_AXES, _SCALES, _COLOURS):
+    for names in (_AXIS_NAMES, _SCALE_NAMES, _COLOUR_NAMES):
         lines += [f"property float {end}_{name}" for end in ("min", "max") for name in names]
     lines += [f"element vertex {n}", *[f"property uint {name}" for name in _PACKED]]
     if n_coefficients:
@@ -110,13 +115,13 @@ def _header(n_chunks: int, n: int, n_coefficients: int) -> str:
 
 def _extremes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least and greatest values (C, 3) of each chunk of rows (N, 3)."""
-    starts = np.arange(0, len(values), _CHUNK)
+    starts = np.arange(0, len(values), _ROWS_IN_A_CHUNK)
     return np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
 
 
 def _spread(per_chunk: NDArray[Any], n: int) -> NDArray[Any]:
     """Rows of the chunks (C, ...) repeated for the chunks' Gaussians, (N, ...)."""
-    return np.repeat(per_chunk, _CHUNK, axis=0)[:n]
+    return np.repeat(per_chunk, _ROWS_IN_A_CHUNK, axis=0)[:n]
 
 
 def _pack_11_10_11(values: FloatArray) -> tuple[Words, FloatArray]:
@@ -159,8 +164,8 @@ def _unpack_rotations(words: Words) -> FloatArray:
 def _unpack_colours(words: Words, chunks: dict[str, NDArray[Any]]) -> Float64Array:
     """Colours (N, 3); files of older writers have no extremes for them and mean 0 to 1."""
     levels = words >> 24, words >> 16 & 0xFF, words >> 8 & 0xFF
-    if all(f"{end}_{name}" in chunks for end in ("min", "max") for name in _COLOURS):
-        return _between_extremes(levels, (8, 8, 8), chunks, _COLOURS)
+    if all(f"{end}_{name}" in chunks for end in ("min", "max") for name in _COLOUR_NAMES):
+        return _between_extremes(levels, (8, 8, 8), chunks, _COLOUR_NAMES)
     return np.column_stack(levels) / 255.0
 
 

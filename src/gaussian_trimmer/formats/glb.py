@@ -27,14 +27,14 @@ from gaussian_trimmer.io.reading import file_bytes
 from gaussian_trimmer.io.writing import atomic_file
 
 EXTENSION = "KHR_gaussian_splatting"
-_SPZ = (f"{EXTENSION}_compression_spz", f"{EXTENSION}_compression_spz_2")
+_SPZ_EXTENSIONS = (f"{EXTENSION}_compression_spz", f"{EXTENSION}_compression_spz_2")
 _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _POINTS, _FLOAT, _VERTICES = 0, 5126, 34962
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COEFFICIENTS = (1, 3, 5, 7)
 """Number of coefficients of each degree of spherical harmonics."""
-_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error)
+_ERRORS_OF_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error)
 """What comes of a document that is not built as the standard says."""
 
 
@@ -83,7 +83,7 @@ def read(path: Path) -> Gaussians:
         return _decode(_open(path))
     except InputError:
         raise
-    except _DAMAGE as error:
+    except _ERRORS_OF_DAMAGE as error:
         raise InputError(
             f"'{path}' is damaged, or not built as a .glb file of Gaussians must be ({shown(str(error))})."
         ) from error
@@ -114,7 +114,7 @@ def _decode(file: _File) -> Gaussians:
     packed = [name for name in extensions if name.startswith(f"{EXTENSION}_compression")]
     if not packed:
         return half_turn(_from_attributes(file, found[0]["attributes"]), "z")
-    if packed[0] in _SPZ:
+    if packed[0] in _SPZ_EXTENSIONS:
         return half_turn(spz.decode(bytes(file.view(extensions[packed[0]]["bufferView"])), file.path), "x")
     raise InputError(
         f"'{file.path}' holds Gaussians that are compressed by {shown(packed[0])}, which cannot be read; export it "
@@ -188,22 +188,30 @@ def _header(columns: dict[str, FloatArray], data: list[NDArray[Any]]) -> bytes:
         width = column.shape[1]
         views.append({"buffer": 0, "byteOffset": start, "byteLength": column.nbytes, "target": _VERTICES})
         accessor: dict[str, Any] = {
-            "bufferView": place, "componentType": _FLOAT, "count": len(column),
+            "bufferView": place,
+            "componentType": _FLOAT,
+            "count": len(column),
             "type": "SCALAR" if width == 1 else f"VEC{width}",
-        }  # fmt: skip
+        }
         if name == "POSITION":
             accessor |= {"min": column.min(axis=0).tolist(), "max": column.max(axis=0).tolist()}
         accessors.append(accessor)
         attributes[name] = place
         start += column.nbytes
     primitive = {
-        "mode": _POINTS, "attributes": attributes,
+        "mode": _POINTS,
+        "attributes": attributes,
         "extensions": {EXTENSION: {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}},
-    }  # fmt: skip
+    }
     document = {
         "asset": {"version": "2.0", "generator": f"gaussian-trimmer {__version__}"},
         "extensionsUsed": [EXTENSION],
-        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}],
-        "buffers": [{"byteLength": start}], "bufferViews": views, "accessors": accessors,
-    }  # fmt: skip
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "buffers": [{"byteLength": start}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()

@@ -24,12 +24,12 @@ from gaussian_trimmer.formats.ply_table import property_line, read_columns, read
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.writing import atomic_file, write_array
 
-_POSITION = ["x", "y", "z"]
-_NORMAL = ["nx", "ny", "nz"]
-_DC = ["f_dc_0", "f_dc_1", "f_dc_2"]
-_SCALE = ["scale_0", "scale_1", "scale_2"]
-_ROTATION = ["rot_0", "rot_1", "rot_2", "rot_3"]
-_REQUIRED = [*_POSITION, *_DC, "opacity", *_SCALE, *_ROTATION]
+_POSITION_NAMES = ["x", "y", "z"]
+_NORMAL_NAMES = ["nx", "ny", "nz"]
+_DC_NAMES = ["f_dc_0", "f_dc_1", "f_dc_2"]
+_SCALE_NAMES = ["scale_0", "scale_1", "scale_2"]
+_ROTATION_NAMES = ["rot_0", "rot_1", "rot_2", "rot_3"]
+_REQUIRED_NAMES = [*_POSITION_NAMES, *_DC_NAMES, "opacity", *_SCALE_NAMES, *_ROTATION_NAMES]
 _REST_COUNTS = (0, 9, 24, 45)
 # What is written together stays in the cache: 4096 rows of SH degree 3 have about a megabyte.
 _ROWS_PER_WRITE = 1 << 12
@@ -46,22 +46,22 @@ def read(path: Path) -> Gaussians:
             finite or extreme.
     """
     columns = read_columns(path, read_header(path))
-    missing = [name for name in _REQUIRED if name not in columns]
+    missing = [name for name in _REQUIRED_NAMES if name not in columns]
     if missing:
         raise InputError(f"'{path}' is no splat PLY: its vertices lack {', '.join(missing)}.")
     rest = sorted((name for name in columns if re.fullmatch(r"f_rest_\d+", name)), key=lambda name: int(name[7:]))
     if len(rest) not in _REST_COUNTS or rest != [f"f_rest_{i}" for i in range(len(rest))]:
         raise InputError(f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24 or 45, numbered from 0.")
-    known = {*_REQUIRED, *_NORMAL, *rest}
+    known = {*_REQUIRED_NAMES, *_NORMAL_NAMES, *rest}
     n = len(columns["x"])
-    means = np.ascontiguousarray(_block(columns, _POSITION))
+    means = np.ascontiguousarray(_block(columns, _POSITION_NAMES))
     means.flags.writeable = False
     gaussians = Gaussians(
         means=means,
-        log_scales=_block(columns, _SCALE),
-        quaternions=_block(columns, _ROTATION),
+        log_scales=_block(columns, _SCALE_NAMES),
+        quaternions=_block(columns, _ROTATION_NAMES),
         opacity_logits=_block(columns, ["opacity"])[:, 0],
-        sh_dc=_block(columns, _DC),
+        sh_dc=_block(columns, _DC_NAMES),
         sh_rest=_block(columns, rest).reshape(n, 3, len(rest) // 3),
         extras={name: column for name, column in columns.items() if name not in known},
     )
@@ -104,7 +104,15 @@ def _chunks(gaussians: Gaussians) -> Iterator[Gaussians]:
 def _write_chunks(chunks: Iterable[Gaussians], like: Gaussians, count: int, path: Path, *, extras: bool) -> None:
     """Write chunks of `count` Gaussians in all, whose columns are those of `like`."""
     rest = like.sh_rest.shape[1] * like.sh_rest.shape[2]
-    names = [*_POSITION, *_NORMAL, *_DC, *[f"f_rest_{i}" for i in range(rest)], "opacity", *_SCALE, *_ROTATION]
+    names = [
+        *_POSITION_NAMES,
+        *_NORMAL_NAMES,
+        *_DC_NAMES,
+        *[f"f_rest_{i}" for i in range(rest)],
+        "opacity",
+        *_SCALE_NAMES,
+        *_ROTATION_NAMES,
+    ]
     fields = [(name, "<f4") for name in names]
     if extras:
         fields += [(name, column.dtype.newbyteorder("<").str) for name, column in like.extras.items()]

@@ -70,11 +70,7 @@ def read(path: Path) -> Gaussians:
 
 
 def _beside(path: Path, name: str) -> Path:
-    """A texture in the folder of a meta.json.
-
-    Raises:
-        InputError: the name leads elsewhere, or there is no such file.
-    """
+    """A texture in the folder of a meta.json, and nowhere else."""
     texture = path.parent / name
     if name != texture.name or not is_file(texture):
         raise InputError(

@@ -30,7 +30,7 @@ from gaussian_trimmer.formats.packing import (
 )
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 from gaussian_trimmer.io.reading import file_bytes
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 
 _HEADER = struct.Struct("<4sIIBBBB")
 _MAGIC = b"NGSP"
@@ -106,8 +106,7 @@ def write(gaussians: Gaussians, path: Path, *, version: Literal[3, 4] = 3) -> No
         contents = gzip.compress(b"".join([header, *parts]), compresslevel=6, mtime=0)
     else:
         contents = header + _with_table(parts)
-    with atomic_file(path) as part:
-        part.write_bytes(contents)
+    write_whole(path, contents)
 
 
 def _with_table(parts: list[bytes]) -> bytes:
@@ -174,11 +173,7 @@ def _decompress_zstd(data: bytes, size: int, path: Path) -> bytes:
 
 
 def _zstd() -> Any:
-    """Python's zstd module, which came with version 3.14, or its backport.
-
-    Raises:
-        InputError: neither is there.
-    """
+    """Python's zstd module, which came with version 3.14, or its backport."""
     for name in ("compression.zstd", "backports.zstd"):
         try:
             return import_module(name)

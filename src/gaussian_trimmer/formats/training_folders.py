@@ -13,10 +13,10 @@ from pathlib import Path
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS
 
-_ITERATION = re.compile(r"iteration_(\d{1,12})")
-_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
-_CHECKPOINTS = "nerfstudio_models"
-_STEP = re.compile(r"step-(\d{1,12})\.ckpt")
+_ITERATION_NAME = re.compile(r"iteration_(\d{1,12})")
+_SPLAT_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
+_CHECKPOINT_FOLDER = "nerfstudio_models"
+_CHECKPOINT_NAME = re.compile(r"step-(\d{1,12})\.ckpt")
 
 
 def latest_splats(folder: Path) -> Path:
@@ -26,12 +26,14 @@ def latest_splats(folder: Path) -> Path:
         InputError: there is none, or there are several.
     """
     for place in (folder / "point_cloud", folder):
-        iterations = [(int(found[1]), path) for path in _entries(place) if (found := _ITERATION.fullmatch(path.name))]
+        iterations = [
+            (int(found[1]), path) for path in _entries(place) if (found := _ITERATION_NAME.fullmatch(path.name))
+        ]
         for _, path in sorted(iterations, reverse=True):
-            for name in _NAMES:
+            for name in _SPLAT_NAMES:
                 if (path / name).is_file():
                     return path / name
-    named = [folder / name for name in _NAMES if (folder / name).is_file()]
+    named = [folder / name for name in _SPLAT_NAMES if (folder / name).is_file()]
     if len(named) == 1:
         return named[0]
     if (folder / "meta.json").is_file() and any(path.suffix == ".webp" for path in _entries(folder)):
@@ -44,13 +46,13 @@ def latest_splats(folder: Path) -> Path:
     if splats:
         names = ", ".join(sorted(path.name for path in splats)[:8])
         raise InputError(f"The folder '{folder}' holds several splat files ({names}); give one of them.")
-    for place in (folder / _CHECKPOINTS, folder):
-        steps = [(int(found[1]), path) for path in _entries(place) if (found := _STEP.fullmatch(path.name))]
+    for place in (folder / _CHECKPOINT_FOLDER, folder):
+        steps = [(int(found[1]), path) for path in _entries(place) if (found := _CHECKPOINT_NAME.fullmatch(path.name))]
         if steps:
             return max(steps)[1]
     raise InputError(
-        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_* or {_CHECKPOINTS}/step-*.ckpt; give "
-        "the folder of a training or a splat file."
+        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_* or {_CHECKPOINT_FOLDER}/step-*.ckpt"
+        "; give the folder of a training or a splat file."
     )
 
 

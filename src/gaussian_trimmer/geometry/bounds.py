@@ -15,7 +15,7 @@ _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5
 _SECOND_SHARE = 0.25
 _BOUND_PERCENTILES = (1.0, 99.0)
-_TOUCHING = 1.5
+_REACH_DEVIATIONS = 1.5
 """Standard deviations out to which a Gaussian reaches; two whose reaches meet hang together."""
 _MIN_CLUSTER_SHARE = 0.03
 """Smallest share of the weight of a cluster that counts for the bounds because it touches the dominant ones."""
@@ -133,7 +133,7 @@ def touching(target: Gaussians, group: BoolArray) -> BoolArray:
         group: the members of the group, (N,); at least one.
     """
     widths: FloatArray = np.exp(np.minimum(target.log_scales.max(axis=1), target.log_scales[group].max(axis=1).max()))
-    reach = np.float32(_TOUCHING) * np.minimum(widths, np.median(widths[group]))
+    reach = np.float32(_REACH_DEVIATIONS) * np.minimum(widths, np.median(widths[group]))
     members, others = np.flatnonzero(group), np.flatnonzero(~group)
     squared, near = nearest(target.means[members], target.means[others], 1)
     touches = np.zeros(len(target), np.bool_)

@@ -18,7 +18,7 @@ def connected_voxels(points: Float64Array, size: float) -> IntArray:
     Voxels are counted from the origin; points a million of them away and more are taken to lie in the last ones.
     """
     voxels, members = np.unique(_cell_keys(points, size), return_inverse=True)
-    return np.asarray(_connect(voxels)[members.reshape(-1)])
+    return np.asarray(_connect(voxels, 1, points, members, 0.0)[members.reshape(-1)])
 
 
 def connected_bodies(points: Float64Array, size: float) -> IntArray:
@@ -46,7 +46,7 @@ def connected_points(points: Float64Array, reach: float) -> IntArray:
     order = np.argsort(keys)
     ordered = keys[order]
     starts = np.append(np.flatnonzero(np.diff(ordered, prepend=-1)), len(keys))
-    pieces = _connect_within(ordered[starts[:-1]], points[order], starts, reach * reach)
+    pieces = _connect(ordered[starts[:-1]], 2, points[order], starts, reach * reach)
     result = np.empty(len(points), np.int64)
     result[order] = np.repeat(pieces, np.diff(starts))
     return result
@@ -80,32 +80,24 @@ def _compact_keys(points: Float64Array, size: float) -> IntArray:
 
 
 @numba.njit(cache=CACHE)
-def _connect(voxels):  # type: ignore[no-untyped-def]
-    """Label 26-connected components of sorted voxel keys by union-find; a label is the smallest member's index."""
-    parent = np.arange(len(voxels))
-    firsts = np.zeros((2, 3), np.int64)
-    for i in range(len(voxels)):
-        for dx in range(-1, 1):
-            for dy in range(-1, 2):
-                j = _first_in_row(voxels, i, dx, dy, 1, firsts)
-                while j < i and voxels[j] <= voxels[i] + (dx << 42) + (dy << 21) + 1:
-                    _join(parent, _root(parent, i), _root(parent, j))
-                    j += 1
-    return _flattened(parent)
+def _connect(cells, reach, points, starts, limit):  # type: ignore[no-untyped-def]
+    """Label the components of sorted cell keys (V,) by union-find; a label is the smallest member's place.
 
-
-@numba.njit(cache=CACHE)
-def _connect_within(voxels, points, starts, limit):  # type: ignore[no-untyped-def]
-    """Label cells (V,) whose points (N, 3), sorted by cell, come within a squared distance, by union-find."""
-    parent = np.arange(len(voxels))
-    firsts = np.zeros((3, 5), np.int64)
-    for i in range(len(voxels)):
-        for dx in range(-2, 1):
-            for dy in range(-2, 3):
-                j = _first_in_row(voxels, i, dx, dy, 2, firsts)
-                while j < i and voxels[j] <= voxels[i] + (dx << 42) + (dy << 21) + 2:
+    Cells no farther apart than a reach of one, along each axis, are connected; those within a reach of two only if
+    their points (N, 3), which lie from `starts` on, come within a squared distance.
+    """
+    parent = np.arange(len(cells))
+    firsts = np.zeros((reach + 1, 2 * reach + 1), np.int64)
+    for i in range(len(cells)):
+        for dx in range(-reach, 1):
+            for dy in range(-reach, reach + 1):
+                j = _first_in_row(cells, i, dx, dy, reach, firsts)
+                while j < i and cells[j] <= cells[i] + (dx << 42) + (dy << 21) + reach:
                     a, b = _root(parent, i), _root(parent, j)
-                    if a != b and _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit):
+                    if a != b and (
+                        reach == 1
+                        or _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit)
+                    ):
                         _join(parent, a, b)
                     j += 1
     return _flattened(parent)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import FloatArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE, KERNEL_LOCK
 
-_LEAF = 16
-_TOGETHER = 64  # Queries that share their scratch memory.
+_POINTS_IN_A_LEAF = 16
+_QUERIES_TOGETHER = 64  # Queries that share their scratch memory.
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
 
 
@@ -46,7 +46,7 @@ def _build(points):  # type: ignore[no-untyped-def]
     n, dims = points.shape
     order = np.arange(n).astype(np.int32)
     n_leaves = 1
-    while _LEAF * n_leaves < n:
+    while _POINTS_IN_A_LEAF * n_leaves < n:
         n_leaves *= 2
     axes = np.zeros(n_leaves, np.int32)
     splits = np.zeros(n_leaves, np.float32)
@@ -74,12 +74,12 @@ def _build(points):  # type: ignore[no-untyped-def]
 
 
 def _leaves(points: FloatArray, order: NDArray[np.int32], edges: IntArray) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Coordinates of the points of the T leaves, (T, D, _LEAF), and their numbers, (T, _LEAF).
+    """Coordinates of the points of the T leaves, (T, D, _POINTS_IN_A_LEAF), and their numbers, (T, _POINTS_IN_A_LEAF).
 
     Distances of a leaf then take a few vector instructions for each axis. Where a leaf has fewer points, coordinates
     are infinite and numbers -1. The leaves' ranges of `order` lie between the `edges` (T + 1,).
     """
-    slots = edges[:-1, None] + np.arange(_LEAF)
+    slots = edges[:-1, None] + np.arange(_POINTS_IN_A_LEAF)
     filled = slots < edges[1:, None]
     numbers = np.full(slots.shape, -1, np.int32)
     numbers[filled] = order[slots[filled]]
@@ -121,13 +121,13 @@ def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[n
     n_nodes, dims, _ = leaves.shape
     squared = np.full((len(queries), k), limit, np.float32)
     found = np.full((len(queries), k), -1, np.int32)
-    for part in numba.prange(-(-len(queries) // _TOGETHER)):
+    for part in numba.prange(-(-len(queries) // _QUERIES_TOGETHER)):
         stack = np.empty(64, np.int64)
         bounds = np.empty(64, np.float32)
         gaps = np.zeros((64, dims), np.float32)
         offset = np.zeros(dims, np.float32)
-        distances = np.empty(_LEAF, np.float32)
-        for q in range(part * _TOGETHER, min((part + 1) * _TOGETHER, len(queries))):
+        distances = np.empty(_POINTS_IN_A_LEAF, np.float32)
+        for q in range(part * _QUERIES_TOGETHER, min((part + 1) * _QUERIES_TOGETHER, len(queries))):
             query, best, ids = queries[q], squared[q], found[q]
             for axis in range(dims):
                 gaps[0, axis] = 0
@@ -151,14 +151,14 @@ def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[n
                         gaps[top, axis] = gap
                         top += 1
                     node = 2 * node + (0 if gap < 0 else 1)
-                for i in range(_LEAF):
+                for i in range(_POINTS_IN_A_LEAF):
                     distances[i] = 0
                 for axis in range(dims):
                     coordinates, position = leaves[node - n_nodes, axis], query[axis]
-                    for i in range(_LEAF):
+                    for i in range(_POINTS_IN_A_LEAF):
                         step = coordinates[i] - position
                         distances[i] += step * step
-                for i in range(_LEAF):
+                for i in range(_POINTS_IN_A_LEAF):
                     distance = distances[i]
                     if distance < best[k - 1]:
                         slot = k - 1

@@ -13,7 +13,7 @@ LARGEST_LOG_SCALE = 80.0
 SMALLEST_SCENE = 1e-15
 """Least extent of a scene, in its units."""
 _LARGEST_FLOAT = float(np.finfo(np.float32).max)
-_LIMITS = {
+_RANGES_BY_FIELD = {
     "means": (-LARGEST, LARGEST),
     "log_scales": (-_LARGEST_FLOAT, LARGEST_LOG_SCALE),
     "opacity_logits": (-np.inf, np.inf),
@@ -36,7 +36,7 @@ def check_values(gaussians: Gaussians, where: str = "") -> None:
         InputError: a value is NaN or out of its range, or a rotation has no direction; the message names the attribute
             and the first row.
     """
-    for name, (low, high) in _LIMITS.items():
+    for name, (low, high) in _RANGES_BY_FIELD.items():
         values: FloatArray = getattr(gaussians, name).reshape(len(gaussians), -1)
         if not _all_within(values, low, high):
             sound = np.asarray(((values >= low) & (values <= high)).all(axis=1))

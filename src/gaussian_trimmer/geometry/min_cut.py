@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 
-_STEPS = 1e6
+_LARGEST_COST = 1e6
 """Integer that the largest cost is scaled to: sums of integers are exact in any order."""
 _FREE, _ROOT, _ORPHAN = -1, -2, -3
 _jit = numba.njit(cache=CACHE, nogil=True)
@@ -38,7 +38,7 @@ def min_cut(unaries: NDArray[np.floating], edges: IntArray, weights: NDArray[np.
     """
     weights = np.asarray(weights, np.float64)
     finite = np.abs(unaries[np.isfinite(unaries)])
-    scale = _STEPS / max(float(weights.max(initial=0)), float(finite.max(initial=0)), 1e-300)
+    scale = _LARGEST_COST / max(float(weights.max(initial=0)), float(finite.max(initial=0)), 1e-300)
     capacities = np.round(weights * scale).astype(np.int64)
     constraint = int(capacities.sum()) + round(float(finite.sum()) * scale) + 1
     terminals = np.round(np.nan_to_num(unaries * scale, posinf=constraint, neginf=-constraint)).astype(np.int64)

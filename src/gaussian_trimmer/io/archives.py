@@ -11,12 +11,19 @@ from pathlib import Path
 
 from gaussian_trimmer.errors import InputError, shown
 
-_DAMAGE = (
-    zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError, ValueError,
-    OverflowError, IndexError,
-)  # fmt: skip
+_ERRORS_OF_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    NotImplementedError,
+    RuntimeError,
+    EOFError,
+    ValueError,
+    OverflowError,
+    IndexError,
+)
 """What zipfile raises for damaged archives."""
-_KNOWN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_KNOWN_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Other ways of compression take as much memory as the archive likes."""
 
 
@@ -29,12 +36,12 @@ def open_archive(path: Path, expected: str) -> Iterator[zipfile.ZipFile]:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            if any(info.compress_type not in _KNOWN for info in archive.infolist()):
+            if any(info.compress_type not in _KNOWN_COMPRESSIONS for info in archive.infolist()):
                 raise InputError(f"'{path}' has a member that is compressed otherwise than by deflate.")
             yield archive
     except InputError:
         raise
-    except _DAMAGE as error:
+    except _ERRORS_OF_DAMAGE as error:
         raise InputError(f"'{path}' is no {expected}, damaged or truncated: {error}.") from error
     except OSError as error:
         raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error

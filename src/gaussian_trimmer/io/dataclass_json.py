@@ -6,17 +6,13 @@ import types
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 import numpy as np
 
 from gaussian_trimmer.errors import InputError, shown
-from gaussian_trimmer.settings import Range, hints_of
+from gaussian_trimmer.settings import check_value, hints_of, tuple_elements, without_none, wrong_value
 
-_LARGEST_WHOLE = 1 << 53
-"""Whole numbers up to this survive programs that keep all numbers as floats."""
-_LARGEST_NUMBER = 1e30
-"""Greatest magnitude of other numbers, whose square can still be computed with."""
 _MAX_PATH = 4096
 Readers = Mapping[Any, Callable[[Any, str], Any]]
 
@@ -28,6 +24,7 @@ def to_plain(value: Any, writers: Mapping[type, Callable[[Any], Any]] = types.Ma
         value: dataclasses become objects; tuples and arrays become lists; paths become text.
         writers: what becomes of values of other types, or of these.
 
+    >>> from gaussian_trimmer.settings import Range
     >>> to_plain(Range(0, 1))
     {'low': 0, 'high': 1}
     """
@@ -58,6 +55,7 @@ def from_plain(data: Any, kind: Any, where: str, readers: Readers = types.Mappin
     Raises:
         InputError: a value is missing, unknown, or of the wrong type.
 
+    >>> from gaussian_trimmer.settings import Range
     >>> from_plain({"low": 0, "high": 1}, Range, "range")
     Range(low=0.0, high=1.0)
     >>> from_plain({"low": 0, "high": "one"}, Range, "range")
@@ -69,27 +67,22 @@ def from_plain(data: Any, kind: Any, where: str, readers: Readers = types.Mappin
         return readers[kind](data, where)
     if is_dataclass(kind):
         return _dataclass_from(data, kind, where, readers)
-    if origin is Annotated:
-        value = from_plain(data, arguments[0], where, readers)
-        for allowed in arguments[1:]:
-            if isinstance(allowed, Range) and value not in allowed:
-                raise wrong_value(data, where, f"a number from {allowed.low:.12g} to {allowed.high:.12g}")
-        return value
     if origin in (Union, types.UnionType):
-        meant = [argument for argument in arguments if argument is not types.NoneType]
-        return None if data is None and len(meant) < len(arguments) else from_plain(data, meant[0], where, readers)
-    if origin is Literal:
-        if not isinstance(data, str) or data not in arguments:
-            raise wrong_value(data, where, f"one of {', '.join(arguments)}")
-        return data
+        optional = types.NoneType in arguments
+        return None if data is None and optional else from_plain(data, without_none(kind), where, readers)
     if origin is tuple:
-        return _tuple_from(data, arguments, where, readers)
-    return data if kind is Any else _scalar_from(data, kind, where)
-
-
-def wrong_value(data: Any, where: str, needed: str) -> InputError:
-    """The error that says what a value must be."""
-    return InputError(f"{where} is {shown(repr(data))}; it must be {needed}.")
+        if not isinstance(data, list):
+            raise wrong_value(data, where, "a list")
+        listed = enumerate(tuple_elements(data, kind, where))
+        return tuple(from_plain(value, element, f"{where}[{i}]", readers) for i, (value, element) in listed)
+    if kind in (str, Path) and not isinstance(data, str):
+        raise wrong_value(data, where, "text")
+    if kind is Path:
+        if not data or "\0" in data or len(data) > _MAX_PATH:
+            raise wrong_value(data, where, "a path")
+        return Path(data)
+    check_value(data, kind, where)
+    return float(data) if float in (kind, *arguments[:1]) else data
 
 
 def _dataclass_from(data: Any, kind: Any, where: str, readers: Readers) -> Any:
@@ -103,33 +96,3 @@ def _dataclass_from(data: Any, kind: Any, where: str, readers: Readers) -> Any:
             raise InputError(f"{where} has no {field.name}.")
     prefix = where if where.endswith(": ") else f"{where}."
     return kind(**{name: from_plain(value, hints[name], f"{prefix}{name}", readers) for name, value in data.items()})
-
-
-def _tuple_from(data: Any, kinds: tuple[Any, ...], where: str, readers: Readers) -> tuple[Any, ...]:
-    any_length = len(kinds) == 2 and kinds[1] is Ellipsis
-    if not isinstance(data, list) or not (any_length or len(data) == len(kinds)):
-        raise wrong_value(data, where, "a list" if any_length else f"a list of {len(kinds)} values")
-    listed = (kinds[0] if any_length else kinds[i] for i in range(len(data)))
-    return tuple(
-        from_plain(value, kind, f"{where}[{i}]", readers)
-        for i, (value, kind) in enumerate(zip(data, listed, strict=True))
-    )
-
-
-def _scalar_from(data: Any, kind: type, where: str) -> Any:
-    """A truth value, a number, a text or a path."""
-    if kind is bool and not isinstance(data, bool):
-        raise wrong_value(data, where, "true or false")
-    if kind is int and (isinstance(data, bool) or not isinstance(data, int) or abs(data) > _LARGEST_WHOLE):
-        raise wrong_value(data, where, "a whole number")
-    if kind is float:
-        if isinstance(data, bool) or not isinstance(data, int | float) or not abs(data) <= _LARGEST_NUMBER:
-            raise wrong_value(data, where, "a finite number")
-        return float(data)
-    if kind in (str, Path) and not isinstance(data, str):
-        raise wrong_value(data, where, "text")
-    if kind is Path:
-        if not data or "\0" in data or len(data) > _MAX_PATH:
-            raise wrong_value(data, where, "a path")
-        return Path(data)
-    return data

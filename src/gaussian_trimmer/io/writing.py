@@ -7,6 +7,7 @@ last, and the old ones are deleted. Whatever fails before the manifest is in pla
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import time
@@ -49,6 +50,25 @@ def atomic_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             part.unlink()
+
+
+def write_whole(path: Path, data: str | bytes | memoryview) -> None:
+    """Write a small file, text as UTF-8, whole or not at all.
+
+    Raises:
+        InputError: as `atomic_file`.
+    """
+    with atomic_file(path) as part:
+        part.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def write_json(document: Any, path: Path) -> None:
+    """Write JSON, whole or not at all.
+
+    Raises:
+        InputError: as `atomic_file`.
+    """
+    write_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
 def write_array(file: BinaryIO, array: NDArray[Any]) -> None:

@@ -15,11 +15,11 @@ from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed
 from gaussian_trimmer.planning.outline_views import angles_around
 from gaussian_trimmer.result import TrimResult
 
-_MAX_REACH = 36
+_MAX_REACH_DEGREES = 36
 """Degrees of yaw to either side that one view judges at most: half the step of five views on a circle."""
-_STEEPEST = 80.0
+_MAX_PITCH_DEGREES = 80.0
 """Pitch in degrees beyond which a view shows the top or the underside, and no side."""
-_ALL_AROUND = 350
+_ALL_AROUND_DEGREES = 350
 """Degrees from which on nothing is called unseen."""
 
 
@@ -61,7 +61,7 @@ class CheckedSides:
         >>> CheckedSides(some, ~some, np.ones(360, bool), (30.0,)).sentence()
         'seen over 54 of 360 degrees; the far side was not checked'
         """
-        if self.degrees >= _ALL_AROUND:
+        if self.degrees >= _ALL_AROUND_DEGREES:
             return "seen from all around"
         if not self.degrees:
             return "seen from no side; nothing was checked"
@@ -92,7 +92,7 @@ def checked_sides(result: TrimResult) -> CheckedSides:
     views = [(view.view.camera, not view.rejected) for view in result.views]
     yaws, pitches = map(np.degrees, angles_around([camera for camera, _ in views], result.bounds))
     taken = np.array([good for _, good in views], np.bool_)
-    aside = np.abs(pitches) <= _STEEPEST
+    aside = np.abs(pitches) <= _MAX_PITCH_DEGREES
     yaws %= 360
     reach = _reach(yaws[aside])
     accepted, rejected = (_shown(yaws[aside & chosen], reach) for chosen in (taken, ~taken))
@@ -104,7 +104,7 @@ def _reach(yaws: Float64Array) -> float:
     """Half the usual step between the yaws of neighbouring views, so that views side by side show all between them."""
     places = np.unique(np.round(yaws, 1) % 360)
     gaps = np.diff(np.append(places, places[:1] + 360))
-    return min(float(np.median(gaps)) / 2, _MAX_REACH) if len(places) > 1 else _MAX_REACH
+    return min(float(np.median(gaps)) / 2, _MAX_REACH_DEGREES) if len(places) > 1 else _MAX_REACH_DEGREES
 
 
 def _shown(yaws: Float64Array, reach: float) -> BoolArray:

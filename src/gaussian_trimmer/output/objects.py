@@ -10,6 +10,7 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
     Picture,
@@ -20,13 +21,13 @@ from gaussian_trimmer.output.pictures import (
     whole_close_up,
     write_picture,
 )
-from gaussian_trimmer.output.report import count_selected, write_json, write_labels
+from gaussian_trimmer.output.report import count_selected, write_labels
 from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
 
-_CELL = 240
+_CELL_PIXELS = 240
 _OBJECTS_A_ROW = 2
 _MAX_DRAWN = 60
-_HEADINGS = ("as selected", "trimmed", "the scene without it")
+_COLUMN_HEADINGS = ("as selected", "trimmed", "the scene without it")
 
 
 def objects_files(suffix: str, *, html: bool = False) -> tuple[str, ...]:
@@ -123,7 +124,7 @@ def draw_objects(result: ObjectsResult) -> Picture:
     """A contact sheet: each object as it was selected, trimmed, and the scene without all objects from there."""
     blocks = [_block(result, part) for part in result.objects if part.view is not None][:_MAX_DRAWN]
     if not blocks:
-        return captioned("no selection could be trimmed", np.full((_CELL, 3 * _CELL, 3), 127, np.uint8))
+        return captioned("no selection could be trimmed", np.full((_CELL_PIXELS, 3 * _CELL_PIXELS, 3), 127, np.uint8))
     while len(blocks) % _OBJECTS_A_ROW:
         blocks.append(np.full_like(blocks[0], 32))
     lines = [np.hstack(blocks[i : i + _OBJECTS_A_ROW]) for i in range(0, len(blocks), _OBJECTS_A_ROW)]
@@ -132,9 +133,9 @@ def draw_objects(result: ObjectsResult) -> Picture:
 
 def _block(result: ObjectsResult, part: TrimmedObject) -> Picture:
     assert part.view is not None
-    camera, scene = whole_close_up(part.view, part.bounds, part.gaussians, _CELL), result.scene
+    camera, scene = whole_close_up(part.view, part.bounds, part.gaussians, _CELL_PIXELS), result.scene
     around = nearby_rows(scene, result.background_rows, part.bounds)
     shown = [scene.select(part.selection), part.gaussians, scene.select(around)]
     state = f"not trimmed: {part.refused}" if part.refused else f"{len(part.gaussians):,} Gaussians"
-    pictures = headed(_HEADINGS, draw_cells(shown, camera, result.used_renderer))
+    pictures = headed(_COLUMN_HEADINGS, draw_cells(shown, camera, result.used_renderer))
     return captioned(f"object {part.id}: {state}", pictures)

@@ -18,7 +18,7 @@ from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
@@ -43,12 +43,12 @@ _STRIP_COLOUR: Colour = (32, 32, 32)
 _TEXT_COLOUR: Colour = (235, 235, 235)
 _LINE_HEIGHT = 26
 _FONT_SCALE = 0.5
-_COLUMNS = 6
-_CELL = 320
-_GAP = 4
+_MAX_COLUMNS = 6
+_CELL_PIXELS = 320
+_GAP_PIXELS = 4
 _USUAL_PITCH_DEGREES = 20.0
 """Of pictures of an object that no view has judged."""
-_STEEPEST_DEGREES = 80.0
+_MAX_PITCH_DEGREES = 80.0
 
 
 def draw_view(view: TrimmedView, number: int) -> Picture:
@@ -85,7 +85,7 @@ def draw_before_after(result: TrimResult) -> Picture:
     walls farther out would stand before the camera.
     """
     sides, selection = checked_sides(result), result.selection
-    yaws, cameras = cameras_around(result, sides, _COLUMNS, _CELL)
+    yaws, cameras = cameras_around(result, sides, _MAX_COLUMNS, _CELL_PIXELS)
     verdicts = [sides.verdict(yaw) for yaw in yaws]
     rough, around = result.scene.select(selection), nearby_background(result)
     after = "the object, not trimmed: " if result.refused else "trimmed object: "
@@ -115,7 +115,7 @@ def cameras_around(result: TrimResult, sides: CheckedSides, count: int, size: in
     config = PlanConfig(
         views=count,
         size=size,
-        pitch_degrees=float(np.clip(pitch, -_STEEPEST_DEGREES, _STEEPEST_DEGREES)),
+        pitch_degrees=float(np.clip(pitch, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES)),
         yaw_range_degrees=(sides.middle, sides.middle + 360),
     )
     cameras, _ = plan_cameras(result.scene.select(result.selection), result.bounds.axes[2], config)
@@ -201,8 +201,7 @@ def write_picture(picture: Picture, path: Path) -> None:
     done, data = cv2.imencode(path.suffix, picture)
     if not done:
         raise InputError(f"Cannot write '{path}': no picture format has the ending '{path.suffix}'.")
-    with atomic_file(path) as part:
-        part.write_bytes(data.tobytes())
+    write_whole(path, data.tobytes())
 
 
 def _row(
@@ -221,7 +220,7 @@ def draw_cells(shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -
 
 
 def _side_by_side(pictures: Sequence[Picture]) -> Picture:
-    gap = np.full((len(pictures[0]), _GAP, 3), _STRIP_COLOUR, np.uint8)
+    gap = np.full((len(pictures[0]), _GAP_PIXELS, 3), _STRIP_COLOUR, np.uint8)
     return np.hstack([cell for picture in pictures for cell in (gap, picture)][1:])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from io import BytesIO
@@ -16,7 +15,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, IntArray
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.result import RowLabel, TrimResult
@@ -74,14 +73,7 @@ def write_labels(path: Path, **arrays: Any) -> None:
     # Into memory first: `np.savez` does not notice everywhere that a disk is full.
     buffer = BytesIO()
     np.savez(buffer, **arrays, label_names=np.array(LABEL_NAMES))
-    with atomic_file(path) as part:
-        part.write_bytes(buffer.getbuffer())
-
-
-def write_json(report: Mapping[str, Any], path: Path) -> None:
-    """Write a report."""
-    with atomic_file(path) as part:
-        part.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, buffer.getbuffer())
 
 
 def describe(

@@ -11,7 +11,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, IntArray
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
@@ -51,8 +51,7 @@ def write_view_listing(
         drawn = scene if len(rows) == len(scene) else scene.select(rows)
         picture = as_picture(renderer.render(drawn, camera).rgb)
         write_picture(with_grid(picture) if grid else picture, folder / f"{number:03d}.png")
-    with atomic_file(folder / "index.html") as part:
-        part.write_text(page([camera for camera, _ in views], whole, command), encoding="utf-8")
+    write_whole(folder / "index.html", page([camera for camera, _ in views], whole, command))
 
 
 def with_grid(picture: Picture) -> Picture:

@@ -14,7 +14,7 @@ from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds
 from gaussian_trimmer.geometry.limits import check_size
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
-from gaussian_trimmer.settings import Range, check_settings
+from gaussian_trimmer.settings import Range
 
 _Yaw = Annotated[float, Range(-720, 720)]
 _Lambda = Annotated[float, Range(1e-3, 1e4)]
@@ -57,9 +57,8 @@ def plan_cameras(
             was observed.
 
     Raises:
-        InputError: a setting is out of its range, the up vector is zero, or the object is too small or too large.
+        InputError: the up vector is zero, or the object is too small or too large.
     """
-    check_settings(config, "plan")
     axes = up_frame(up)
     bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
     check_size(bounds.radius)

@@ -44,7 +44,7 @@ _FOUR, _SIXTEEN = np.float32(4), np.float32(16)
 
 
 @_parallel
-def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile, width, height, image, slopes):  # type: ignore[no-untyped-def]
+def differentiate_tiles(splats, colours, moves, tiles, size, image, slopes):  # type: ignore[no-untyped-def]
     """Sums over the pixels of each pair of a tile and a Gaussian, (P, 9): what `gather` turns into derivatives.
 
     Also in which tiles any of these may differ from zero, (T,).
@@ -52,10 +52,13 @@ def differentiate_tiles(splats, colours, moves, starts, lists, spans, first_tile
     Args:
         splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
         moves: which of them are asked for, (M,); the rows of others stay zero.
-        starts, lists, spans: lists of the tiles from `first_tile` on.
+        tiles: some of the view's.
+        size: width and height of the view in pixels.
         image: what the view shows, (5, H', W'): colour, depth and alpha.
         slopes: derivatives of the loss by colour and alpha, (4, H', W').
     """
+    first_tile, starts, lists, spans = tiles
+    width, height = size
     across, n_tiles = -(-width // TILE), len(starts) - 1
     pairs = np.zeros((lists.shape[0], N_SUMS), np.float32)
     busy = np.zeros(n_tiles, np.bool_)
@@ -181,14 +184,15 @@ def sum_moving_pairs(pairs, starts, lists, busy, totals):  # type: ignore[no-unt
 
 
 @_parallel
-def gather(means, log_scales, quaternions, opacity_logits, world_to_camera, lens, limits, splats, colours, sums):  # type: ignore[no-untyped-def]
+def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyped-def]
     """Derivatives of the loss by the parameters of M drawn Gaussians, (M, 13).
 
     How a colour changes because the Gaussian is seen from elsewhere is left out: `means` move by fractions of their
     size. The other arguments are as in `project` and `differentiate_tiles`.
     """
+    means, log_scales, quaternions, opacity_logits = ellipsoids
+    W, _, lens, limits = pinhole
     fx, fy = lens[0], lens[1]
-    W = world_to_camera
     out = np.zeros((means.shape[0], N_PARAMETERS), np.float32)
     for i in numba.prange(means.shape[0]):
         x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
@@ -204,12 +208,8 @@ def gather(means, log_scales, quaternions, opacity_logits, world_to_camera, lens
         g_xx = 0.5 * A * A * uu
         g_xy = 0.5 * A * (B * uu + C * uv)
         g_yy = 0.5 * (B * B * uu + 2 * B * C * uv + C * C * vv)
-        qw, qx, qy, qz = (
-            float(quaternions[i, 0]),
-            float(quaternions[i, 1]),
-            float(quaternions[i, 2]),
-            float(quaternions[i, 3]),
-        )
+        qw, qx = float(quaternions[i, 0]), float(quaternions[i, 1])
+        qy, qz = float(quaternions[i, 2]), float(quaternions[i, 3])
         norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
         # The rotation's columns in the camera's frame, and in the image.

@@ -10,7 +10,14 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
 from gaussian_trimmer.rendering import gradient_kernels as kernels
-from gaussian_trimmer.rendering.numba_cpu import Projection, blend_view, lens_of, project_view, whole_tiles
+from gaussian_trimmer.rendering.numba_cpu import (
+    Projection,
+    blend_view,
+    ellipsoids_of,
+    pinhole_of,
+    project_view,
+    whole_tiles,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +121,8 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
                 projection.splats,
                 projection.colours,
                 moves,
-                tiles.starts,
-                tiles.lists,
-                tiles.spans,
-                tiles.first,
-                camera.width,
-                camera.height,
+                tiles,
+                (camera.width, camera.height),
                 drawing.padded,
                 padded,
             )
@@ -127,16 +130,10 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)
-    lens, limits = lens_of(camera)
     with KERNEL_LOCK:
         derivatives[rows] = kernels.gather(
-            gaussians.means[rows],
-            gaussians.log_scales[rows],
-            gaussians.quaternions[rows],
-            gaussians.opacity_logits[rows],
-            np.ascontiguousarray(camera.world_to_camera),
-            lens,
-            limits,
+            ellipsoids_of(gaussians, rows),
+            pinhole_of(camera),
             projection.splats[chosen],
             projection.colours[chosen],
             sums[chosen],

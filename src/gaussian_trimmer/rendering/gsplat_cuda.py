@@ -88,11 +88,7 @@ class _RenderingOnDevice(Rendering):
 
 
 def _on_device(method: Method) -> Method:
-    """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in.
-
-    Raises:
-        InputError: the device has not enough memory for what is asked.
-    """
+    """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in."""
 
     @wraps(method)
     def wrapped(self: GsplatRenderer, *arguments: Any, **options: Any) -> Any:
@@ -270,11 +266,7 @@ class GsplatRenderer:
         return self._torch.minimum(drawn.scales, limit[:, None])
 
     def _check_pairs(self, drawn: _Uploaded, scales: Tensor, view: Tensor, K: Tensor, camera: Camera) -> None:
-        """Refuse a view of too many pairs of a tile and a Gaussian, where there may be so many.
-
-        Raises:
-            InputError: there are more than `rendering.MOST_PAIRS`.
-        """
+        """Refuse a view of more than `rendering.MOST_PAIRS` pairs of tile and Gaussian, where there may be so many."""
         tiles = self._torch.tensor(
             [-(-camera.width // self._tile), -(-camera.height // self._tile)], device=self._device
         )

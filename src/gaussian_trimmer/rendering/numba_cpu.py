@@ -22,11 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
-from gaussian_trimmer.rendering.projection_kernels import TILE, bin_gaussians, count_tiles, project
+from gaussian_trimmer.rendering.projection_kernels import (
+    TILE,
+    Ellipsoids,
+    Pinhole,
+    Tiles,
+    bin_gaussians,
+    count_tiles,
+    project,
+)
 
 _KEPT_BYTES = 1 << 29
 """Memory for projections that are kept for the next call; the last one is kept however large it is."""
@@ -35,20 +43,6 @@ _LISTED_BYTES = 1 << 29
 _BYTES_OF_A_PAIR = 6
 _BYTES_OF_A_WEIGHT = 4
 _NO_LABELS = np.zeros((0, 1, 1), np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class Tiles:
-    """T tiles that follow each other, and the Gaussians that reach them."""
-
-    first: int
-    """Number of the first tile, row by row."""
-    starts: IntArray
-    """Where each tile's list begins in `lists`, (T + 1,)."""
-    lists: NDArray[np.int32]
-    """Indices of drawn Gaussians, from near to far, tile after tile, (P,)."""
-    spans: NDArray[np.uint8]
-    """First and one past the last row of its tile that each entry of `lists` reaches, (P, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,17 +138,7 @@ class NumbaRenderer:
         ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
         for tiles in projection.parts(camera):
             with KERNEL_LOCK:
-                top_of_pixels(
-                    projection.splats,
-                    tiles.starts,
-                    tiles.lists,
-                    tiles.spans,
-                    tiles.first,
-                    camera.width,
-                    pixels,
-                    ids,
-                    weights,
-                )
+                top_of_pixels(projection.splats, tiles, camera.width, pixels, ids, weights)
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
@@ -184,19 +168,9 @@ class NumbaRenderer:
 
 def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None = None) -> Projection:
     """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given."""
-    lens, limits = lens_of(camera)
     with KERNEL_LOCK:
         splats, colours, drawn = project(
-            gaussians.means,
-            gaussians.log_scales,
-            gaussians.quaternions,
-            gaussians.opacity_logits,
-            gaussians.sh_dc,
-            gaussians.sh_rest,
-            np.ascontiguousarray(camera.world_to_camera),
-            camera.centre,
-            lens,
-            limits,
+            ellipsoids_of(gaussians), gaussians.sh_dc, gaussians.sh_rest, pinhole_of(camera)
         )
         # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
         candidates = np.flatnonzero(drawn)
@@ -216,8 +190,14 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
     return Projection(rows, splats, colours, starts, tiles)
 
 
-def lens_of(camera: Camera) -> tuple[Float64Array, Float64Array]:
-    """What the kernels are told of a lens: focal lengths, principal point, size, near plane; slopes of its frustum."""
+def ellipsoids_of(gaussians: Gaussians, rows: IntArray | slice = slice(None)) -> Ellipsoids:
+    """Gaussians, or some of them, as the kernels take them."""
+    g = gaussians
+    return Ellipsoids(g.means[rows], g.log_scales[rows], g.quaternions[rows], g.opacity_logits[rows])
+
+
+def pinhole_of(camera: Camera) -> Pinhole:
+    """A camera as the kernels take it."""
     margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
@@ -229,7 +209,8 @@ def lens_of(camera: Camera) -> tuple[Float64Array, Float64Array]:
                 (camera.height + margin[1] - cy) / fy,
             ]
         )
-    return np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near]), limits
+    lens = np.array([fx, fy, cx, cy, camera.width, camera.height, camera.near])
+    return Pinhole(np.ascontiguousarray(camera.world_to_camera), camera.centre, lens, limits)
 
 
 def _blend(
@@ -250,18 +231,7 @@ def blend_view(
     sums = np.zeros((len(projection.rows), len(labels)), np.float32)
     for tiles in projection.parts(camera, len(labels)):
         with KERNEL_LOCK:
-            pairs = blend_tiles(
-                projection.splats,
-                values,
-                tiles.starts,
-                tiles.lists,
-                tiles.spans,
-                tiles.first,
-                camera.width,
-                camera.height,
-                labels,
-                image,
-            )
+            pairs = blend_tiles(projection.splats, values, tiles, camera.width, camera.height, labels, image)
             sum_pairs(pairs, tiles.lists, sums)
     return image, sums
 

@@ -65,12 +65,13 @@ def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
 
 
 @_parallel
-def blend_tiles(splats, values, starts, lists, spans, first_tile, width, height, labels, image):  # type: ignore[no-untyped-def]
-    """Front-to-back blending of the tiles from `first_tile` on, as many as `starts` (T + 1,) has lists.
+def blend_tiles(splats, values, tiles, width, height, labels, image):  # type: ignore[no-untyped-def]
+    """Front-to-back blending of some tiles.
 
     Writes to the image (C + 1, H', W'), with H', W' rounded up to whole tiles, the blended values and, last, alpha.
     Returns for each pair of `lists` the sum of its blend weights under each of the label images (L, H', W'), (P, L).
     """
+    first_tile, starts, lists, spans = tiles
     across = -(-width // TILE)
     n_tiles, n_values, n_labels = len(starts) - 1, values.shape[1], labels.shape[0]
     pairs = np.zeros((lists.shape[0], n_labels), np.float32)
@@ -178,12 +179,12 @@ def sum_pairs(pairs, lists, totals):  # type: ignore[no-untyped-def]
 
 
 @_parallel
-def top_of_pixels(splats, starts, lists, spans, first_tile, width, pixels, ids, weights):  # type: ignore[no-untyped-def]
+def top_of_pixels(splats, tiles, width, pixels, ids, weights):  # type: ignore[no-untyped-def]
     """The largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals.
 
-    Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for those pixels that lie in the
-    tiles from `first_tile` on, as many as `starts` (T + 1,) has lists.
+    Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for pixels within the tiles.
     """
+    first_tile, starts, lists, spans = tiles
     across = -(-width // TILE)
     k = ids.shape[1]
     for j in numba.prange(pixels.shape[0]):

@@ -7,19 +7,23 @@ not finite, and what `_columns_reached` and `_rows_reached` return lies in the i
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VALUE, LOW_PASS_VARIANCE
 
 TILE = 16
 """Side of a tile in pixels."""
-_SHARES = 8  # Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order.
-_LOST = 1e-8  # Determinant, as a share of the product of the variances, below which their difference has lost it.
+_PARALLEL_PARTS = 8
+"""Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order."""
+_CANCELLED_SHARE = 1e-8
+"""Determinant, as a share of the product of the variances, below which their difference has lost it."""
 
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
 _parallel = numba.njit(
@@ -27,19 +31,55 @@ _parallel = numba.njit(
 )
 
 
+class Ellipsoids(NamedTuple):
+    """N Gaussians without their colours, as in `Gaussians`."""
+
+    means: FloatArray
+    log_scales: FloatArray
+    quaternions: FloatArray
+    opacity_logits: FloatArray
+
+
+class Pinhole(NamedTuple):
+    """A camera."""
+
+    world_to_camera: Float64Array
+    """(4, 4)."""
+    centre: Float64Array
+    """(3,)."""
+    lens: Float64Array
+    """Focal lengths (2), principal point (2), width, height, near plane, (7,)."""
+    limits: Float64Array
+    """Slopes x / z (2) and y / z (2) of the widened frustum, (4,)."""
+
+
+class Tiles(NamedTuple):
+    """T tiles that follow each other, and the Gaussians that reach them."""
+
+    first: int
+    """Number of the first tile, row by row."""
+    starts: IntArray
+    """Where each tile's list begins in `lists`, (T + 1,)."""
+    lists: NDArray[np.int32]
+    """Indices of drawn Gaussians, from near to far, tile after tile, (P,)."""
+    spans: NDArray[np.uint8]
+    """First and one past the last row of its tile that each entry of `lists` reaches, (P, 2)."""
+
+
 @_parallel
-def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, world_to_camera, centre, lens, limits):  # type: ignore[no-untyped-def]
+def project(ellipsoids, sh_dc, sh_rest, pinhole):  # type: ignore[no-untyped-def]
     """EWA projection of N Gaussians.
 
     Returns splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
     of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,).
     """
+    means, log_scales, quaternions, opacity_logits = ellipsoids
+    W, centre, lens, limits = pinhole
     n = means.shape[0]
     splats = np.empty((n, 8), np.float32)
     colours = np.empty((n, 4), np.float32)
     drawn = np.zeros(n, np.bool_)
     fx, fy, cx, cy, width, height, near = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6]
-    W = world_to_camera
     for i in numba.prange(n):
         x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
         depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
@@ -61,12 +101,8 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
             fy / depth * (W[1, 1] - ty * W[2, 1]),
             fy / depth * (W[1, 2] - ty * W[2, 2]),
         )
-        qw, qx, qy, qz = (
-            float(quaternions[i, 0]),
-            float(quaternions[i, 1]),
-            float(quaternions[i, 2]),
-            float(quaternions[i, 3]),
-        )
+        qw, qx = float(quaternions[i, 0]), float(quaternions[i, 1])
+        qy, qz = float(quaternions[i, 2]), float(quaternions[i, 3])
         norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         if not 1e-15 < norm < 1e15:  # Squares beyond that leave single precision.
             longest = max(max(abs(qw), abs(qx)), max(abs(qy), abs(qz)))
@@ -98,7 +134,7 @@ def project(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, worl
             else:
                 second_x, second_y = px, py
         det = xx * yy - xy * xy
-        if det < _LOST * xx * yy:
+        if det < _CANCELLED_SHARE * xx * yy:
             # The same by the formula of Cauchy and Binet, a sum of squares: right for needles, where the two products
             # are equal but for their last digits.
             det = LOW_PASS_VARIANCE * (xx + yy - LOW_PASS_VARIANCE) + area
@@ -193,7 +229,7 @@ def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
     """Number of Gaussians that reach each tile, (T,). Takes as long for ellipses of many rows as for those of few."""
     across, down = -(-width // TILE), -(-height // TILE)
     counts = np.zeros((down + 1) * across, np.int64)  # First those that begin with a tile less those that end above it.
-    share = -(-across // _SHARES)
+    share = -(-across // _PARALLEL_PARTS)
     for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
             x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
@@ -220,7 +256,7 @@ def bin_gaussians(splats, width, height, starts, first_tile):  # type: ignore[no
     spans = np.zeros((starts[-1], 2), np.uint8)
     ends = starts[:-1].copy()
     above, below = first_tile // across, -(-(first_tile + n_tiles) // across)
-    share = -(-across // _SHARES)
+    share = -(-across // _PARALLEL_PARTS)
     for job in numba.prange(-(-across // share)):
         for i in range(splats.shape[0]):
             x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))

@@ -28,21 +28,21 @@ _CONFIDENCE_WEIGHT = 0.32
 _MAX_LOGIT = 10.0
 _AGREEMENT_WEIGHT = 3.83
 """Weight of the share that the other views' masks give the region, beyond half."""
-_ADDING = 0.39
+_ADDING_WEIGHT = 0.39
 """Gain of regions that the mask adds and loss of those that it removes."""
 _MIN_SUPPORT = 0.84
 """Smallest sum of these from which on the mask is followed: even odds lie at 0.34."""
-_TILE = 32
+_TILE_PIXELS = 32
 """Side of the tiles, in pixels of a view of 512, that regions are cut into: a mask may be right at one end of a long
 seam and wrong at the other."""
 _REFERENCE_SIDE = 512
-_THIN = 3.0
+_MIN_WIDTH_CELLS = 3.0
 """Width, in cells of the grid that masks are drawn on, below which they do not show things."""
-_GRID = 256
+_MASK_GRID_CELLS = 256
 """Cells on the longer side of that grid, of all models of the SAM family."""
 _MIN_OVERLAP = 0.5
 """Smallest intersection over union with the silhouette from which on a mask is taken for one of the object."""
-_SEEN = 1e-3
+_MIN_SEEN_PIXELS = 1e-3
 """Blend weight in pixels above which a Gaussian counts as seen by the other views."""
 
 
@@ -91,14 +91,14 @@ def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray)
     sign = np.sign(mean(np.where(mask, 1.0, -1.0).astype(np.float32)))
     confidence = mean(np.abs(np.clip(logits, -_MAX_LOGIT, _MAX_LOGIT)))
     agreement = sign * (mean(elsewhere) - 0.5)
-    support = _CONFIDENCE_WEIGHT * confidence + _AGREEMENT_WEIGHT * agreement + _ADDING * sign
+    support = _CONFIDENCE_WEIGHT * confidence + _AGREEMENT_WEIGHT * agreement + _ADDING_WEIGHT * sign
     return np.asarray(member & (support > _MIN_SUPPORT)[regions])
 
 
 def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32], int]:
     """Numbers from 1 for the connected regions that a mask adds or removes within each tile, (H, W), and how many."""
     height, width = mask.shape
-    tile = max(1, round(_TILE * max(height, width) / _REFERENCE_SIDE))
+    tile = max(1, round(_TILE_PIXELS * max(height, width) / _REFERENCE_SIDE))
     regions, count = np.zeros(mask.shape, np.int32), 0
     for change in (mask & ~silhouette, silhouette & ~mask & ~_thin(silhouette)):
         for y in range(0, height, tile):
@@ -114,7 +114,7 @@ def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32],
 
 def _thin(silhouette: BoolArray) -> BoolArray:
     """What of a silhouette is too thin for a mask to show, (H, W)."""
-    width = max(2, round(_THIN * max(silhouette.shape) / _GRID))
+    width = max(2, round(_MIN_WIDTH_CELLS * max(silhouette.shape) / _MASK_GRID_CELLS))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     opened = cv2.morphologyEx(silhouette.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
     return np.asarray(silhouette & ~opened)
@@ -136,6 +136,6 @@ def _shares_elsewhere(
     for view, own in zip(views, weights, strict=True):
         outside, inside = (total - own).T
         seen = outside + inside
-        share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > _SEEN)
+        share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > _MIN_SEEN_PIXELS)
         shares.append(renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0])
     return shares

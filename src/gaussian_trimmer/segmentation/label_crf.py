@@ -29,8 +29,8 @@ from gaussian_trimmer.settings import Range, Weight
 _BINS_PER_CHANNEL = 32
 """Bins of the colour histograms in each channel."""
 # Blurring by one bin's standard deviation, cut at three, as a matrix.
-_STEPS = np.arange(_BINS_PER_CHANNEL) - np.arange(_BINS_PER_CHANNEL)[:, None]
-_BLUR = np.where(np.abs(_STEPS) <= 3, np.exp(-0.5 * _STEPS.astype(np.float64) ** 2), 0.0)
+_BIN_STEPS = np.arange(_BINS_PER_CHANNEL) - np.arange(_BINS_PER_CHANNEL)[:, None]
+_BLUR_MATRIX = np.where(np.abs(_BIN_STEPS) <= 3, np.exp(-0.5 * _BIN_STEPS.astype(np.float64) ** 2), 0.0)
 _EMPTY_BIN = 1e-5
 """Added to the histograms, so that colours that occur on one side only have a finite likelihood ratio."""
 _MIN_SEEN_PIXELS = 0.05
@@ -213,5 +213,5 @@ def _blurred_histogram(bins: NDArray[np.int64], weights: Float64Array) -> Float6
     """Normalised colour histogram, blurred by one bin's standard deviation, flat."""
     counts = np.bincount(bins, weights, _BINS_PER_CHANNEL**3).reshape((_BINS_PER_CHANNEL,) * 3)
     for _ in range(3):  # The last axis is blurred and comes first, so that after three times all are in order again.
-        counts = np.tensordot(_BLUR, counts, axes=(1, 2))
+        counts = np.tensordot(_BLUR_MATRIX, counts, axes=(1, 2))
     return np.asarray((counts / max(counts.sum(), 1e-12)).reshape(-1))

@@ -31,9 +31,9 @@ _MAX_DEPTH_RATIO = 1.5
 """Largest logarithm of the ratio of depth edges that counts."""
 _COLOUR_NOISE, _DEPTH_NOISE = 1.0, 0.002
 """Edges that count as none: Lab units a pixel, and relative depth a pixel."""
-_BLUR = 1.0
+_BLUR_PIXELS = 1.0
 """Standard deviation of the blur before gradients are taken, in pixels."""
-_REACH = 8
+_EDGE_REACH_PIXELS = 8
 """Farthest that the edges of a pixel are found from, in pixels: by the blur, the slope and the neighbourhood."""
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
@@ -44,7 +44,7 @@ def supported_silhouette(view: View) -> BoolArray:
     mask = before.copy()
     if (before == after).all():
         return mask
-    window = box_slices(bounding_box(before != after, _REACH))
+    window = box_slices(bounding_box(before != after, _EDGE_REACH_PIXELS))
     mask[window] = _supported(view, window, before[window], after[window])
     return mask
 
@@ -93,7 +93,7 @@ def _depth_edges(depth: FloatArray, farthest: float) -> FloatArray:
 
 
 def _gradient(image: FloatArray) -> FloatArray:
-    smooth = cv2.GaussianBlur(image, (0, 0), _BLUR)
+    smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PIXELS)
     slopes = np.stack([cv2.Sobel(smooth, cv2.CV_32F, *order) / 8 for order in ((1, 0), (0, 1))])
     squared = np.square(slopes).sum(axis=0)
     length = np.sqrt(squared.sum(axis=-1) if image.ndim == 3 else squared)

@@ -13,10 +13,11 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
 from gaussian_trimmer.cameras import Camera, unit_up
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.dataclass_json import from_plain, to_plain, wrong_value
+from gaussian_trimmer.io.dataclass_json import from_plain, to_plain
 from gaussian_trimmer.io.reading import file_bytes, is_file, reading
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, Point, View, Viewpoint
+from gaussian_trimmer.settings import wrong_value
 
 CONTENT = "selection marks"
 _MAX_BYTES = 1 << 24
@@ -49,16 +50,6 @@ def write_marks(marks: Marks, path: Path) -> None:
         InputError: the file cannot be written.
     """
     write_json(marks_as_json(marks, path.parent), path)
-
-
-def write_json(document: dict[str, Any], path: Path) -> None:
-    """Write what `marks_as_json` gave, perhaps with more in it.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    with atomic_file(path) as part:
-        part.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def marks_as_json(marks: Marks, folder: Path) -> dict[str, Any]:

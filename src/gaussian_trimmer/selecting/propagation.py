@@ -25,7 +25,7 @@ _COLOUR_WEIGHT = 0.3
 """Weight of the colours' log-likelihood ratio, by area in squared radii."""
 _IN_FRONT_DEPTH = 0.2
 """Depth difference, in radii, from which something beside the mask may hide a part of the object."""
-_SURROUNDINGS = 1.0
+_SURROUNDINGS_RADII = 1.0
 """Width of the surroundings that are looked at, in radii."""
 _MIN_PIECE_SHARE = 0.01
 """Smallest share of the visible object that a piece of it must hold."""
@@ -51,7 +51,7 @@ def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> B
     ray = camera.ray_directions(np.array([[box[0] + box[2], box[1] + box[3]]]) / 2)[0]
     centre = camera.centre + ray * depth / (ray @ camera.forward)
     pixels, depths = camera.project(gaussians.means.astype(np.float64))
-    margin = _SURROUNDINGS * radius / depth * camera.K[0, 0]
+    margin = _SURROUNDINGS_RADII * radius / depth * camera.K[0, 0]
     candidates = (depths > 0) & ((pixels > np.array(box[:2]) - margin) & (pixels < np.array(box[2:]) + margin)).all(1)
     graph = build_surface_graph(scene, centre, radius, candidates)
     if len(graph.rows) < MIN_NODES:

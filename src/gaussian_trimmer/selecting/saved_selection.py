@@ -20,8 +20,8 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.dataclass_json import from_plain, to_plain
 from gaussian_trimmer.io.reading import file_bytes, is_file
-from gaussian_trimmer.io.writing import atomic_file
-from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, read_json, relative_to, write_json
+from gaussian_trimmer.io.writing import write_json, write_whole
+from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, read_json, relative_to
 from gaussian_trimmer.selecting.select import SelectionResult
 
 
@@ -71,8 +71,7 @@ def save_array(selection: NDArray[Any], path: Path) -> int:
     """
     buffer = BytesIO()
     np.save(buffer, selection, allow_pickle=False)
-    with atomic_file(path) as part:
-        part.write_bytes(buffer.getbuffer())
+    write_whole(path, buffer.getbuffer())
     return zlib.crc32(buffer.getbuffer())
 
 

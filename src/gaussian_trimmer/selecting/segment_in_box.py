@@ -30,7 +30,7 @@ _LATTICE_PIXELS = 16
 """Number of pixels along each side of the box at which depth is measured."""
 _LAYER_GAP, _MIN_LAYER = 1.0, 0.03
 """Gap between the depths of two surfaces, in radii; smallest share of the pixels on one of them."""
-_SURROUNDINGS = 0.5
+_SURROUNDINGS_SHARE = 0.5
 """Width of the surroundings that are looked at, relative to the box's sides."""
 _REACH_BEYOND_EDGE = 2.0
 """Factor on the reach for objects that may go on beyond the picture's edge."""
@@ -38,7 +38,7 @@ _MIN_VISIBLE_AREA = 0.02
 """Smallest area of a piece that is visible in the box, in squared radii."""
 _DEPTH_RATIO = 1.5
 """Largest ratio of the depths of a piece and of the surface that it was searched on."""
-_BORDER = 0.3
+_BORDER_SHARE = 0.3
 """Width of the border around the box in which pieces are drawn, relative to its larger side."""
 _PIECES_PER_PASS = 16
 """Number of pieces that are drawn in one pass."""
@@ -55,7 +55,7 @@ def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
     """
     gaussians, camera = scene.gaussians, scene.camera
     low, high = _limits(box, camera)
-    margin = _SURROUNDINGS * np.subtract(box[2:], box[:2])
+    margin = _SURROUNDINGS_SHARE * np.subtract(box[2:], box[:2])
     mask = np.zeros((camera.height, camera.width), np.bool_)
     mask[box_slices(box)] = True
     outside, inside = scene.label_weights(mask)
@@ -165,7 +165,7 @@ def _between(points: NDArray[np.floating], camera: Camera, low: Float64Array, hi
 def _cropped(camera: Camera, box: Box) -> tuple[Camera, Box]:
     """The part of a view around a box, and the box in it."""
     x0, y0, x1, y1 = box
-    border = int(_BORDER * max(x1 - x0, y1 - y0)) + 2
+    border = int(_BORDER_SHARE * max(x1 - x0, y1 - y0)) + 2
     left, top = max(0, x0 - border), max(0, y0 - border)
     right, bottom = min(camera.width, x1 + border), min(camera.height, y1 + border)
     return camera.part(left, top, right, bottom), (x0 - left, y0 - top, x1 - left, y1 - top)

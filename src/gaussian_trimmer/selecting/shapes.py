@@ -11,7 +11,7 @@ from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
 
-_FEWEST = 2
+_MIN_GAUSSIANS = 2
 
 
 def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Array) -> BoolArray:
@@ -77,7 +77,7 @@ def _reach(means: FloatArray, selection: BoolArray, spacings: float, what: str) 
     if not (np.isfinite(spacings) and spacings > 0):
         raise InputError(f"The selection cannot be {what} by {spacings:g} spacings; give a number above zero.")
     selected = means[selection]
-    if len(selected) < _FEWEST:
+    if len(selected) < _MIN_GAUSSIANS:
         return 0.0
     squared, _ = nearest(selected, selected, 2)
     return float(spacings * np.sqrt(np.median(squared[:, 1])))

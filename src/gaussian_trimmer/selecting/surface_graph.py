@@ -35,7 +35,7 @@ from gaussian_trimmer.views import HALF
 
 _REACH_RADII = 3.0
 """Distance from the point within which Gaussians are looked at, in radii."""
-_RINGS = ((5.0, 8), (35.0, 8), (65.0, 4))
+_VIEW_RINGS = ((5.0, 8), (35.0, 8), (65.0, 4))
 """Pitch in degrees and number of views of each ring around the point."""
 _MAX_ANGLE_COSINE = np.cos(np.radians(50))
 """Cosine of the largest angle between a view and the nearest training camera: beyond it nothing was photographed."""
@@ -46,7 +46,7 @@ _REFERENCE_RADIUS = 64.0
 _MIN_VISIBLE, _MIN_VISIBLE_IN_VIEW = 0.5, 0.3
 """Smallest visible weight of a node, in pixels over all views, and in the user's view to be judged by it."""
 _MAX_NODES = 15_000
-_NEIGHBOURS, _NEIGHBOURHOOD = 10, 17
+_EDGE_NEIGHBOURS, _ESTIMATE_NEIGHBOURS = 10, 17
 """Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""
 _MAX_WEIGHT = 20.0
 """Visible weight beyond which a Gaussian counts no more in these estimates."""
@@ -62,11 +62,11 @@ _MIN_EDGE_WEIGHT = 0.05
 """Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
 _GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
-_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
+_COLOUR_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
 """Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
-_MAX_RATIO = 2.0
+_MAX_LOG_RATIO = 2.0
 """Log-ratio at which colour evidence is clipped."""
-_HIDDEN_NEIGHBOURS, _HIDDEN_REACH = 4, 0.5
+_HIDDEN_NEIGHBOURS, _HIDDEN_REACH_RADII = 4, 0.5
 """Number of nodes that a hidden Gaussian follows, and its largest distance from the nearest, in radii."""
 
 
@@ -137,15 +137,15 @@ class SurfaceGraph:
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
-        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_BINS) - 1).astype(np.int64)
-        flat = np.ravel_multi_index(tuple(bins.T), _BINS)
+        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_COLOUR_BINS) - 1).astype(np.int64)
+        flat = np.ravel_multi_index(tuple(bins.T), _COLOUR_BINS)
         inside, outside = self.areas * part, self.areas * others
         models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
         ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[flat]
         hits = [
             areas[right].sum() / max(areas.sum(), 1e-12) for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
         ]
-        return np.clip(ratio, -_MAX_RATIO, _MAX_RATIO), float(np.mean(hits))
+        return np.clip(ratio, -_MAX_LOG_RATIO, _MAX_LOG_RATIO), float(np.mean(hits))
 
     def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
         """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
@@ -162,7 +162,7 @@ class SurfaceGraph:
         neighbours = min(_HIDDEN_NEIGHBOURS, len(self.means))
         squared, near = nearest(self.means, gaussians.means[candidates], neighbours)
         share = (part & comparable)[near].sum(axis=1) / np.maximum(comparable[near].sum(axis=1), 1)
-        return np.asarray(candidates[(share > HALF) & (squared[:, 0] < (_HIDDEN_REACH * self.radius) ** 2)])
+        return np.asarray(candidates[(share > HALF) & (squared[:, 0] < (_HIDDEN_REACH_RADII * self.radius) ** 2)])
 
 
 def build_surface_graph(
@@ -193,7 +193,7 @@ def build_surface_graph(
         facing += weight[nodes, None] * _directions(local.means[nodes], view.centre)
 
     means = local.means[nodes]
-    squared, beside = nearest(means, means, min(_NEIGHBOURHOOD, len(means)))
+    squared, beside = nearest(means, means, min(_ESTIMATE_NEIGHBOURS, len(means)))
     sigmas = np.maximum(squared[:, [squared.shape[1] // 2]], 1e-30)
     shares = np.minimum(visible[nodes], _MAX_WEIGHT)[beside] * np.exp(-0.5 * squared / sigmas)
     colours = _smoothed(np.clip(0.5 + SH_C0 * local.sh_dc[nodes], 0, 1), beside, shares)
@@ -228,9 +228,9 @@ def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> li
     """Small views of a point from all around, starting at the user's yaw."""
     axes = up_frame(scene.up)
     offset = axes @ (scene.camera.centre - centre)
-    steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _RINGS])
+    steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _VIEW_RINGS])
     yaws = np.arctan2(offset[1], offset[0]) + steps
-    pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _RINGS])
+    pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _VIEW_RINGS])
     photographed = -_directions(np.array([taken.centre for taken in scene.seen_from]).reshape(-1, 3), centre)
     if len(photographed):
         near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE_COSINE
@@ -276,7 +276,7 @@ def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray
     The edges of a node share the length of boundary that passes it, so that the length of a cut does not depend on how
     densely a surface is covered.
     """
-    n, k = len(beside), min(_NEIGHBOURS, beside.shape[1] - 1)
+    n, k = len(beside), min(_EDGE_NEIGHBOURS, beside.shape[1] - 1)
     starts, ends = np.repeat(np.arange(n), k), beside[:, 1 : k + 1].ravel().astype(np.int64)
     keys = np.minimum(starts, ends) * n + np.maximum(starts, ends)
     _, first, count = np.unique(keys, return_index=True, return_counts=True)
@@ -302,7 +302,7 @@ def _affinity(
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
     """Normalised colour histogram over flat bins, blurred by one bin, flat."""
-    counts = np.bincount(bins, areas, int(np.prod(_BINS))).reshape(_BINS)
+    counts = np.bincount(bins, areas, int(np.prod(_COLOUR_BINS))).reshape(_COLOUR_BINS)
     for axis in range(3):
         padded = np.pad(np.moveaxis(counts, axis, 0), ((1, 1), (0, 0), (0, 0)))
         counts = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,19 @@ def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
             "'labels == 3'."
         )
     return np.asarray(values != 0) if is_mask else np.isin(np.arange(n), values)
+
+
+def refuse_whole_scene(selection: BoolArray, path: Path | str, scene: Path | str) -> None:
+    """Refuse the selection of a file that holds all Gaussians of a scene's.
+
+    Raises:
+        InputError: it does.
+    """
+    if selection.all():
+        raise InputError(
+            f"'{path}' selects all {len(selection)} Gaussians of '{scene}'; give the whole scene, or leave the "
+            "selection out if the file holds the object alone."
+        )
 
 
 def mask_of_excluded(selection: Any, excluded: Any, n: int) -> BoolArray:

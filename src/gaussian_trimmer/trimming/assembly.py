@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.decomposition.refinement import Refined
 from gaussian_trimmer.decomposition.splitting import Decomposition
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.result import Division, RowLabel
 
 
-def _no_rows() -> IntArray:
-    return np.zeros(0, np.int64)
-
-
-@dataclass(frozen=True, eq=False)
-class Assembly:
-    """An object of M Gaussians, and what the background has of the scene and beside it."""
-
-    object: Gaussians
-    outside_parts: Gaussians
-    """Outer parts of split Gaussians."""
-    source_index: IntArray
-    """Scene row of every row of the object, then of the background; -1 for filled ones."""
-    label: NDArray[np.uint8]
-    """What happened to each of these rows, a `RowLabel`."""
-    dropped: IntArray = field(default_factory=_no_rows)
-    """Scene rows that neither has."""
-    fitted: IntArray = field(default_factory=_no_rows)
-    """Rows of the object that were fitted to its outline."""
-    not_fitted: str | None = None
-    """Why none was, if it was tried."""
-    filled: Gaussians | None = None
-    """New Gaussians of the background."""
+class Assembly(Division):
+    """A division in the making, as it passes from stage to stage."""
 
     def with_fit(self, refined: Refined) -> Assembly:
         """The same with an object whose outline was fitted."""
@@ -63,7 +41,8 @@ class Assembly:
 
 def left_as_it_was(scene: Gaussians, selection: BoolArray, kept: BoolArray) -> Assembly:
     """What is kept (N,) of a selection (N,) that is not trimmed, and the rest of the scene."""
-    return assemble(scene, selection, np.arange(len(scene)), Decomposition(kept, _no_rows()), _no_rows())
+    none = np.zeros(0, np.int64)
+    return assemble(scene, selection, np.arange(len(scene)), Decomposition(kept, none), none)
 
 
 def assemble(
@@ -78,7 +57,7 @@ def assemble(
         parts: how these were divided.
         dropped: scene rows of what neither side gets.
     """
-    final, nothing = np.zeros(len(scene), np.bool_), scene.select(_no_rows())
+    final, nothing = np.zeros(len(scene), np.bool_), scene.select(slice(0))
     final[rows] = parts.members
     split, inner, outer = rows[parts.split], parts.inner or nothing, parts.outer or nothing
     whole = final.copy()

@@ -38,7 +38,7 @@ from gaussian_trimmer.views import TrimmedView, without_pictures
 
 __all__ = ["ObjectsResult", "TrimmedObject", "share_out", "trim_objects"]
 
-_VOTERS = 8
+_VOTING_NEIGHBOURS = 8
 """Number of nearest Gaussians that decide to which of several objects one belongs."""
 _NOBODY = -1
 _PLACE_VIEW_STEP = 3
@@ -67,6 +67,7 @@ class _Claim:
         return members
 
 
+# The arguments are those of `trim`, by the same names.
 def trim_objects(
     scene: Gaussians,
     objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike],
@@ -190,7 +191,7 @@ def share_out(scene: Gaussians, claims: Sequence[BoolArray], selections: Sequenc
     owner[contested[clear]] = selected[:, clear].argmax(axis=0)
     unclear, settled = contested[~clear], np.flatnonzero(number == 1)
     if len(unclear) and len(settled):
-        _, near = nearest(scene.means[settled], scene.means[unclear], min(_VOTERS, len(settled)))
+        _, near = nearest(scene.means[settled], scene.means[unclear], min(_VOTING_NEIGHBOURS, len(settled)))
         voters = owner[settled[near]]
         votes = np.stack([(voters == place).sum(axis=1) for place in range(len(claims))])
         # Whoever claims it comes before whoever does not; of equal votes the first object wins.

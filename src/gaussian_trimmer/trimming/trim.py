@@ -10,14 +10,7 @@ from numpy.typing import ArrayLike
 
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import (
-    AcceptanceConfig,
-    BoundaryConfig,
-    EvidenceConfig,
-    LabelCrfConfig,
-    PlanConfig,
-    SplitConfig,
     TrimConfig,
-    paper_config,
 )
 from gaussian_trimmer.decomposition.membership import (
     find_members,
@@ -32,7 +25,7 @@ from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warn
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import small_views_from
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
-from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
@@ -45,21 +38,6 @@ from gaussian_trimmer.trimming.completion import clean, fill, fit_outline
 from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.task import PlugIns, Task
 from gaussian_trimmer.views import TrimmedView
-
-__all__ = [
-    "AcceptanceConfig",
-    "BoundaryConfig",
-    "EvidenceConfig",
-    "LabelCrfConfig",
-    "PlanConfig",
-    "RowLabel",
-    "SplitConfig",
-    "TrimConfig",
-    "TrimResult",
-    "TrimmedView",
-    "paper_config",
-    "trim",
-]
 
 _LOW_VIEW_PITCH_DEGREES = 8.0
 """Pitch of the small views that look for what hangs below the object."""
@@ -87,6 +65,7 @@ class Decision:
     """Gaussians of the scene that other objects got, (N,)."""
 
 
+# More arguments than a function of this package has elsewhere: callers give all but two by name, and most give none.
 def trim(
     scene: Gaussians,
     selection: ArrayLike,

@@ -21,9 +21,9 @@ _COLOURS_AND_MEANINGS = {
     DROPPED: ("#c45fb0", "showed only once the object was gone, and was left out of both files"),
     FITTED: ("#e69f00", "adjusted to the outline (also counted above); shown in this colour if kept"),
 }
-_DARKEST = 0.4
+_BLACK_BRIGHTNESS = 0.4
 """How bright a black Gaussian is drawn, relative to a white one of its colour."""
-_LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)
+_LUMINANCE_WEIGHTS = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,10 @@ def coloured_changes(result: TrimResult) -> Gaussians:
 
 def _painted(gaussians: Gaussians, colours: FloatArray) -> Gaussians:
     """Gaussians in other colours (N, 3), from any side the same, as bright as they were but none of them black."""
-    light = np.clip((0.5 + SH_C0 * gaussians.sh_dc) @ _LUMINANCE, 0, 1)
-    rgb = colours * (_DARKEST + (1 - _DARKEST) * light)[:, None]
-    return Gaussians(
-        gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits,
-        ((rgb - 0.5) / SH_C0).astype(np.float32), np.zeros((len(gaussians), 3, 0), np.float32),
-    )  # fmt: skip
+    light = np.clip((0.5 + SH_C0 * gaussians.sh_dc) @ _LUMINANCE_WEIGHTS, 0, 1)
+    rgb = colours * (_BLACK_BRIGHTNESS + (1 - _BLACK_BRIGHTNESS) * light)[:, None]
+    sh_dc, no_rest = ((rgb - 0.5) / SH_C0).astype(np.float32), np.zeros((len(gaussians), 3, 0), np.float32)
+    return gaussians.replace(sh_dc=sh_dc, sh_rest=no_rest, extras={})
 
 
 def _rgb(name: str) -> FloatArray:

@@ -34,18 +34,23 @@ def document(title: str, body: str, *, style: str = "", script: str = "", stands
             beside the page are shown.
     """
     checksum = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = [f"script-src 'sha256-{checksum}'" if script else "script-src 'none'", "worker-src blob:",
-              "child-src blob:", "base-uri 'none'", "form-action 'none'"]  # fmt: skip
+    scripts = f"'sha256-{checksum}'" if script else "'none'"
+    policy = [f"script-src {scripts}", "worker-src blob:", "child-src blob:", "base-uri 'none'", "form-action 'none'"]
     if stands_alone:
         policy = ["default-src 'none'", "img-src data:", "style-src 'unsafe-inline'", *policy]
-    return "\n".join([
-        "<!DOCTYPE html>", '<html lang="en"><head><meta charset="utf-8">',
+    lines = [
+        "<!DOCTYPE html>",
+        '<html lang="en"><head><meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{"; ".join(policy)}">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<link rel="icon" href="data:,">', f"<title>{text(title)}</title>",
-        f"<style>\n{asset('page.css')}{style}</style></head><body>", body,
-        *([f"<script>{script}</script>"] if script else []), "</body></html>", "",
-    ])  # fmt: skip
+        '<link rel="icon" href="data:,">',
+        f"<title>{text(title)}</title>",
+        f"<style>\n{asset('page.css')}{style}</style></head><body>",
+        body,
+        *([f"<script>{script}</script>"] if script else []),
+        "</body></html>",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 @cache

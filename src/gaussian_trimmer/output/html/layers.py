@@ -27,11 +27,13 @@ CHANGES, SCENE, REST = "what was done", "scene", "scene without the object"
 VIEW_PAIRINGS = (
     Pairing("before and after", SELECTION, OBJECT, "The rough selection and the trimmed object, each alone."),
     Pairing(
-        "where the views put the edge", OBJECT, OUTLINES,
+        "where the views put the edge",
+        OBJECT,
+        OUTLINES,
         "The view as it was segmented: orange is the outline of the rough selection, light blue that of the mask, red "
         "that of a mask that was rejected.",
     ),
-)  # fmt: skip
+)
 CHANGE_PAIRINGS = (Pairing("what was done", SELECTION, CHANGES),)
 BACKGROUND_PAIRINGS = (
     Pairing("scene and what is left", SCENE, REST, "The object should be gone, and everything else still there."),

@@ -11,7 +11,7 @@ import numpy as np
 
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.html.changes import Change, coloured_changes, legend_of
 from gaussian_trimmer.output.html.comparison import Figure, Pairing, comparison
 from gaussian_trimmer.output.html.document import asset, document, text
@@ -49,8 +49,7 @@ def write_report_page(result: TrimResult | ObjectsResult, report: Mapping[str, A
         InputError: the file cannot be written.
     """
     page = report_page(result, report) if isinstance(result, TrimResult) else objects_page(result, report)
-    with atomic_file(folder / REPORT) as part:
-        part.write_text(page, encoding="utf-8")
+    write_whole(folder / REPORT, page)
 
 
 def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:

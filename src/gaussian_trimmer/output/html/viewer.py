@@ -13,7 +13,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW, rows_of
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
-from gaussian_trimmer.io.writing import atomic_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
 from gaussian_trimmer.result import TrimResult
@@ -21,14 +21,14 @@ from gaussian_trimmer.result import TrimResult
 MOST_GAUSSIANS = 1_000_000
 """Gaussians that a page holds at most: 43 MB, opened in some five seconds and sorted in under half of one."""
 Part = Literal["object", "background", "both"]
-_FOV = float(np.radians(45))
-_FILL = 0.8
+_FOV_RADIANS = float(np.radians(45))
+_FILL_SHARE = 0.8
 """Share of the picture's shorter side that the sphere around the bounds fills at first."""
-_ANGLES = float(np.radians(30)), float(np.radians(20))
+_FIRST_ANGLES = float(np.radians(30)), float(np.radians(20))
 """Yaw and pitch of the first view, in radians, if nothing speaks for others."""
-_NEAR = 0.01
+_NEAR_PLANE_RADII = 0.01
 """Distance in radii of the bounds before which nothing is drawn."""
-_HELP = (
+_HELP_TEXT = (
     "Drag to turn; drag with Shift or the right button to move; zoom with the wheel or two fingers. With the picture "
     "focused: arrows turn, Shift and arrows move, + and - zoom, Space keeps turning, Home starts over. Colours are the "
     "same from every side."
@@ -63,7 +63,7 @@ def first_angles(result: TrimResult) -> tuple[float, float]:
     """
     sides = checked_sides(result)
     if not 0 < sides.degrees < 360:
-        return _ANGLES
+        return _FIRST_ANGLES
     return float(np.radians(sides.middle)), float(np.radians(np.median(sides.pitches)))
 
 
@@ -73,7 +73,7 @@ def write_viewer(
     up: Float64Array,
     *,
     bounds: Bounds | None = None,
-    angles: tuple[float, float] = _ANGLES,
+    angles: tuple[float, float] = _FIRST_ANGLES,
     overwrite: bool = True,
 ) -> None:
     """Write Gaussians as a page, which appears whole or not at all.
@@ -95,8 +95,7 @@ def write_viewer(
     if path.exists() and not overwrite:
         raise InputError(f"'{path}' exists; choose another name, or replace it with overwrite=True.")
     page = viewer_page(parts, up, path.stem, bounds, angles)
-    with atomic_file(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def check_page_name(path: Path) -> None:
@@ -114,7 +113,7 @@ def viewer_page(
     up: Float64Array,
     title: str,
     bounds: Bounds | None = None,
-    angles: tuple[float, float] = _ANGLES,
+    angles: tuple[float, float] = _FIRST_ANGLES,
 ) -> str:
     """The page as HTML. Arguments are those of `write_viewer`, and the page's title.
 
@@ -139,25 +138,31 @@ def viewer_page(
     settings = {**first_view(bounds, angles), "axes": bounds.axes.tolist(), "centre": [0.0, 0.0, 0.0], "parts": ranges}
     body = (
         f'<div id="stage" class="light"><canvas id="canvas" tabindex="0" role="application" aria-label="{text(title)}: '
-        f'{count:,} Gaussians. {_HELP}"></canvas><p id="message" role="alert" hidden></p></div>'
+        f'{count:,} Gaussians. {_HELP_TEXT}"></canvas><p id="message" role="alert" hidden></p></div>'
         "<noscript><p>The page draws only where scripts are allowed.</p></noscript>"
         f"<footer><h1>{text(title)}</h1><span>{count:,} Gaussians</span>{_choices(list(parts))}"
         '<button type="button" id="turn" aria-pressed="false">turn</button>'
         '<button type="button" id="reset">start over</button>'
-        f"<details><summary>help</summary>{_HELP}</details></footer>"
+        f"<details><summary>help</summary>{_HELP_TEXT}</details></footer>"
         f'<script type="text/plain" id="splats">{data}</script>{json_block("settings", settings)}'
     )
     return document(title, body, style=asset("viewer.css"), script=asset("viewer.js"))
 
 
-def first_view(bounds: Bounds, angles: tuple[float, float] = _ANGLES) -> dict[str, Any]:
+def first_view(bounds: Bounds, angles: tuple[float, float] = _FIRST_ANGLES) -> dict[str, Any]:
     """From where a page shows the bounds at first: angles in radians, lengths in scene units.
 
     The camera is `distance` from the bounds' centre in the direction of `yaw` and `pitch` in their frame, and its
     picture's shorter side spans `fov`.
     """
-    distance = bounds.radius / (_FILL * np.sin(_FOV / 2))
-    return {"yaw": angles[0], "pitch": angles[1], "distance": distance, "fov": _FOV, "near": _NEAR * bounds.radius}
+    distance = bounds.radius / (_FILL_SHARE * np.sin(_FOV_RADIANS / 2))
+    return {
+        "yaw": angles[0],
+        "pitch": angles[1],
+        "distance": distance,
+        "fov": _FOV_RADIANS,
+        "near": _NEAR_PLANE_RADII * bounds.radius,
+    }
 
 
 def _choices(parts: list[str]) -> str:

@@ -14,7 +14,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.settings import Range, Share, check_settings
 from gaussian_trimmer.views import View, bounding_box, box_slices
 
-_MARGIN, _MIN_MARGIN = 0.1, 5
+_WINDOW_MARGIN, _WINDOW_MARGIN_PIXELS = 0.1, 5
 """Margin of the window that is segmented, relative to the silhouette's size, and what is added to it in pixels."""
 
 
@@ -53,7 +53,7 @@ class GrabCutSegmenter:
             return mask
         size = float(np.sqrt(silhouette.sum()))
         trimap, near = self._trimap(silhouette, size)
-        window = box_slices(bounding_box(near, int(_MARGIN * size) + _MIN_MARGIN))
+        window = box_slices(bounding_box(near, int(_WINDOW_MARGIN * size) + _WINDOW_MARGIN_PIXELS))
         mask[window] = grab_cut(view.rgb[window], trimap[window], self.config.iterations)
         return mask
 

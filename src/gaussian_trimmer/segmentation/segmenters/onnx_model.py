@@ -11,10 +11,10 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file
 
-_ENDINGS = (".onnx", ".ort")
+_MODEL_ENDINGS = (".onnx", ".ort")
 _MAX_FILES = 64
 """Model files in a folder from which on it is not searched."""
-_SIDES = range(32, 4097)
+_POSSIBLE_SIDES = range(32, 4097)
 """Sides of the square that pictures are scaled to, in pixels."""
 _USUAL_SIDE = 1024
 POINTS = ("point_coords", "input_points")
@@ -23,7 +23,7 @@ BOXES = ("input_boxes",)
 MASK = ("mask_input", "input_masks")
 HAS_MASK = ("has_mask_input",)
 SIZE = ("orig_im_size",)
-_PROMPTS = (*POINTS, *LABELS, *BOXES, *MASK, *HAS_MASK, *SIZE)
+_PROMPT_INPUTS = (*POINTS, *LABELS, *BOXES, *MASK, *HAS_MASK, *SIZE)
 _MASK_OUTPUTS = ("low_res_masks", "pred_masks", "masks")
 _SCORE_OUTPUTS = ("iou_predictions", "iou_scores")
 POSITIONAL = "image_positional_embeddings"
@@ -46,7 +46,7 @@ def find_files(folder: Path) -> tuple[Path, Path]:
     """
     try:
         places = [place for place in (folder, folder / "onnx") if place.is_dir()]
-        listed = [file for place in places for file in sorted(place.iterdir()) if file.suffix in _ENDINGS]
+        listed = [file for place in places for file in sorted(place.iterdir()) if file.suffix in _MODEL_ENDINGS]
         files = [file for file in listed if is_file(file)]
     except (OSError, ValueError) as error:
         raise InputError(f"The folder '{folder}' cannot be read ({first_line(error)}).") from error
@@ -91,10 +91,10 @@ def side_of(image: Any, path: Path) -> int:
     """Side of the square that an encoder's pictures are scaled to."""
     spatial = image.shape[2:] if len(image.shape) == 4 else image.shape[:2]
     known = {size for size in spatial if isinstance(size, int)}
-    if len(known) > 1 or any(size not in _SIDES for size in known):
+    if len(known) > 1 or any(size not in _POSSIBLE_SIDES for size in known):
         raise InputError(
             f"The encoder '{path}' takes pictures of {' x '.join(map(str, spatial))} pixels; squares of "
-            f"{_SIDES.start} to {_SIDES.stop - 1} are supported."
+            f"{_POSSIBLE_SIDES.start} to {_POSSIBLE_SIDES.stop - 1} are supported."
         )
     return known.pop() if known else _USUAL_SIDE
 
@@ -107,7 +107,7 @@ def match_embeddings(encoder: Any, inputs: Mapping[str, Any], encoder_path: Path
             "and labels."
         )
     outputs = {node.name: node for node in encoder.get_outputs()}
-    wanted = [name for name in inputs if name not in _PROMPTS]
+    wanted = [name for name in inputs if name not in _PROMPT_INPUTS]
     sources = {name: name for name in wanted if name in outputs}
     for name in (name for name in wanted if name not in sources):
         free = [other for other in outputs if other not in sources.values()]

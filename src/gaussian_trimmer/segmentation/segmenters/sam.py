@@ -27,11 +27,11 @@ from gaussian_trimmer.views import HALF, View, bounding_box, box_slices
 
 _KEPT_BYTES = 1 << 30
 """Memory for embeddings that are kept: those of some sixty views."""
-_POINTS = 3
+_POINTS_WITHOUT_SILHOUETTE = 3
 """Points where a decoder takes no silhouette, if none are asked for."""
-_SURELY, _HARDLY = 0.8, 0.1
+_MIN_INSIDE_SHARE, _MAX_OUTSIDE_SHARE = 0.8, 0.1
 """Expected share of the picture from which on a point is inside, and up to which it is outside."""
-_HOW = (
+_MODEL_ADVICE = (
     "pass --sam.model FOLDER with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as .onnx files; "
     "docs/sam.md says where they come from"
 )
@@ -76,7 +76,7 @@ class SamSegmenter:
         self.config = config or SamConfig()
         check_settings(self.config, self.name)
         if not self.config.model:
-            raise InputError(f"The segmenter sam has no model: {_HOW}.")
+            raise InputError(f"The segmenter sam has no model: {_MODEL_ADVICE}.")
         self.model = OnnxSam(Path(self.config.model), self.config.provider)
         self._embeddings: OrderedDict[bytes, Embedding] = OrderedDict()
         self._report: Callable[[str], None] = lambda part: None
@@ -152,7 +152,7 @@ class SamSegmenter:
     def _prompt(self, view: View) -> Prompt | None:
         if self.config.prompt == "box":
             return Prompt(view.box) if (view.object_alpha > HALF).any() else None
-        return prompt_of(view, self.config.points or (0 if self.model.takes_mask else _POINTS))
+        return prompt_of(view, self.config.points or (0 if self.model.takes_mask else _POINTS_WITHOUT_SILHOUETTE))
 
     def _embedding(self, rgb: FloatArray) -> Embedding:
         picture = np.ascontiguousarray(rgb, np.float32)
@@ -179,8 +179,8 @@ def prompt_of(view: View, points: int = 0) -> Prompt | None:
     box = bounding_box(silhouette)
     near = np.zeros(silhouette.shape, np.bool_)
     near[box_slices(box)] = True
-    inner = middle_points(view.object_prior > _SURELY, points)
-    outer = middle_points(near & (view.object_prior < _HARDLY), points)
+    inner = middle_points(view.object_prior > _MIN_INSIDE_SHARE, points)
+    outer = middle_points(near & (view.object_prior < _MAX_OUTSIDE_SHARE), points)
     inside = np.arange(len(inner) + len(outer)) < len(inner)
     return Prompt(box, np.concatenate([inner, outer]), inside, expected_logits(view.object_prior))
 

@@ -28,8 +28,8 @@ _GPU_MODEL = "facebook/sam2.1-hiera-large"
 _CPU_MODEL = "facebook/sam2.1-hiera-tiny"
 _HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
 _OLDEST_TRANSFORMERS = (5, 6)  # 5.0 breaks off while tracking; versions before 5.6 cannot prompt SAM3 view by view.
-_OBJECT = 1
-_VISIBLE = 0.5
+_OBJECT_ID = 1
+_MIN_VISIBLE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,13 @@ class _Family:
     std: Colour
 
 
-_HALF: tuple[Colour, Colour] = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+_HALF_GREY: tuple[Colour, Colour] = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 # `model_type` of a checkpoint's config.json -> its family. All share SAM2's interface of sessions and prompts.
 _FAMILIES = {
     "sam2_video": _Family("Sam2VideoModel", "Sam2Model", *IMAGENET),
     "edgetam_video": _Family("EdgeTamVideoModel", "EdgeTamModel", *IMAGENET),
-    "sam3_video": _Family("Sam3TrackerVideoModel", "Sam3TrackerModel", *_HALF),
-    "sam3_tracker_video": _Family("Sam3TrackerVideoModel", "Sam3TrackerModel", *_HALF),
+    "sam3_video": _Family("Sam3TrackerVideoModel", "Sam3TrackerModel", *_HALF_GREY),
+    "sam3_tracker_video": _Family("Sam3TrackerVideoModel", "Sam3TrackerModel", *_HALF_GREY),
 }
 
 
@@ -122,13 +122,13 @@ class Sam2Segmenter:
         # of the video, where it is segmented like the others.
         frames = [*views, views[0]] if by_mask else list(views)
         session = self._open_session(frames)
-        index = session.obj_id_to_idx(_OBJECT)
+        index = session.obj_id_to_idx(_OBJECT_ID)
         if by_mask:
             session.add_mask_inputs(index, 0, self._silhouette(views[0]))
         else:
             labels = self._torch.tensor([[BOX_CORNERS]], dtype=self._torch.int32)
             session.add_point_inputs(index, 0, {"point_coords": self._corners(views[0]), "point_labels": labels})
-        session.obj_with_new_inputs = [_OBJECT]
+        session.obj_with_new_inputs = [_OBJECT_ID]
         self.model(inference_session=session, frame_idx=0)
         logits = [output.pred_masks for output in self.model.propagate_in_video_iterator(session)]
         if by_mask:
@@ -161,7 +161,7 @@ class Sam2Segmenter:
 
     def _has_prompt(self, view: View) -> bool:
         shown = view.object_alpha if self.config.prompt == "box" else view.object_visible
-        return bool((shown > _VISIBLE).any())
+        return bool((shown > _MIN_VISIBLE_SHARE).any())
 
     def _pixels(self, view: View) -> Tensor:
         """The picture as the model wants it, stretched to a square and normalised, (3, S, S)."""
@@ -182,7 +182,7 @@ class Sam2Segmenter:
 
     def _silhouette(self, view: View) -> Tensor:
         """Where the coarse object is visible, one or zero, in the model's square, (1, 1, S, S)."""
-        visible = self._torch.from_numpy((view.object_visible > _VISIBLE).astype(np.float32)).to(self._device)
+        visible = self._torch.from_numpy((view.object_visible > _MIN_VISIBLE_SHARE).astype(np.float32)).to(self._device)
         return (self._resized(visible[None, None], (self._side, self._side)) >= 0.5).float()
 
     def _mask(self, logits: Tensor, view: View) -> Tensor:

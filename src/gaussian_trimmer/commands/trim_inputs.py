@@ -1,0 +1,86 @@
+"""What `trim` is given on the command line: scene, selection and further files, where results go, and their readers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import numpy as np
+from rich.console import Console
+from tyro.conf import Positional, arg
+
+from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import read_cameras_of
+from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.trim_settings import TrimSettings
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.output.saving import suffix_of
+from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.several import load_objects
+from gaussian_trimmer.selection_files.trimmed import is_trimmed
+
+
+@dataclass(frozen=True)
+class TrimInputs(TrimSettings):
+    """The inputs of a trim of one object, or of several."""
+
+    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (*TrimSettings.COMMON_OPTIONS, "--labels", "--objects", "--exclude")
+
+    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
+    """Splat file of the scene, or of the object alone; or the folder of a training."""
+    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
+    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, a file that a
+    segmentation method saved, or marks that were saved as .json."""
+    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
+    """Folder for the results."""
+    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
+    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
+    labels: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Trim several objects at once, in place of SELECTION: one id a Gaussian, what a method with several objects saved,
+    or a folder of masks whose pixels are ids. There is a file object_ID for each, and one background without all."""
+    objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
+    """Which objects of --labels; without it, all with ids above zero."""
+    exclude: Annotated[tuple[Path, ...], arg(metavar="FILE ...")] = ()
+    """Selections of other objects, such as labels.npz of an earlier trim: their Gaussians stay out of this object."""
+    mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
+
+    def suffix(self) -> str:
+        """Ending of the splat files that are written."""
+        if self.format is None:
+            return formats.written_suffix(formats.find_scene(self.scene))
+        return suffix_of(self.format)
+
+    def folder(self) -> Path:
+        """The folder for the results."""
+        if self.output is not None:
+            return self.output
+        given = self.selection or self.labels
+        names = [self.scene.name.split(".")[0], *([given.name.split(".")[0]] if given else [])]
+        return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
+
+    def read_scene(self, console: Console) -> Gaussians:
+        """The Gaussians of the scene; of a training's folder, those of its latest iteration, which is said."""
+        found = formats.find_scene(self.scene)
+        if found != self.scene:
+            console.print(f"{self.scene}: reading {found}")
+        return formats.read(found)
+
+    def read_cameras(self, console: Console) -> CameraSet | None:
+        """The training cameras, if they are given, in the coordinates of the scene."""
+        if self.cameras is None:
+            return None
+        scene = formats.find_scene(self.scene)
+        return read_cameras_of(scene, self.cameras, trust_paths=self.trust_paths, say=console.print)
+
+    def excluded_rows(self, scene: Gaussians) -> BoolArray:
+        """Which Gaussians of the scene --exclude names, (N,)."""
+        excluded = np.zeros(len(scene), np.bool_)
+        for path in self.exclude:
+            if path.suffix == ".npz" and is_trimmed(open_selection(path, len(scene))):
+                excluded |= np.any(list(load_objects(path, scene).values()), axis=0)
+            else:
+                excluded |= load_selection(path, scene)
+        return excluded
