@@ -56,7 +56,7 @@ def damaged_scene(kind, folder, path):
     ("kind", "said"),
     [
         ("missing", "There is no file"),
-        ("folder", "holds no splat file and no point_cloud"),
+        ("folder", "holds no splat file, no point_cloud"),
         ("empty", "not a PLY"),
         ("no PLY", "not a PLY"),
         ("truncated", "truncated"),
