@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from gaussian_trimmer.evaluation.clip_iqa import PAIRS
+from gaussian_trimmer.evaluation.clip_iqa import OVER_CROPS, PAIRS
 from gaussian_trimmer.evaluation.layouts.layout import Layout
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.scoring import RULES, Scores, mean_scores
@@ -12,9 +12,8 @@ from gaussian_trimmer.evaluation.tables import Cell, Change, ScoreTable, heading
 
 _METRICS = {"iou": "IoU", "accuracy": "accuracy", "boundary_iou": "boundary IoU"}
 _MEANS = {"iou": "mIoU (%)", "accuracy": "mAcc (%)", "boundary_iou": "mBIoU (%)"}
-_UNKNOWN_CLIP = (
-    "published figures may be of another CLIP model, other crops and prompts: compare within one source only"
-)
+_LOOKS = "GaussianTrimmer, Table II"
+_UNKNOWN_CLIP = "the paper names neither CLIP model nor prompts of its figures: compare within one source only"
 
 
 def table_of_tasks(layout: Layout, method: str, runs: Sequence[Run], notes: Sequence[str]) -> ScoreTable:
@@ -67,9 +66,11 @@ def table_beside_published(
 def table_of_looks(layout: Layout, methods: Mapping[str, Sequence[Run]], notes: Sequence[str]) -> ScoreTable:
     """CLIP-IQA of the methods' objects before and after trimming, below published figures."""
     rows: list[list[Cell]] = [
-        [row.method, "published", *(Change(*pair) for pair in row.looks)] for row in layout.published if row.looks
+        [row.method, _LOOKS, *(Change(*pair) for pair in row.looks)] for row in layout.published if row.looks
     ]
-    rows += [[name, "measured", *score_cells(list(PAIRS), *mean_of(layout, runs))] for name, runs in methods.items()]
+    for way, ending in (("measured", ""), ("measured over crops", OVER_CROPS)):
+        names = [name + ending for name in PAIRS]
+        rows += [[name, way, *score_cells(names, *mean_of(layout, runs))] for name, runs in methods.items()]
     columns = ["method", "figures", *map(heading, PAIRS)]
     title = f"{layout.title}: CLIP-IQA with and without trimming"
     return ScoreTable(title, columns, rows, [*notes, _UNKNOWN_CLIP], digits=1)

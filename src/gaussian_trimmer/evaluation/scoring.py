@@ -35,6 +35,9 @@ METRICS: Mapping[str, str] = {
     "clip_clear": "CLIP-IQA clear boundary",
     "clip_smooth": "CLIP-IQA smooth boundary",
     "clip_complete": "CLIP-IQA complete object",
+    "clip_clear_crops": "CLIP over crops, clear boundary",
+    "clip_smooth_crops": "CLIP over crops, smooth boundary",
+    "clip_complete_crops": "CLIP over crops, complete object",
 }
 """Name of a metric in files -> its name in tables, in their order. All are in percent but `psnr` and `fidelity`, dB."""
 RULES: Mapping[str, str] = {"alone": "", "in scene": "_in_scene"}
