@@ -36,6 +36,7 @@ def sam_variants(model: Path) -> dict[str, Variant]:
     paper = Variant(paper_config(), SamSegmenter(paper_sam(ours)))
     named = {
         "sam-alone": Variant(segmenter=SamSegmenter(replace(ours, fusion=False))),
+        "paper-sam-each-view": replace(paper, segmenter=SamSegmenter(replace(paper_sam(ours), prompt="box"))),
         "paper-sam-close": replace(paper, config=replace(paper.config, plan=TrimConfig().plan)),
     }
     return named | _ablated("sam", Variant(segmenter=SamSegmenter(ours))) | _ablated("paper-sam", paper)
