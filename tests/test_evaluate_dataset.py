@@ -78,7 +78,7 @@ def test_several_methods_share_a_table(folder, capsys):
     assert run("evaluate", "spin-nerf", "spin", *arguments) == 0
     tasks, _, means, statistics = json.loads(capsys.readouterr().out)  # one document for all tables
     iou = tasks["rows"][0]["IoU alone (%)"]
-    assert tasks["rows"][0]["views"] == 2 and iou["after"] > iou["before"] + 5
+    assert tasks["rows"][0]["views"] == 2 and iou["after"] > iou["before"] + 1
     measured = [(row["method"], row["figures"]) for row in means["rows"] if "measured" in row["figures"]]
     assert measured == [(method, f"measured, {rule}") for method in ("SAGA", "SAGD") for rule in ("alone", "in scene")]
     assert any("preset 'paper', 5 views, grabcut" in note for note in means["notes"])

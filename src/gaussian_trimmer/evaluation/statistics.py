@@ -46,26 +46,29 @@ def table_of_statistics(
     rows: list[list[Cell]] = []
     for method, runs in methods.items():
         for name in metrics:
-            measured = [run for run in runs if name in run.before]
-            trimmed = [run for run in measured if name in run.after]
-            if not measured:
+            trimmed = [run for run in runs if name in run.after]
+            before, after = _by_object(runs, name, "before"), _by_object(trimmed, name, "after")
+            if not before:
                 continue
-            row: list[Cell] = [
-                method,
-                METRICS[name],
-                len(measured),
-                interval_of([run.before[name] for run in measured]),
-            ]
+            row: list[Cell] = [method, METRICS[name], len(before), interval_of([*before.values()])]
             if trimmed:
                 worst = min(trimmed, key=lambda run: run.gain(name))
                 rule = "iou_in_scene" if name.endswith("in_scene") else "iou"
-                losing = sum(run.loses(rule) for run in trimmed)
-                row += [interval_of([run.after[name] for run in trimmed])]
-                row += [interval_of([run.gain(name) for run in trimmed]), losing]
+                gains = [value - before[key] for key, value in after.items()]
+                row += [interval_of([*after.values()]), interval_of(gains), sum(run.loses(rule) for run in trimmed)]
                 row += [worst.gain(name), f"{worst.scene}/{worst.object}"]
             rows.append([*row, *[None] * (9 - len(row))])
     columns = ["method", "metric", "objects", "before", "after", "gain", "losing", "worst gain", "worst object"]
     return ScoreTable(title, columns, rows, [*_NOTES, *notes])
+
+
+def _by_object(runs: Sequence[Run], metric: str, when: str) -> dict[tuple[str, str], float]:
+    """The mean score of each object, by scene and name, over its runs that have it."""
+    scores: dict[tuple[str, str], list[float]] = {}
+    for run in runs:
+        if metric in getattr(run, when):
+            scores.setdefault((run.scene, run.object), []).append(getattr(run, when)[metric])
+    return {key: float(np.mean(values)) for key, values in scores.items()}
 
 
 @cache
