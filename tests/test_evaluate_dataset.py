@@ -196,6 +196,16 @@ class TestMasksOnly:
         assert run("evaluate", "lerf-mask", *arguments) == 0
         assert rows_of(folder / "out" / "lerf-mask-result.csv")["mean"]["IoU in scene (%) before"] == "100.0000"
 
+    def test_a_scenes_mask_is_not_taken_for_two_objects_in_the_same_picture(self, folder, capsys):
+        dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
+        mask = np.full((SIZE, SIZE), 255, np.uint8)
+        dataset_layouts.write(folder / "masks" / "horns" / "DJI_0003.png", mask)
+        arguments = ["nvos", "--masks-only", "masks", "--tasks", "horns_center"]
+        assert run("evaluate", "nvos", *arguments) == 2
+        assert "no rendered masks" in capsys.readouterr().err
+        dataset_layouts.write(folder / "masks" / "horns_center.png", mask)
+        assert run("evaluate", "nvos", *arguments) == 0
+
     def test_missing_masks_are_named(self, folder, capsys):
         dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
         (folder / "empty").mkdir()

@@ -173,6 +173,13 @@ def test_what_a_name_says_is_told(folder):
 
 
 @pytest.mark.needs("torch")
+def test_the_trainings_own_checkpoint_is_no_second_selection(folder):
+    saga(folder)
+    torch_save((checkpoint_state(SCENE), 30_000), folder / "chkpnt30000.pth")
+    assert np.flatnonzero(load_selection(folder, SCENE)).tolist() == OBJECT
+
+
+@pytest.mark.needs("torch")
 def test_a_folder_with_no_selection_or_several(folder):
     with pytest.raises(InputError, match="no file of a known segmentation method"):
         load_selection(folder, SCENE)

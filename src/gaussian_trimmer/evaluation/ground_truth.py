@@ -7,7 +7,7 @@ then rendered at the mask's size.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -81,47 +81,30 @@ def read_mask(path: Path) -> FloatArray:
     return grey.astype(np.float32) / np.float32(1 if grey.max() == 1 else 255)
 
 
-@dataclass(frozen=True)
-class Polygons:
-    """Outlines of objects in a picture."""
-
-    width: int
-    height: int
-    categories: Mapping[str, Sequence[NDArray[np.int32]]]
-    """Words -> corners (P, 2) of each of the object's parts."""
-
-    def coverage(self, category: str) -> FloatArray:
-        """The coverage of one object, 0 or 1, (H, W)."""
-        drawn = np.zeros((self.height, self.width), np.uint8)
-        for corners in self.categories[category]:
-            cv2.fillPoly(drawn, [corners], (1,))
-        return drawn.astype(np.float32)
-
-
-def read_polygons(path: Path) -> Polygons:
-    """The outlines in a .json file of LERF-OVS: `info` with width and height, `objects` with category and segmentation.
+def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[np.int32]]]]:
+    """Height and width of a picture, and by category the corners (P, 2) of each object's parts, from LERF-OVS's .json.
 
     Raises:
         InputError: the file cannot be read, or holds something else.
     """
     with reading(path):
         data = file_bytes(path, _MAX_POLYGON_BYTES)
-    categories: dict[str, list[NDArray[np.int32]]] = {}
+    parts: dict[str, list[NDArray[np.int32]]] = {}
     try:
         found = json.loads(data)
-        width, height = int(found["info"]["width"]), int(found["info"]["height"])
+        height, width = int(found["info"]["height"]), int(found["info"]["width"])
         for entry in found["objects"]:
             corners = np.array(entry["segmentation"], np.float64).reshape(-1, 2)
             if not (np.abs(corners) <= _MAX_PIXELS).all():
                 raise ValueError("corners that are no pixels")
-            categories.setdefault(str(entry["category"]), []).append(corners.astype(np.int32))
-        if not 0 < width * height <= _MAX_PIXELS or min(width, height) < 1:
+            parts.setdefault(str(entry["category"]), []).append(corners.astype(np.int32))
+        if min(width, height) < 1 or width * height > _MAX_PIXELS:
             raise ValueError("a picture of impossible size")
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise InputError(
             f"'{path}' holds no polygons of objects ({shown(str(error))}); 'info' and 'objects' of LERF-OVS are needed."
         ) from error
-    return Polygons(width, height, categories)
+    return (height, width), parts
 
 
 def read_picture(path: Path) -> FloatArray:
@@ -175,7 +158,13 @@ def read_coverage(path: Path, category: str | None) -> FloatArray:
     Raises:
         InputError: the file cannot be used.
     """
-    return read_mask(path) if category is None else read_polygons(path).coverage(category)
+    if category is None:
+        return read_mask(path)
+    size, parts = read_polygons(path)
+    drawn = np.zeros(size, np.uint8)
+    for corners in parts[category]:
+        cv2.fillPoly(drawn, [corners], (1,))
+    return drawn.astype(np.float32)
 
 
 def view_of(

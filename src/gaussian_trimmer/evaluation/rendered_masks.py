@@ -16,12 +16,12 @@ _GREY = 128 / 255
 """Above this share of white, a pixel of a rendered mask is object."""
 _NAMED = (
     "{scene}/{folder}/{object}", "{scene}/{view}/{object}", "{scene}/{object}/{view}", "{object}/{view}",
-    "{scene}/{view}/chosen_{object}", "{scene}/{number}/chosen_{object}", "{scene}/{view}", "{object}",
+    "{scene}/{view}/chosen_{object}", "{scene}/{number}/chosen_{object}", "{object}",
 )  # fmt: skip
-"""Where the mask of one view may lie, without its ending."""
+"""Where the mask of one view may lie, without its ending; several tasks may have the same scene and view."""
 _IN_ORDER = (
-    "{scene}/test/ours_*/mask_renders/{object}", "{scene}/test/ours_*/mask", "{object}/fine_gc_*/select/masks",
-    "{scene}/fine_gc_*/select/masks", "{scene}/{object}", "{object}", "{scene}",
+    "{scene}/test/ours_*/mask_renders/{object}", "{object}/test/ours_*/mask", "{object}/fine_gc_*/select/masks",
+    "{scene}/{object}", "{object}",
 )  # fmt: skip
 """Folders in which the masks of a task may lie in the order of their views."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,7 +38,7 @@ METHOD_FILES = (
     MethodFile("InstanceGaussian", "cluster_result.pt", _ID),
     MethodFile("SAGD", _ITERATION + "point_cloud_seg.ply"),
     MethodFile("SAGD", "point_cloud_seg.ply"),
-    MethodFile("FlashSplat", "used_count/*_objnum_*.pth", "--selection.gamma GAMMA"),
+    MethodFile("FlashSplat", "used_count/*_objnum_*.pth"),
     MethodFile("COB-GS or NG-GS", "masks/{object}/chkpnt*.pth", own_scene=True),
     MethodFile("GaussianCut", "graphcut_{object}/remove_source.pt"),
     MethodFile("THGS", "nag-l*.pt", _ID),
@@ -61,7 +61,7 @@ def selection_in(folder: Path) -> Path:
     Raises:
         InputError: there is none, or there are several.
     """
-    found = list(dict.fromkeys([*(path for path, _ in method_files_in(folder)), *_latest(folder.glob("chkpnt*.pth"))]))
+    found = [path for path, _ in method_files_in(folder)] or _latest(folder.glob("chkpnt*.pth"))
     if len(found) == 1:
         return found[0]
     if not found:
@@ -73,7 +73,7 @@ def selection_in(folder: Path) -> Path:
     raise InputError(f"The folder '{folder}' holds several selections; give one of them: {names}.")
 
 
-def _latest(paths: Iterator[Path] | list[Path]) -> list[Path]:
+def _latest(paths: Iterable[Path]) -> list[Path]:
     """Of checkpoints in the same folder, the one of the latest iteration."""
     latest: dict[Path, Path] = {}
     for path in sorted(paths, key=lambda path: (len(path.name), path.name)):

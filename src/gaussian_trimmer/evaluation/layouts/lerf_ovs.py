@@ -22,7 +22,7 @@ def find_tasks(root: Path) -> list[LayoutTask]:
         images = {path.stem: path for path in pictures_in(root / folder.name / "images") or pictures_in(folder)}
         targets: dict[str, list[Target]] = {}
         for file in sorted(folder.glob("*.json")):
-            for category in read_polygons(file).categories:
+            for category in read_polygons(file)[1]:
                 target = Target(file.stem, file, images.get(file.stem), category)
                 targets.setdefault(category, []).append(target)
         tasks += [LayoutTask(folder.name, words, tuple(found)) for words, found in sorted(targets.items())]
