@@ -182,7 +182,7 @@ def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
             values = values.detach().cpu().float().numpy()
         with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
             array = np.asarray(values, np.float32)
-    except (TypeError, ValueError, RuntimeError) as error:
+    except (TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise InputError(f"{name} is a {type(values).__name__} that NumPy cannot read ({error}).") from error
     if len(shape) == 1 and array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]

@@ -78,7 +78,12 @@ class _EvaluateDataset:
         methods = self._runs(judge, protocol)
         views = self.config.plan.views
         trimmed = f"trimmed with the preset '{self.preset}', {views} views, {self.segmenter}"
-        notes = [protocol.describe(self.protocol), judge.describe(), trimmed, made_by()]
+        notes = [
+            protocol.describe(self.protocol),
+            judge.describe(),
+            *([trimmed] if self.predictions else []),
+            made_by(),
+        ]
         tables = {f"{self.layout}-{name}": table_of_tasks(layout, name, runs, notes) for name, runs in methods.items()}
         tables[self.layout] = table_beside_published(layout, methods, notes, self.protocol, protocol.rules)
         metrics = [name + RULES[rule] for rule in protocol.rules for name in ("iou", layout.second)]
@@ -101,7 +106,7 @@ class _EvaluateDataset:
     def _runs(self, judge: Judge, protocol: Protocol) -> dict[str, list[Run]]:
         """The runs of every method."""
         tasks = chosen_tasks(LAYOUTS[self.layout], self.root, self.tasks)
-        names = method_names([*self.predictions, *self.masks_only])
+        names = method_names([*self.masks_only, *self.predictions])
         ids = self.patterns.ids_of_tasks()
         if ids and (missing := [task.name for task in tasks if task.name not in ids]):
             raise InputError(f"'{self.patterns.ids}' has no row of the task '{shown(missing[0])}'.")
@@ -111,15 +116,16 @@ class _EvaluateDataset:
         }
         # Lines on the progress belong to no CSV or JSON.
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
-        methods: dict[str, list[Run]] = {}
-        for name, predictions in zip(names, found, strict=False):
+        methods = {
+            name: [score_rendered(folder, protocol.targets_of(task), name, judge, protocol) for task in tasks]
+            for name, folder in zip(names, self.masks_only, strict=False)
+        }
+        for name, predictions in zip(names[len(methods) :], found, strict=True):
             methods[name] = []
             for task in dataset_tasks(tasks, predictions, name, self.selection_options, protocol, ids):
                 (run,) = measure(task, variant, judge, fidelity=False)
                 methods[name].append(run)
                 print_run(run, progress)
-        for name, folder in zip(names[len(found) :], self.masks_only, strict=True):
-            methods[name] = [score_rendered(folder, protocol.targets_of(task), name, judge, protocol) for task in tasks]
         return methods
 
 
