@@ -17,7 +17,7 @@ from selection_builders import checkpoint_state, classifier_state, identity_colu
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
-from gaussian_trimmer.evaluation.protocols import PROTOCOLS
+from gaussian_trimmer.evaluation.protocols import PROTOCOLS, protocol_of
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.scoring import Judge, Shown
 from gaussian_trimmer.evaluation.statistics import interval_of, table_of_statistics
@@ -151,7 +151,7 @@ class TestProtocols:
         assert not seen.alone.coverage.any()  # 128 is not above 128
         seen = PROTOCOLS["lerf-mask"]["gaussian-grouping"].view(view, camera)
         assert (seen.camera.width, seen.camera.height) == (40, 30)
-        assert PROTOCOLS["nvos"]["own"].view(view, camera).camera.width == 80
+        assert protocol_of("nvos", "own").view(view, camera).camera.width == 80
         shown = Shown(np.zeros((30, 40, 3), np.float32), np.ones((30, 40), np.float32))
         judge = Judge(get_renderer("reference"))
         assert judge.score(shown, TestView(camera, None, truth, truth))["iou"] == 100

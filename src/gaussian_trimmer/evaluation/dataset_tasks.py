@@ -13,12 +13,10 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.ground_truth import TestView, view_of
 from gaussian_trimmer.evaluation.layouts.layout import Layout, LayoutTask, camera_of
 from gaussian_trimmer.evaluation.predictions import Prediction, PredictionPatterns, find_prediction
-from gaussian_trimmer.evaluation.protocols import Protocol
+from gaussian_trimmer.evaluation.protocols import OWN_RULES, Protocol
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.evaluation.runs import Task
 from gaussian_trimmer.selection_files import SelectionOptions
-
-_OWN = Protocol("")
 
 
 def chosen_tasks(layout: Layout, root: Path, names: Sequence[str]) -> list[LayoutTask]:
@@ -53,7 +51,7 @@ def dataset_tasks(
     predictions: Sequence[Prediction],
     method: str,
     options: SelectionOptions,
-    protocol: Protocol = _OWN,
+    protocol: Protocol = OWN_RULES,
     ids: Mapping[str, tuple[int, ...]] | None = None,
 ) -> Iterator[Task]:
     """What is measured, read task by task; a scene that the next task shares is kept.

@@ -74,7 +74,6 @@ class Protocol:
 
 PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
     "nvos": {
-        OWN: Protocol("this program's"),
         "cob-gs": Protocol(
             "ZestfulJX/COB-GS, render.py and eval/eval_NVOS.py", ("alone",), 0.5, size=1008, truth_above=_GREY
         ),
@@ -84,22 +83,19 @@ PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
         ),
     },
     "lerf-mask": {
-        OWN: Protocol("this program's"),
         "gaussian-grouping": Protocol(
             "lkeab/gaussian-grouping, script/eval_lerf_mask.py", ("in scene",), size="camera", truth_above=_GREY
         ),
     },
     "spin-nerf": {
-        OWN: Protocol("this program's"),
         "usual": Protocol(
             "reference view left out, as SA3D and those after it do; pairing as in umangi-jain/gaussiancut",
             ("in scene",), truth_above=0.0, skips_reference=True, by_order=True,
         ),
     },
-    "lerf-ovs": {OWN: Protocol("this program's")},
-    "3d-ovs": {OWN: Protocol("this program's")},
 }  # fmt: skip
-"""Data set -> name -> protocol. LLFF's pictures are 4032 pixels wide; codes train with a quarter of that."""
+"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; codes train with a quarter."""
+OWN_RULES = Protocol("this program's")
 
 
 def protocol_of(layout: str, name: str) -> Protocol:
@@ -108,7 +104,7 @@ def protocol_of(layout: str, name: str) -> Protocol:
     Raises:
         InputError: the data set has none of that name.
     """
-    known = PROTOCOLS[layout]
+    known = {OWN: OWN_RULES, **PROTOCOLS.get(layout, {})}
     if name not in known:
         raise InputError(f"There is no protocol '{name}' of {layout}; available: {', '.join(known)}.")
     return known[name]
