@@ -94,7 +94,7 @@ PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
         ),
     },
 }  # fmt: skip
-"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; codes train with a quarter."""
+"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; codes train on a quarter."""
 OWN_RULES = Protocol("this program's")
 
 
