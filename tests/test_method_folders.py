@@ -240,6 +240,11 @@ class TestCheckpointsAsScenes:
         with pytest.raises(InputError, match=r"holds a Tensor and no scene.*A selection is given after its scene"):
             formats.read(tmp_path / "mask.pt")
 
+    def test_a_cob_gs_checkpoint_of_other_gaussians_is_to_be_the_scene_as_well(self, folder):
+        cob_gs(folder)
+        with pytest.raises(InputError, match=r"match no row of the scene .* give 'chkpnt22000.pth' for the scene"):
+            load_selection(folder, make_scene(7, seed=3))
+
     def test_cob_gs_from_its_folder_to_a_trim(self, tmp_path):
         import torch
 
