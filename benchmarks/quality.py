@@ -28,6 +28,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.results import cut_by
 from gaussian_trimmer.evaluation.runs import LOSS, Run, Task, measure
 from gaussian_trimmer.evaluation.scoring import RULES, mean_scores
+from gaussian_trimmer.evaluation.statistics import made_by, table_of_statistics
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.geometry.bounds import up_frame
@@ -112,6 +113,10 @@ class Quality:
             for name in ("kind", "scene"):
                 groups = grouped(of_variant, name)
                 tables[f"{variant}-{name}s"] = table_of(f"{variant}, by {name}", groups, [judge.describe()])
+        by_variant = {name: [run for run in runs if run.variant == name] for name in chosen}
+        metrics = [metric + ending for ending in RULES.values() for metric in ("iou", "accuracy", "boundary_iou")]
+        title, notes = "how sure the means over objects are", [judge.describe(), made_by()]
+        tables["statistics"] = table_of_statistics(title, by_variant, metrics, notes)
         return Findings(tables, runs)
 
 

@@ -27,7 +27,9 @@ def variants() -> dict[str, Variant]:
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
         "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
     }
-    return named | _ablated("", Variant()) | _ablated("paper", Variant(paper_config(), PAPER_SEGMENTER))
+    paper = Variant(paper_config(), PAPER_SEGMENTER)
+    named["paper-literal"] = _literal(paper)
+    return named | _ablated("", Variant()) | _ablated("paper", paper)
 
 
 def sam_variants(model: Path) -> dict[str, Variant]:
@@ -36,9 +38,15 @@ def sam_variants(model: Path) -> dict[str, Variant]:
     paper = Variant(paper_config(), SamSegmenter(paper_sam(ours)))
     named = {
         "sam-alone": Variant(segmenter=SamSegmenter(replace(ours, fusion=False))),
-        "paper-sam-close": replace(paper, config=replace(paper.config, plan=TrimConfig().plan)),
+        "paper-sam-each-view": replace(paper, segmenter=SamSegmenter(replace(paper_sam(ours), prompt="box"))),
+        "paper-sam-literal": _literal(paper),
     }
     return named | _ablated("sam", Variant(segmenter=SamSegmenter(ours))) | _ablated("paper-sam", paper)
+
+
+def _literal(base: Variant) -> Variant:
+    """The same from the distance of eq. 3 as it is printed."""
+    return replace(base, config=replace(base.config, plan=replace(base.config.plan, framing="literal")))
 
 
 def _ablated(prefix: str, base: Variant) -> dict[str, Variant]:

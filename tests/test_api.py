@@ -284,14 +284,27 @@ def test_arrays_that_are_no_gaussians_are_refused(change, sentence):
 
 
 @pytest.mark.needs("torch")
-def test_tensors_are_arrays_once_they_are_detached():
+def test_tensors_of_any_device_and_type_and_with_gradients_are_arrays():
     import torch
 
     arrays = {name: torch.tensor(array) for name, array in coloured(2).to_arrays().items()}
     np.testing.assert_array_equal(gt.Gaussians.from_arrays(**arrays).sh_rest, coloured(2).sh_rest)
-    arrays["means"].requires_grad_()
-    with pytest.raises(gt.InputError, match=r"means is a Tensor .*'.detach\(\).cpu\(\).numpy\(\)'"):
-        gt.Gaussians.from_arrays(**arrays)
+    arrays = {name: torch.nn.Parameter(array.to(torch.bfloat16)) for name, array in arrays.items()}
+    expected = arrays["means"].detach().float().numpy()
+    np.testing.assert_array_equal(gt.Gaussians.from_arrays(**arrays).means, expected)
+
+    class OnDevice:  # as a tensor in a GPU's memory: NumPy cannot read it, its copy on the CPU can be
+        def __array__(self, *given, **named):
+            raise TypeError("can't convert cuda:0 device type tensor to numpy")
+
+        def detach(self):
+            return self
+
+        def cpu(self):
+            return torch.tensor(coloured(2).means)
+
+    arrays["means"] = OnDevice()
+    np.testing.assert_array_equal(gt.Gaussians.from_arrays(**arrays).means, coloured(2).means)
 
 
 # What results can do

@@ -253,7 +253,9 @@ def options_in(text):
     return re.findall(r"^  (--[\w.-]+)", text, re.MULTILINE)
 
 
-DATASETS = {f"evaluate {name}": ["a", "--predictions", "p"] for name in ("nvos", "lerf-mask", "spin-nerf")}
+DATASETS = {
+    f"evaluate {name}": ["a", "--predictions", "p"] for name in ("nvos", "lerf-mask", "spin-nerf", "lerf-ovs", "3d-ovs")
+}
 NEEDED = DATASETS | {
     "convert": ["a", "b"],
     "evaluate": ["a", "b", "--masks", "m", "--cameras", "c"],

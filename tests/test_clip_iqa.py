@@ -54,10 +54,11 @@ def ring(size=120):
 def test_scores_are_probabilities_that_follow_the_picture(clip):
     scorer = ClipScorer(str(clip))
     scores = scorer.score(ring().rgb, ring().alpha, 0.5)
-    assert list(scores) == list(PAIRS) and all(0 < value < 100 for value in scores.values())
+    assert list(scores) == [*PAIRS, *(f"{name}_crops" for name in PAIRS)]
+    assert all(0 < value < 100 for value in scores.values())
     assert scorer.score(ring().rgb, ring().alpha, 0.5) == scores
     blue = Shown(ring().rgb[..., ::-1], ring().alpha)
-    assert all(abs(scorer.score(blue.rgb, blue.alpha, 0.5)[name] - scores[name]) > 1e-3 for name in PAIRS)
+    assert all(abs(scorer.score(blue.rgb, blue.alpha, 0.5)[name] - scores[name]) > 1e-3 for name in scores)
     assert "tiny-clip" in scorer.describe()
     blank = np.zeros((50, 50), np.float32)
     assert scorer.score(np.zeros((50, 50, 3), np.float32), blank, 0.5) == {}  # the object is out of the picture
@@ -68,13 +69,31 @@ def test_the_model_gets_the_whole_object_and_crops_of_its_boundary(clip, monkeyp
     scorer = ClipScorer(str(clip))
     seen = []
     monkeypatch.setattr(
-        scorer, "_probabilities", lambda pictures: seen.extend(pictures) or np.arange(27.0).reshape(9, 3) / 100
+        scorer, "_probabilities", lambda pictures: seen.extend(pictures) or np.arange(60.0).reshape(10, 6) / 100
     )
     scores = scorer.score(ring().rgb, ring().alpha, 0.5)
-    assert len(seen) == 1 + CROPS
-    assert seen[0].shape == (83, 83, 3) and seen[0][0, 0].tolist() == [1, 1, 1]  # white where nothing is
-    # Boundary scores are means over the crops, the object's is that of the whole picture.
-    assert scores == pytest.approx({"clip_clear": 13.5, "clip_smooth": 14.5, "clip_complete": 2.0})
+    assert len(seen) == 2 + CROPS
+    assert seen[0].shape == (120, 120, 3) and seen[0][0, 0].tolist() == [0, 0, 0]  # as published: all of it, over black
+    assert seen[1].shape == (83, 83, 3) and seen[1][0, 0].tolist() == [1, 1, 1]  # white where nothing is
+    # Of the crops, boundary scores are means over them, the object's is that of the whole object.
+    assert scores == pytest.approx({
+        "clip_clear": 0.0, "clip_smooth": 1.0, "clip_complete": 2.0,
+        "clip_clear_crops": 36.0, "clip_smooth_crops": 37.0, "clip_complete_crops": 11.0,
+    })  # fmt: skip
+
+
+@pytest.mark.needs("torch", "transformers")
+def test_prompts_have_the_published_form(clip, monkeypatch):
+    import transformers
+
+    given = []
+    tokenizer = transformers.CLIPTokenizer
+    monkeypatch.setattr(
+        tokenizer, "__call__", lambda self, prompts, **named: given.extend(prompts) or {"input_ids": None}
+    )
+    ClipScorer(str(clip))
+    assert given[:2] == ["Clear boundary.", "Unclear boundary."]
+    assert given[6] == "A photo with a clear boundary." and len(given) == 12
 
 
 def test_crops_lie_on_the_contour():
@@ -108,7 +127,8 @@ def test_nvos_has_the_papers_table_of_looks(clip, tmp_path, capsys):
     arguments = ["--predictions", tmp_path / "SAGD", "--tasks", "fern", "--clip", clip, "--format", "csv"]
     assert run("evaluate", "nvos", tmp_path / "nvos", *arguments, "--plan.size", 160) == 0
     printed = capsys.readouterr().out
-    assert "SAGD,published,62.1000,68.8000" in printed and "SAGD,measured," in printed
+    assert '"GaussianTrimmer, Table II",62.1000,68.8000' in printed
+    assert "SAGD,measured," in printed and "SAGD,measured over crops," in printed
 
 
 @pytest.mark.needs("torch", "transformers")

@@ -68,7 +68,9 @@ def test_torch_files(tmp_path):
     torch.save(checkpoint_state(scene), tmp_path / "plain.pth")
     torch.save(torch.ones(3, N), tmp_path / "view_num_010_objnum_002.pth")
     assert "classifier of 8 ids from 16 identity features" in describe_file(tmp_path / "classifier.pth")
-    assert "iteration 30000: 12 Gaussians, SH degree 3\n  selects" in describe_file(tmp_path / "cob.pth")
+    text = describe_file(tmp_path / "cob.pth")
+    assert "iteration 30000, which can be the scene\n  splats: 12 Gaussians, SH degree 3" in text
+    assert "selects the Gaussians with COB-GS's foreground probability" in text
     assert "--selection.query-row" in describe_file(tmp_path / "grouping.pth")
     assert "holds no selection" in describe_file(tmp_path / "plain.pth")
     assert "scene of 12 Gaussians by FlashSplat" in describe_file(tmp_path / "view_num_010_objnum_002.pth")

@@ -17,11 +17,12 @@ from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 import gaussian_trimmer as gt  # noqa: E402
 from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
+from gaussian_trimmer.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
-from gaussian_trimmer.rendering import Rendering  # noqa: E402
+from gaussian_trimmer.rendering import Rendering, get_renderer  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters import get_segmenter, sam_onnx  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits, middle_points  # noqa: E402
-from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, agreement, prompt_of  # noqa: E402
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter, agreement, paper_sam, prompt_of  # noqa: E402
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import OnnxSam  # noqa: E402
 from gaussian_trimmer.trimming.trim import trim  # noqa: E402
 from gaussian_trimmer.views import View, bounding_box  # noqa: E402
@@ -177,13 +178,13 @@ def test_points_lie_deep_inside_and_apart():
 
 def test_the_prompt_says_what_the_labels_expect():
     expected = rectangle(64, 64, (16, 8, 48, 56)).astype(np.float32)
-    assert len(prompt_of(view(expected)).points) == 0
-    prompt = prompt_of(view(expected), points=3)
+    assert len(prompt_of(expected).points) == 0
+    prompt = prompt_of(expected, points=3)
     assert prompt.box == (16, 8, 48, 56)
     assert prompt.inside.sum() == 3
     assert all(expected[int(y), int(x)] for x, y in prompt.points[prompt.inside])
     assert ((prompt.logits > 0) == (expected > 0.5)).all()
-    assert prompt_of(view(np.zeros((64, 64)), box=(0, 0, 64, 64))) is None
+    assert prompt_of(np.zeros((64, 64), np.float32)) is None
 
 
 def test_agreement_is_the_overlap_with_shares():
@@ -289,6 +290,28 @@ def test_a_trim_with_sam_finds_the_object_and_reports_its_progress(tmp_path, fus
     assert ("fused" in result.segmenter_description) == fusion
 
 
+@pytest.mark.parametrize("wrong", [False, True])
+def test_views_after_the_first_are_prompted_with_what_its_mask_says(tmp_path, wrong):
+    """What is red is right, but the rough selection is wider; a first mask of something else is not followed."""
+    scene, truth, rough = red_ball()
+    scores = (0.1, 0.2, 0.9)
+    segmenter = SamSegmenter(paper_sam(SamConfig(str(save_tiny_sam(tmp_path, "sam2", scores)))))
+    prompts, propose = [], segmenter.propose
+    segmenter.propose = lambda rgb, prompt: prompts.append(prompt) or propose(rgb * (0 if wrong else 1), prompt)
+    config = replace(paper_config(), plan=TrimConfig().plan)
+    result = trim(scene, rough, up="z", config=config, segmenter=segmenter)
+    assert prompts[0].logits is None  # by the box alone, eq. 6
+    if wrong:  # nothing is red, so there is nothing to follow
+        assert all(prompt.logits is None for prompt in prompts)
+        return
+    for prompt, trimmed in zip(prompts[1:], result.views[1:], strict=True):
+        shares = np.column_stack([truth, rough]).astype(np.float32)
+        shown = get_renderer("numba").blend_values(scene, trimmed.view.camera, shares) > 0.5
+        gained = overlap(prompt.logits > 0, shown[..., 0]) - overlap(shown[..., 1], shown[..., 0])
+        assert gained > 0.04  # what the first mask left out is left out of the prompts of the others
+    assert not result.refused and overlap(result.object_mask, truth) > overlap(rough, truth) + 0.1
+
+
 def test_masks_of_something_else_are_told_in_the_report(tmp_path):
     """Nothing is red, so the red mask is empty, and the box's mask is left out."""
     scene, _, rough = red_ball()
@@ -301,7 +324,7 @@ def test_masks_of_something_else_are_told_in_the_report(tmp_path):
 
 def test_the_papers_preset_takes_the_papers_prompt(tmp_path):
     command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--segmenter", "sam", "--sam.model", "m"])
-    assert command.used_options() == SamConfig("m", prompt="box", choice="score", fusion=False)
+    assert command.used_options() == SamConfig("m", prompt="follow", choice="score", fusion=False)
     command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--sam.prompt", "expected"])
     assert command.segmenter == "grabcut"
     assert command.segmenter_options.sam.prompt == "expected"

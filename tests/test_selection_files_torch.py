@@ -139,12 +139,9 @@ class TestCheckpoint:
             select(path)
 
     def test_gaussians_of_a_checkpoint(self, tmp_path):
-        from gaussian_trimmer.selection_files.checkpoint_files import read_checkpoint
-
-        checkpoint = read_checkpoint(save(tmp_path / "chkpnt.pth", (checkpoint_state(SCENE), 7000)))
-        assert checkpoint.iteration == 7000
+        gaussians = formats.read(save(tmp_path / "chkpnt.pth", (checkpoint_state(SCENE), 7000)))
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
-            assert np.array_equal(getattr(checkpoint.gaussians, name), getattr(SCENE, name)), name
+            assert np.array_equal(getattr(gaussians, name), getattr(SCENE, name)), name
 
     def test_other_tuples(self, tmp_path):
         with pytest.raises(InputError, match="entries 1 to 6 are not all tensors"):

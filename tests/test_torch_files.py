@@ -12,10 +12,11 @@ import pytest
 from fuzz.torch_archives import Raw, named, storage, tensor, torch_file
 from selection_builders import make_scene, rows_mask
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.formats.checkpoints import parse_checkpoint
 from gaussian_trimmer.formats.torch_files import as_array, load
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
-from gaussian_trimmer.selection_files.checkpoint_files import read_checkpoint
 
 N = 12
 SCENE = make_scene(N)
@@ -86,8 +87,8 @@ def test_a_mask_and_a_checkpoint_without_torch(tmp_path):
     state = {"state": {0: {"step": np.zeros(1)}}, "param_groups": [{"lr": 0.1, "betas": (0.9, 0.999), "params": [0]}]}
     path = save(tmp_path / "chkpnt.pth", torch_file(((3, *parts, logits, None, None, None, state, 4.7), 30_000)))
     assert np.array_equal(load_selection(path, SCENE), MASK)
-    assert read_checkpoint(path).iteration == 30_000
-    np.testing.assert_array_equal(read_checkpoint(path).gaussians.sh_rest, SCENE.sh_rest)
+    assert parse_checkpoint(load(path)).iteration == 30_000
+    np.testing.assert_array_equal(formats.read(path).sh_rest, SCENE.sh_rest)
 
 
 @pytest.mark.parametrize(

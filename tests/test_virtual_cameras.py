@@ -55,15 +55,26 @@ def test_fit_is_the_smallest_distance_at_which_the_bounds_fill_that_share_of_a_v
     assert max(reach) == pytest.approx(fill, abs=1e-9)
 
 
-def test_paper_distance_is_the_larger_of_both_extents_by_their_lambdas_from_the_plain_centroid():
+def test_literal_distance_is_the_larger_of_both_extents_by_their_lambdas_from_the_plain_centroid():
     thing = concatenate([box(), gaussians([[3.5, -1, 0.5]] * 2000, (0.05,) * 3, (0.5, 0.5, 0.5))])
     centroid = thing.means.astype(np.float64).mean(0)
     assert centroid[0] > 3.05
     for lambdas, distance in [((20.0, 6.0), 20.0 * 2), ((3.0, 6.0), 6.0 * 4)]:  # max(l, w) = 2 and h = 4
-        config = PlanConfig(framing="paper", lambda_1=lambdas[0], lambda_2=lambdas[1])
+        config = PlanConfig(framing="literal", lambda_1=lambdas[0], lambda_2=lambdas[1])
         cameras, _ = plan_cameras(thing, UP, config)
         np.testing.assert_allclose(np.linalg.norm(centres(cameras) - centroid, axis=1), distance, rtol=1e-6)
         np.testing.assert_allclose(cameras[2].project(centroid[None])[0], [[256, 256]], atol=1e-3)
+
+
+def test_the_papers_views_are_about_the_plain_centroid_and_filled():
+    thing = concatenate([box(), gaussians([[3.5, -1, 0.5]] * 2000, (0.05,) * 3, (0.5, 0.5, 0.5))])
+    centroid = thing.means.astype(np.float64).mean(0)
+    cameras, bounds = plan_cameras(thing, UP, PlanConfig(framing="paper", fill=0.75))
+    np.testing.assert_allclose(cameras[2].project(centroid[None])[0], [[256, 256]], atol=1e-3)
+    reach = [np.abs(camera.project(bounds.corners())[0] - 256).max() / 256 for camera in cameras]
+    assert max(reach) == pytest.approx(0.75, abs=1e-9)  # all of it is seen, and as large as it can be
+    literal, _ = plan_cameras(thing, UP, PlanConfig(framing="literal"))
+    assert np.ptp(literal[0].project(bounds.corners())[0], axis=0).max() < 0.2 * 512  # eq. 3 as it is printed
 
 
 def test_yaws_are_uniform_over_the_circle_at_thirty_degrees_pitch():
@@ -131,7 +142,7 @@ def test_transparent_gaussians_do_not_move_robust_bounds_however_many_they_are()
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-@pytest.mark.parametrize("framing", ["fit", "paper"])
+@pytest.mark.parametrize("framing", ["fit", "paper", "literal"])
 def test_cameras_scale_with_the_scene(scale, framing):
     thing, config = box(), PlanConfig(framing=framing)
     cameras, _ = plan_cameras(thing, UP, config)
@@ -140,7 +151,7 @@ def test_cameras_scale_with_the_scene(scale, framing):
     np.testing.assert_allclose([c.rotation for c in scaled], [c.rotation for c in cameras], atol=1e-5)
 
 
-@pytest.mark.parametrize("framing", ["fit", "paper"])
+@pytest.mark.parametrize("framing", ["fit", "paper", "literal"])
 def test_cameras_turn_with_the_scene(framing):
     cycle = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x to y to z to x, which the choice of axes follows
     thing, config = box(), PlanConfig(framing=framing)

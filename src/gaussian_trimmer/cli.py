@@ -34,6 +34,8 @@ COMMANDS = {
     ),
     "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
+    "evaluate lerf-ovs": ("gaussian_trimmer.commands.evaluate_dataset", "LerfOvs", "the same on LERF-OVS"),
+    "evaluate 3d-ovs": ("gaussian_trimmer.commands.evaluate_dataset", "Ovs3d", "the same on 3D-OVS"),
 }
 """A command of two words goes before the command of its first word."""
 

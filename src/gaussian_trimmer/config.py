@@ -62,7 +62,7 @@ class TrimConfig:
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its framing, no correction of labels in 3D, all masks accepted, splits along axes.
+    """The paper's choices: its centroid, no correction of labels in 3D, all masks accepted, splits along axes.
 
     Args:
         config: settings to start from, the defaults if not given; those that the paper's choices do not touch are kept.

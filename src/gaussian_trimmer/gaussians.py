@@ -74,7 +74,7 @@ class Gaussians:
         opacities: ArrayLike | None = None,
         opacity_logits: ArrayLike | None = None,
     ) -> Gaussians:
-        """Gaussians from arrays as gsplat and Inria's code hold them; copies in float32.
+        """Gaussians from arrays, or tensors on any device, as gsplat and Inria's code hold them; copies in float32.
 
         Scales and opacities are given either as they are or as they are trained, said by name.
 
@@ -174,13 +174,12 @@ class Gaussians:
 def _array(name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
     """Finite numbers in float32, of a shape, in which -1 stands for any length."""
     try:
+        if hasattr(values, "detach"):  # a tensor of PyTorch, on any device, of any number type
+            values = values.detach().cpu().float().numpy()
         with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
             array = np.asarray(values, np.float32)
-    except (TypeError, ValueError, RuntimeError) as error:  # on a device, with gradients, or no numbers
-        raise InputError(
-            f"{name} is a {type(values).__name__} that NumPy cannot read ({error}); a tensor becomes an array by "
-            "'.detach().cpu().numpy()'."
-        ) from error
+    except (TypeError, ValueError, RuntimeError, AttributeError) as error:
+        raise InputError(f"{name} is a {type(values).__name__} that NumPy cannot read ({error}).") from error
     if len(shape) == 1 and array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.ndim != len(shape) or any(n not in (m, -1) for n, m in zip(shape, array.shape, strict=True)):

@@ -27,6 +27,8 @@ _BYTES_PER_FILE_BYTE = {
     ".glb": 1.2,
     "meta.json": 48.0,
     ".ckpt": 1.0,
+    ".pth": 1.0,
+    ".pt": 1.0,
 }
 """Bytes of a scene's arrays for each byte of its file, at most, in files as programs write them; a .glb with plain
 attributes."""

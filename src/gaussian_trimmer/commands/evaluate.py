@@ -17,6 +17,7 @@ from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.results import StoredResult, cut_by, read_result
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
+from gaussian_trimmer.evaluation.statistics import made_by
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
@@ -101,6 +102,7 @@ class Evaluate:
                 now |= judge.fidelity(result.cut, view.camera, judge.renderer.render(scene, view.camera).rgb)
             scored.append(ViewScores(shown(view.camera.name), then, now))
         notes = [judge.describe(), f"views: {len(found)}, those of {len(cameras)} cameras with a mask; mean over views"]
+        notes.append(made_by())
         if result.unknown_background:
             notes.append(
                 f"without scores in scene and fidelity, which need the background: {result.unknown_background}"

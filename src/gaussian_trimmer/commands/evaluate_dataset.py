@@ -1,9 +1,9 @@
-"""`gaussian-trimmer evaluate nvos`, `lerf-mask` and `spin-nerf`: methods before and after trimming."""
+"""`gaussian-trimmer evaluate nvos` and the other data sets: methods before and after trimming."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -13,14 +13,18 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
 from gaussian_trimmer.config import TrimConfig, check_config
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, dataset_tasks, find_predictions
 from gaussian_trimmer.evaluation.layouts import LAYOUTS
 from gaussian_trimmer.evaluation.predictions import PredictionPatterns
+from gaussian_trimmer.evaluation.protocols import OWN, Protocol, protocol_of
+from gaussian_trimmer.evaluation.rendered_masks import score_rendered
 from gaussian_trimmer.evaluation.runs import Run, Variant, measure
-from gaussian_trimmer.evaluation.scoring import Judge
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, segmenter_with
+from gaussian_trimmer.evaluation.scoring import RULES, Judge
+from gaussian_trimmer.evaluation.statistics import made_by, table_of_statistics
+from gaussian_trimmer.io.dataclass_json import to_plain
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.options import SegmenterOptions
@@ -31,8 +35,13 @@ class _EvaluateDataset:
     layout: ClassVar[str]
     root: Annotated[Positional[Path], arg(metavar="ROOT")]
     """Folder of the data set."""
-    predictions: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]")]
+    predictions: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]")] = ()
     """Output folders of segmentation methods, one or several; a method is called like its folder."""
+    masks_only: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]")] = ()
+    """Folders of masks that methods rendered themselves: these are scored as they are, and nothing is trimmed."""
+    protocol: str = OWN
+    """Rules of the comparison: this program's, or those of a published code, which docs/evaluation.md lists. Published
+    figures stand beside those of the same protocol alone."""
     tasks: tuple[str, ...] = ()
     """Only these tasks."""
     patterns: Annotated[PredictionPatterns, arg(name="")] = field(default_factory=PredictionPatterns)
@@ -61,30 +70,59 @@ class _EvaluateDataset:
         self.tables.publish(self._measure, open_console(quiet=self.quiet))
 
     def _measure(self) -> Findings:
-        layout, judge = LAYOUTS[self.layout], self.rules.judge()
-        methods = self._runs(judge)
+        layout, protocol = LAYOUTS[self.layout], protocol_of(self.layout, self.protocol)
+        if self.protocol != OWN and self.rules.threshold not in (RuleOptions.threshold, protocol.threshold):
+            raise InputError(f"The protocol '{self.protocol}' has the threshold {protocol.threshold:g}; leave it out.")
+        judge = self.rules.judge()
+        judge = judge if self.protocol == OWN else replace(judge, threshold=protocol.threshold)
+        methods = self._runs(judge, protocol)
         views = self.config.plan.views
-        notes = [judge.describe(), f"trimmed with the preset '{self.preset}', {views} views, {self.segmenter}"]
+        trimmed = f"trimmed with the preset '{self.preset}', {views} views, {self.segmenter}"
+        notes = [
+            protocol.describe(self.protocol),
+            judge.describe(),
+            *([trimmed] if self.predictions else []),
+            made_by(),
+        ]
         tables = {f"{self.layout}-{name}": table_of_tasks(layout, name, runs, notes) for name, runs in methods.items()}
-        tables[self.layout] = table_beside_published(layout, methods, notes)
+        tables[self.layout] = table_beside_published(layout, methods, notes, self.protocol, protocol.rules)
+        metrics = [name + RULES[rule] for rule in protocol.rules for name in ("iou", layout.second)]
+        title = f"{layout.title}: how sure the means are"
+        tables[f"{self.layout}-statistics"] = table_of_statistics(title, methods, metrics, notes)
         if self.rules.clip:
             tables[f"{self.layout}-clip"] = table_of_looks(layout, methods, notes)
-        return Findings(tables, [run for runs in methods.values() for run in runs])
+        return Findings(tables, [run for runs in methods.values() for run in runs], self._settings())
 
-    def _runs(self, judge: Judge) -> dict[str, list[Run]]:
+    def _settings(self) -> dict[str, Any]:
+        """Everything that the figures depend on."""
+        used = options_of(self.segmenter, self.segmenter_options)
+        chosen = {"protocol": self.protocol, "preset": self.preset, "segmenter": self.segmenter}
+        return {
+            "made_by": made_by(), **chosen, "segmenter_options": to_plain(used) if used else {},
+            "config": to_plain(self.config), "rules": to_plain(self.rules),
+            "selection_options": to_plain(self.selection_options),
+        }  # fmt: skip
+
+    def _runs(self, judge: Judge, protocol: Protocol) -> dict[str, list[Run]]:
         """The runs of every method."""
         tasks = chosen_tasks(LAYOUTS[self.layout], self.root, self.tasks)
-        names = method_names(self.predictions)
+        names = method_names([*self.masks_only, *self.predictions])
+        ids = self.patterns.ids_of_tasks()
+        if ids and (missing := [task.name for task in tasks if task.name not in ids]):
+            raise InputError(f"'{self.patterns.ids}' has no row of the task '{shown(missing[0])}'.")
         found = [find_predictions(tasks, folder, self.patterns, self.root) for folder in self.predictions]
         variant: dict[str, Variant] = {
             self.preset: Variant(self.config, segmenter_with(self.segmenter, self.segmenter_options))
         }
         # Lines on the progress belong to no CSV or JSON.
         progress = open_console(quiet=self.quiet or self.tables.format != "table")
-        methods: dict[str, list[Run]] = {}
-        for name, predictions in zip(names, found, strict=True):
+        methods = {
+            name: [score_rendered(folder, protocol.targets_of(task), name, judge, protocol) for task in tasks]
+            for name, folder in zip(names, self.masks_only, strict=False)
+        }
+        for name, predictions in zip(names[len(methods) :], found, strict=True):
             methods[name] = []
-            for task in dataset_tasks(tasks, predictions, name, self.selection_options):
+            for task in dataset_tasks(tasks, predictions, name, self.selection_options, protocol, ids):
                 (run,) = measure(task, variant, judge, fidelity=False)
                 methods[name].append(run)
                 print_run(run, progress)
@@ -125,6 +163,28 @@ class SpinNerf(_EvaluateDataset):
     layout: ClassVar[str] = "spin-nerf"
 
 
+@dataclass(frozen=True)
+class LerfOvs(_EvaluateDataset):
+    """Measure methods on LERF-OVS before and after trimming.
+
+    ROOT holds label/<scene>/<picture>.json with polygons, and <scene>/images. In a method's folder each object has its
+    files in <scene>/<words>/ or <scene>/; or name them with --scenes, --selections and --cameras.
+    """
+
+    layout: ClassVar[str] = "lerf-ovs"
+
+
+@dataclass(frozen=True)
+class Ovs3d(_EvaluateDataset):
+    """Measure methods on 3D-OVS before and after trimming.
+
+    ROOT holds <scene>/segmentations/<view>/<words>.png and <scene>/images. In a method's folder each object has its
+    files in <scene>/<words>/ or <scene>/; or name them with --scenes, --selections and --cameras.
+    """
+
+    layout: ClassVar[str] = "3d-ovs"
+
+
 def method_names(folders: Sequence[Path]) -> list[str]:
     """The names of methods: those of their folders.
 
@@ -133,5 +193,8 @@ def method_names(folders: Sequence[Path]) -> list[str]:
     """
     names = [folder.resolve().name for folder in folders]
     if not names or len(set(names)) < len(names):
-        raise InputError(f"Give folders of predictions with different names; given: {', '.join(names) or 'none'}.")
+        raise InputError(
+            "Give folders with different names after --predictions or --masks-only; given: "
+            f"{', '.join(names) or 'none'}."
+        )
     return names

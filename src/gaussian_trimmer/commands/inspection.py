@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,16 @@ from numpy.typing import NDArray
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, printable, shown
+from gaussian_trimmer.formats import torch_files
+from gaussian_trimmer.formats.checkpoints import Checkpoint
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
-from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
+from gaussian_trimmer.selection_files.method_files import method_files_in
 from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, open_selection
@@ -54,7 +57,7 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
         lines = describe_folder(path, trust_paths=trust_paths)
     elif is_marks_file(path):
         lines = describe_marks(read_marks(path))
-    elif formats.has_splats(path):
+    elif formats.has_splats(path) and path.suffix.lower() not in torch_files.SUFFIXES:
         lines = describe_splats(path)
     elif path.suffix.lower() == ".json" or name in _COLMAP_FILES:
         lines = describe_cameras(path, trust_paths=trust_paths)
@@ -72,16 +75,42 @@ def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
     Raises:
         InputError: it holds neither.
     """
+    scene, uses = None, []
     try:
         scene = formats.find_scene(path)
     except InputError as no_scene:
+        uses = list(uses_of_folder(path, None))
         try:
             yield from describe_cameras(path, trust_paths=trust_paths)
         except InputError as no_cameras:
-            raise InputError(f"{no_scene} {no_cameras}") from no_cameras
+            if not uses:
+                raise InputError(f"{no_scene} {no_cameras}") from no_cameras
     else:
         yield f"scene: {scene.relative_to(path)}"
         yield from describe_splats(scene)
+        uses = list(uses_of_folder(path, scene))
+    yield from uses
+
+
+def uses_of_folder(folder: Path, scene: Path | None) -> Iterator[str]:
+    """Lines on the selections that segmentation methods left in a folder, with the commands that use them.
+
+    Args:
+        folder: the folder.
+        scene: the splat file in it, if it has one.
+    """
+    found = list(method_files_in(folder))
+    cameras = ["--cameras", str(folder / "cameras.json")] if (folder / "cameras.json").is_file() else []
+    for path, kind in found[:_MAX_LISTED]:
+        own = str(path if kind.own_scene else scene or "SCENE")
+        yield f"selection of {kind.method}: {path.relative_to(folder)}"
+        yield f"  {shlex.join(['gaussian-trimmer', 'trim', own, str(path), *kind.needs.split(), *cameras])}"
+    if len(found) > _MAX_LISTED:
+        yield f"and {len(found) - _MAX_LISTED} more selections"
+    for prompt in sorted({path.name for path in folder.glob("*/chosen_*.png")})[:_MAX_LISTED]:
+        masks = shlex.quote(f"{folder}/*/{prompt}")
+        yield f"masks of LangSplat: */{prompt}"
+        yield f"  gaussian-trimmer select SCENE --masks {masks} --cameras PATH --trim DIR"
 
 
 def describe_splats(path: Path) -> Iterator[str]:
@@ -162,8 +191,8 @@ def describe_cameras(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
 
 def _checkpoint_lines(checkpoint: Checkpoint) -> Iterator[str]:
     iteration = "" if checkpoint.iteration is None else f" of iteration {checkpoint.iteration}"
-    n, degree = len(checkpoint.gaussians), checkpoint.gaussians.sh_degree
-    yield f"training checkpoint{iteration}: {n} Gaussians, SH degree {degree}"
+    yield f"training checkpoint{iteration}, which can be the scene"
+    yield from describe_gaussians(checkpoint.gaussians)
     if checkpoint.logits is not None:
         yield "selects the Gaussians with COB-GS's foreground probability above 0.9"
     elif checkpoint.features is not None:

@@ -79,7 +79,8 @@ class Select(TrimSettings):
     """Draw a grid of pixel numbers over these pictures."""
     overview: Annotated[OverviewConfig, arg(name="")] = field(default_factory=OverviewConfig)
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks; the object is bright. Needs --cameras."""
+    """Folder of masks, or a pattern such as 'out/*/chosen_cup.png' in which * stands for the picture's name or number;
+    the object is bright. Needs --cameras."""
     output: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: SCENE_selection.npy)")] = None
     """File for the selection: .npy with booleans, or with object numbers if --object-ids is given. The marks go beside
     it. An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from rich.console import Console
 from tyro.conf import arg
@@ -25,6 +25,8 @@ class Findings:
     """By the name of their files."""
     runs: Sequence[Run] = ()
     """Written to `runs.json`, if there are any."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Everything that was set, written to `settings.json` if there is anything."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +69,15 @@ def _write(found: Findings, folder: Path) -> None:
     if found.runs:
         text = json.dumps([asdict(run) for run in found.runs], indent=1, allow_nan=False)
         (folder / "runs.json").write_text(text + "\n", encoding="utf-8")
+    if found.settings:
+        (folder / "settings.json").write_text(json.dumps(found.settings, indent=1) + "\n", encoding="utf-8")
 
 
 def print_run(run: Run, console: Console) -> None:
     """Print a line on one trim."""
     metrics = [name for name in ("iou", "iou_in_scene", "boundary_iou", "psnr") if name in run.before]
-    changes = "  ".join(f"{name} {run.before[name]:5.1f} -> {run.after[name]:5.1f}" for name in metrics)
+    after = {name: f" -> {run.after[name]:5.1f}" for name in metrics if name in run.after}
+    changes = "  ".join(f"{name} {run.before[name]:5.1f}{after.get(name, '')}" for name in metrics)
     kept = f"  fidelity {run.after['fidelity']:4.1f}" if "fidelity" in run.after else ""
-    tail = f"{run.seconds:4.1f} s{'  LOSS' if run.loses() else ''} {run.refused}".rstrip()
+    tail = f"{run.seconds:4.1f} s{'  LOSS' if run.after and run.loses() else ''} {run.refused}".rstrip()
     console.print(f"{run.variant:18s} {run.kind:12s} {run.scene}/{run.object:12s} {changes}{kept}  {tail}")

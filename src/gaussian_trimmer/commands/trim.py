@@ -43,7 +43,7 @@ from gaussian_trimmer.selecting.marks import FromFile, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, write_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from
 from gaussian_trimmer.selecting.select import select
-from gaussian_trimmer.selecting.view_lookup import resolve_views
+from gaussian_trimmer.selecting.view_lookup import resolve_views, with_query_row
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.selection_files.options import flag
 from gaussian_trimmer.settings import check_settings
@@ -198,7 +198,11 @@ class Trim(TrimInputs):
             return Loaded(scene, made.mask, cameras, made.marks, made.excluded)
         if self.selection is None:
             return Loaded(scene, np.ones(len(scene), np.bool_), cameras)
-        selection = load_selection(self.selection, scene, self.selection_options, console.print)
+        options = self.selection_options
+        if options.query_point is not None:
+            views: list[str | int] = [*self.mark_options.view, *self.mark_options.view_index]
+            options = with_query_row(options, scene, views[0] if views else None, cameras, get_renderer(self.renderer))
+        selection = load_selection(self.selection, scene, options, console.print)
         excluded = excluded_from(self.selection, len(scene))
         if excluded is not None and excluded.any():
             beside = self.selection.with_suffix(".json")

@@ -1,8 +1,14 @@
 """CLIP-IQA: how an object looks, judged by a CLIP model between two opposite prompts.
 
-The score of a picture is the probability that CLIP gives to the first prompt of a pair. Two of the pairs are about the
-boundary and are scored over crops along the object's contour, the third is about the whole object. Pictures show the
-object alone over white. The model runs without its image processor, which would need torchvision.
+The score of a picture is the probability that CLIP gives to the first prompt of a pair. It is taken in two ways:
+
+- as published: the whole view, with the object alone over black, and prompts such as "Clear boundary.", in the form of
+  the official code's "Good photo."; that code shows pictures of any size to a CLIP of convolutions (RN50), which
+  Transformers does not have, so here they are stretched to the model's square
+- over crops: of the object alone over white, the first two pairs along its contour, the third of all of it; prompts
+  such as "A photo with a clear boundary."
+
+The model runs without its image processor, which would need torchvision.
 
 After "Exploring CLIP for Assessing the Look and Feel of Images" (Wang et al., AAAI 2023).
 """
@@ -25,6 +31,8 @@ PAIRS = {
     "clip_complete": ("complete object", "mutilated object"),
 }
 """Metric -> the prompt that is wished for, and its opposite."""
+OVER_CROPS = "_crops"
+"""What the names of the metrics over crops end with."""
 _OF_BOUNDARY = ("clip_clear", "clip_smooth")
 _LINK = {"clip_clear": "with", "clip_smooth": "with", "clip_complete": "of"}
 """Word between "a photo" and the prompt."""
@@ -67,15 +75,17 @@ class ClipScorer:
         self.name = shown(Path(model).name if local else model)
         """Name of the model, for tables."""
         self._side = int(self._model.config.vision_config.image_size)
-        prompts = [f"A photo {_LINK[name]} a {prompt}." for name, pair in PAIRS.items() for prompt in pair]
+        prompts = [f"{prompt.capitalize()}." for pair in PAIRS.values() for prompt in pair]
+        prompts += [f"A photo {_LINK[name]} a {prompt}." for name, pair in PAIRS.items() for prompt in pair]
         self._prompts = tokenizer(prompts, padding=True, return_tensors="pt")
 
     def describe(self) -> str:
         """What the scores were made with, for tables."""
-        return f"CLIP-IQA by {self.name}, of the object alone over white; boundaries over {CROPS} crops"
+        crops = f"the object over white, boundaries over {CROPS} crops"
+        return f"CLIP-IQA by {self.name}: whole view over black and prompts as published; over crops: {crops}"
 
     def score(self, rgb: FloatArray, alpha: FloatArray, threshold: float) -> dict[str, float]:
-        """The three scores of an object in percent; nothing if it is not in the picture.
+        """The three scores of an object in percent, in both ways; nothing if it is not in the picture.
 
         Args:
             rgb: the object over black, (H, W, 3).
@@ -87,14 +97,15 @@ class ClipScorer:
             return {}
         picture = np.clip(rgb + (1 - np.clip(alpha, 0, 1))[..., None], 0, 1)
         boxes = [whole_box(mask), *boundary_boxes(mask)]
-        chances = self._probabilities([cut_square(picture, box) for box in boxes])
-        return {
-            name: float(100 * (chances[1:, i].mean() if name in _OF_BOUNDARY else chances[0, i]))
-            for i, name in enumerate(PAIRS)
-        }
+        chances = 100 * self._probabilities([np.clip(rgb, 0, 1), *(cut_square(picture, box) for box in boxes)])
+        scores = {name: float(chances[0, i]) for i, name in enumerate(PAIRS)}
+        for i, name in enumerate(PAIRS, len(PAIRS)):
+            crops = chances[2:, i].mean() if name in _OF_BOUNDARY else chances[1, i]
+            scores[name + OVER_CROPS] = float(crops)
+        return scores
 
     def _probabilities(self, pictures: list[FloatArray]) -> FloatArray:
-        """Probability of the first prompt of each pair, (P, 3)."""
+        """Probability of the first prompt of each pair, (P, 6): of the published form, then of the other."""
         torch = self._torch
         pixels = (
             np.stack([_resized(picture, self._side) for picture in pictures]) - np.array(_CLIP_MEAN, np.float32)
@@ -103,7 +114,7 @@ class ClipScorer:
             logits = self._model(
                 pixel_values=torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2))), **self._prompts
             ).logits_per_image
-            pairs = logits.float().reshape(len(pictures), len(PAIRS), 2).softmax(dim=-1)[..., 0]
+            pairs = logits.float().reshape(len(pictures), 2 * len(PAIRS), 2).softmax(dim=-1)[..., 0]
         return np.asarray(pairs.numpy(), np.float32)
 
 

@@ -6,6 +6,7 @@ then rendered at the mask's size.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from gaussian_trimmer.views import HALF_COVERAGE
 
 _MAX_FILE_BYTES = 1 << 28
 _MAX_PIXELS = 1 << 26
+_MAX_POLYGON_BYTES = 1 << 24
 _JPEG = b"\xff\xd8"
 _ASPECT_TOLERANCE = 0.02
 """Relative difference of aspect ratios up to which two pictures show the same: sizes are rounded to whole pixels."""
@@ -79,6 +81,32 @@ def read_mask(path: Path) -> FloatArray:
     return grey.astype(np.float32) / np.float32(1 if grey.max() == 1 else 255)
 
 
+def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[np.int32]]]]:
+    """Height and width of a picture, and by category the corners (P, 2) of each object's parts, from LERF-OVS's .json.
+
+    Raises:
+        InputError: the file cannot be read, or holds something else.
+    """
+    with reading(path):
+        data = file_bytes(path, _MAX_POLYGON_BYTES)
+    parts: dict[str, list[NDArray[np.int32]]] = {}
+    try:
+        found = json.loads(data)
+        height, width = int(found["info"]["height"]), int(found["info"]["width"])
+        for entry in found["objects"]:
+            corners = np.array(entry["segmentation"], np.float64).reshape(-1, 2)
+            if not (np.abs(corners) <= _MAX_PIXELS).all():
+                raise ValueError("corners that are no pixels")
+            parts.setdefault(str(entry["category"]), []).append(corners.astype(np.int32))
+        if min(width, height) < 1 or width * height > _MAX_PIXELS:
+            raise ValueError("a picture of impossible size")
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise InputError(
+            f"'{path}' holds no polygons of objects ({shown(str(error))}); 'info' and 'objects' of LERF-OVS are needed."
+        ) from error
+    return (height, width), parts
+
+
 def read_picture(path: Path) -> FloatArray:
     """A picture in [0, 1], (H, W, 3). Raises as `read_mask`."""
     bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
@@ -124,18 +152,36 @@ def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
     return replace(camera, K=K, width=width, height=height)
 
 
-def view_of(camera: Camera, mask: Path, image: Path | None = None, ignored: Path | None = None) -> TestView:
+def read_coverage(path: Path, category: str | None) -> FloatArray:
+    """The coverage (H, W) in a mask file or, of the named object, in a file of polygons.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    if category is None:
+        return read_mask(path)
+    size, parts = read_polygons(path)
+    drawn = np.zeros(size, np.uint8)
+    for corners in parts[category]:
+        cv2.fillPoly(drawn, [corners], (1,))
+    return drawn.astype(np.float32)
+
+
+def view_of(
+    camera: Camera, mask: Path, image: Path | None = None, ignored: Path | None = None, category: str | None = None
+) -> TestView:
     """The ground truth of one camera, from files.
 
     Args:
         mask: coverage of the object.
         image: photograph, of any size.
         ignored: mask of pixels that do not count, of the size of the first.
+        category: which object of a file of polygons is meant; None if the mask is a picture.
 
     Raises:
         InputError: a file cannot be used.
     """
-    coverage = read_mask(mask)
+    coverage = read_coverage(mask, category)
     height, width = coverage.shape
     counted = np.ones((height, width), np.bool_)
     if ignored is not None:

@@ -6,15 +6,21 @@ pattern that matches counts, and of several training iterations the last.
 
 from __future__ import annotations
 
+import csv
 import glob
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from gaussian_trimmer.errors import InputError
+from tyro.conf import arg
+
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
 from gaussian_trimmer.formats import FORMATS
+from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.selection_files.method_files import METHOD_FILES
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES
 
 _TASK_FOLDERS, _SCENE_FOLDER = ("{scene}/{object}", "{object}"), "{scene}"
@@ -25,18 +31,19 @@ _SCENES = (
     *(f"point_cloud/iteration_*/{name}" for name in _POINT_CLOUDS),
     *_POINT_CLOUDS,
 )
+_OF_METHODS = tuple(file.pattern for file in METHOD_FILES)
+_WITH_IDS = tuple(file.pattern for file in METHOD_FILES if file.needs.startswith("--selection.object-id"))
 _SELECTIONS = (
     *(f"selection{ending}" for ending in (*SUFFIXES, *FORMATS)),
-    "segmentation_res/{object}.pt",
-    "segmentation_res/*.pt",
-    "final_mask.pt",
-    "seg_point_cloud.ply",
-    "point_cloud_seg.ply",
+    *_OF_METHODS,
+    *(pattern.replace("{object}", "*") for pattern in _OF_METHODS if "{object}" in pattern),
     *(f"object{ending}" for ending in FORMATS),
     *(f"{{object}}{ending}" for ending in (*SUFFIXES, *FORMATS)),
 )
 _CAMERAS = ("cameras.json", "transforms.json", "sparse/0", "sparse")
-_ITERATION = re.compile(r"iteration_(\d+)")
+_ITERATION = re.compile(r"(?:iteration_|chkpnt)(\d+)")
+_NUMBER = re.compile(r"-?\d{1,10}")
+_MAX_CSV_BYTES = 1 << 20
 _PLACEHOLDERS = "{scene} and {object} stand for the task's names"
 
 
@@ -50,6 +57,32 @@ class PredictionPatterns:
     """Pattern of the selections or objects; without it the usual places are searched."""
     cameras: str | None = None
     """Pattern of the cameras; without it the usual places are searched, also in the data set."""
+    ids: Annotated[Path | None, arg(metavar="FILE")] = None
+    """CSV file with the id of each task's object, or several: rows of task and ids, such as 'ramen/yellow bowl,12 45'.
+    The tasks of a scene may then share a selection file."""
+
+    def ids_of_tasks(self) -> dict[str, tuple[int, ...]]:
+        """The ids by the name of the task; none without a file.
+
+        Raises:
+            InputError: the file cannot be read, or a row is no task with ids.
+        """
+        if self.ids is None:
+            return {}
+        if not is_file(self.ids):
+            raise InputError(f"There is no file '{self.ids}'.")
+        with reading(self.ids):
+            text = file_bytes(self.ids, _MAX_CSV_BYTES).decode("utf-8-sig", "replace")
+        rows = [[word.strip() for word in row] for row in csv.reader(text.splitlines()) if any(row)]
+        if rows and rows[0][0].lower() == "task":
+            del rows[0]
+        found: dict[str, tuple[int, ...]] = {}
+        for task, *words in rows:
+            numbers = " ".join(words).replace(";", " ").split()
+            if not numbers or not all(_NUMBER.fullmatch(number) for number in numbers):
+                raise InputError(f"'{self.ids}' has a row '{shown(task)}' without ids; rows are a task and its ids.")
+            found[task] = tuple(map(int, numbers))
+        return found
 
 
 @dataclass(frozen=True)
@@ -74,9 +107,11 @@ def find_prediction(folder: Path, task: LayoutTask, patterns: PredictionPatterns
         InputError: a file is missing, or a pattern matches several.
     """
     own = [f"{home}/" for home in _TASK_FOLDERS]
+    shared = _WITH_IDS if patterns.ids is not None else ()
     homes = [*own, f"{_SCENE_FOLDER}/"]
     # In a folder that tasks share, a selection must bear the task's name.
     named = [(folder, home + name) for home in (f"{_SCENE_FOLDER}/", "") for name in _SELECTIONS if "{object}" in name]
+    named += [(folder, f"{_SCENE_FOLDER}/{name}") for name in shared]
     scenes = [(folder, home + name) for home in homes for name in _SCENES]
     selections = [(folder, home + name) for home in own for name in _SELECTIONS] + named
     cameras = [(folder, home + name) for home in homes for name in _CAMERAS]
@@ -85,9 +120,14 @@ def find_prediction(folder: Path, task: LayoutTask, patterns: PredictionPatterns
     def given(pattern: str | None) -> list[tuple[Path, str]]:
         return [] if pattern is None else [(folder, pattern)]
 
+    selection = _find(task, "selection", "--selections", given(patterns.selections) or selections)
+    if patterns.scenes is None and selection.name.startswith("chkpnt"):  # it holds Gaussians that the method has split
+        scene = selection
+    else:
+        scene = _find(task, "splat file", "--scenes", given(patterns.scenes) or scenes)
     return Prediction(
-        _find(task, "splat file", "--scenes", given(patterns.scenes) or scenes),
-        _find(task, "selection", "--selections", given(patterns.selections) or selections),
+        scene,
+        selection,
         _find(task, "cameras", "--cameras", given(patterns.cameras) or cameras),
     )
 

@@ -79,6 +79,7 @@ class Run:
     """Number of views with ground truth."""
     before: Scores
     after: Scores
+    """Empty if nothing is trimmed, since only masks are known."""
     seconds: float
     """Time that the trim took."""
     refused: str

@@ -7,7 +7,7 @@ rendering, with everything else before it. They differ as well in the threshold 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,9 @@ METRICS: Mapping[str, str] = {
     "clip_clear": "CLIP-IQA clear boundary",
     "clip_smooth": "CLIP-IQA smooth boundary",
     "clip_complete": "CLIP-IQA complete object",
+    "clip_clear_crops": "CLIP over crops, clear boundary",
+    "clip_smooth_crops": "CLIP over crops, smooth boundary",
+    "clip_complete_crops": "CLIP over crops, complete object",
 }
 """Name of a metric in files -> its name in tables, in their order. All are in percent but `psnr` and `fidelity`, dB."""
 RULES: Mapping[str, str] = {"alone": "", "in scene": "_in_scene"}
@@ -62,6 +65,11 @@ class Shown:
     """Opacity of the object alone, in [0, 1], (H, W)."""
     share: FloatArray | None = None
     """The object's share of the whole scene's rendering, in [0, 1], (H, W); None if the background is not known."""
+
+    def at(self, shape: Sequence[int]) -> Shown:
+        """The same at another height and width, by the nearest pixel."""
+        share = None if self.share is None else nearest(self.share, shape)
+        return Shown(nearest(self.rgb, shape), nearest(self.alpha, shape), share)
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,7 @@ class Judge:
 
     def score(self, shown: Shown, view: TestView) -> Scores:
         """The metrics of one view, without `fidelity`; without `psnr` too if the view has no picture."""
+        shown = shown.at(view.alone.coverage.shape)
         scores = self._silhouette_scores(shown.alpha, view.alone)
         scores["soft_iou"] = 100 * metrics.soft_iou(shown.alpha, view.alone.coverage, view.alone.counted)
         if shown.share is not None:
@@ -104,6 +113,11 @@ class Judge:
         if self.looks is not None:
             scores |= self.looks.score(shown.rgb, shown.alpha, self.threshold)
         return scores
+
+    def score_mask(self, mask: FloatArray, truth: Truth) -> Scores:
+        """The metrics of a mask that somebody else rendered, in [0, 1]: the same by both rules of occlusion."""
+        scores = self._silhouette_scores(nearest(mask, truth.coverage.shape), truth)
+        return scores | {name + RULES["in scene"]: value for name, value in scores.items()}
 
     def fidelity(self, cut: Cut, camera: Camera, untouched: FloatArray) -> Scores:
         """PSNR of object and background together against the untouched scene's picture (H, W, 3), at most 100 dB.
@@ -134,6 +148,18 @@ def mean_scores(scores: Iterable[Scores]) -> Scores:
     scores = list(scores)
     found = {name: [score[name] for score in scores if name in score] for name in METRICS}
     return {name: float(np.mean(values)) for name, values in found.items() if values}
+
+
+def nearest(picture: FloatArray, shape: Sequence[int]) -> FloatArray:
+    """A picture (H, W, ...) brought to another height and width by the nearest pixel.
+
+    >>> nearest(np.float32([[1, 2]]), (1, 4)).tolist()
+    [[1.0, 1.0, 2.0, 2.0]]
+    """
+    if picture.shape[:2] == tuple(shape):
+        return picture
+    rows, columns = (((np.arange(n) + 0.5) * m / n).astype(int) for n, m in zip(shape, picture.shape, strict=False))
+    return np.asarray(picture[rows][:, columns])
 
 
 def _rendered(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Shown:

@@ -20,7 +20,18 @@ class Change:
     after: float | None
 
 
-Cell = str | float | int | Change | None
+@dataclass(frozen=True)
+class Interval:
+    """A mean with the ends of its 95 % interval; None where these are not known."""
+
+    mean: float
+    low: float | None
+    high: float | None
+
+
+Cell = str | float | int | Change | Interval | None
+_PARTS: Mapping[type, tuple[str, ...]] = {Change: ("before", "after"), Interval: ("mean", "low", "high")}
+"""Cells that are several numbers -> the names of these."""
 
 
 @dataclass(frozen=True)
@@ -47,22 +58,23 @@ class ScoreTable:
         return "\n".join([self.title, "", *(f"| {' | '.join(line)} |" for line in drawn), "", *self.notes, ""])
 
     def as_csv(self) -> str:
-        """Comma-separated values below title and notes as comments (`#`); a change takes two columns."""
-        changing = [any(isinstance(row[i], Change) for row in self.rows) for i in range(len(self.columns))]
+        """Comma-separated values below title and notes as comments (`#`); a cell of several numbers takes as many."""
+        parts = [next((_PARTS[type(row[i])] for row in self.rows if type(row[i]) in _PARTS), ())
+                 for i in range(len(self.columns))]  # fmt: skip
         file = io.StringIO()
         file.writelines(f"# {comment}\n" for comment in (self.title, *self.notes))
         writer = csv.writer(file, lineterminator="\n")
-        names = zip(self.columns, changing, strict=True)
-        writer.writerow(
-            head for name, pair in names for head in ([f"{name} before", f"{name} after"] if pair else [name])
-        )
+        names = zip(self.columns, parts, strict=True)
+        writer.writerow(f"{name} {part}".strip() for name, known in names for part in (known or ("",)))
         for row in self.rows:
-            cells = zip(row, changing, strict=True)
-            writer.writerow(value for cell, pair in cells for value in (_pair(cell) if pair else [_plain(cell)]))
+            cells = zip(row, parts, strict=True)
+            writer.writerow(
+                value for cell, known in cells for value in (_split(cell, known) if known else [_plain(cell)])
+            )
         return file.getvalue()
 
     def as_dict(self) -> dict[str, Any]:
-        """The table as JSON holds it: rows are objects by heading, changes have `before` and `after`."""
+        """The table as JSON holds it: rows are objects by heading, and so are cells of several numbers."""
         rows = [{name: _json(cell) for name, cell in zip(self.columns, row, strict=True)} for row in self.rows]
         return {"title": self.title, "notes": list(self.notes), "rows": rows}
 
@@ -103,13 +115,16 @@ def cell_text(cell: Cell, digits: int) -> str:
     """A cell as text, numbers with some decimals."""
     if isinstance(cell, Change):
         return f"{cell_text(cell.before, digits)} -> {cell_text(cell.after, digits)}"
+    if isinstance(cell, Interval):
+        ends = "" if cell.low is None else f" [{cell_text(cell.low, digits)}, {cell_text(cell.high, digits)}]"
+        return f"{cell_text(cell.mean, digits)}{ends}"
     if cell is None:
         return "-"
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
 
 
-def _pair(cell: Cell) -> list[str]:
-    return [_plain(cell.before), _plain(cell.after)] if isinstance(cell, Change) else ["", ""]
+def _split(cell: Cell, parts: Sequence[str]) -> list[str]:
+    return [_plain(getattr(cell, part, None)) for part in parts]
 
 
 def _plain(cell: Cell) -> str:
@@ -117,6 +132,6 @@ def _plain(cell: Cell) -> str:
 
 
 def _json(cell: Cell) -> Any:
-    if isinstance(cell, Change):
-        return {"before": _json(cell.before), "after": _json(cell.after)}
+    if isinstance(cell, Change | Interval):
+        return {part: _json(getattr(cell, part)) for part in _PARTS[type(cell)]}
     return round(cell, 4) if isinstance(cell, float) else cell

@@ -24,12 +24,12 @@ FORMATS = {
 }
 """Ends of names, of which the longest wins -> module with `read(path) -> Gaussians`, whose values are not yet checked,
 `write(gaussians, path) -> None` and perhaps `write_selected` as below."""
-READ_ONLY = {"meta.json": "sog", ".ckpt": "nerfstudio"}
+READ_ONLY = {"meta.json": "sog", ".ckpt": "nerfstudio", ".pth": "checkpoints", ".pt": "checkpoints"}
 """Formats that can be read but not written."""
-_WRITTEN_INSTEAD = {"meta.json": ".sog", ".ckpt": ".ply"}
+_WRITTEN_INSTEAD = {"meta.json": ".sog"}
 _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
-_ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".pt", ".pth", ".txt", ".csv", ".json")
+_ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".txt", ".csv", ".json")
 
 
 def format_suffix(path: str | Path) -> str:
@@ -76,7 +76,7 @@ def written_suffix(path: str | Path) -> str:
     ('.spz', '.ply')
     """
     suffix = format_suffix(path)
-    return _WRITTEN_INSTEAD.get(suffix, suffix)
+    return suffix if suffix in FORMATS else _WRITTEN_INSTEAD.get(suffix, ".ply")
 
 
 def find_scene(path: Path) -> Path:

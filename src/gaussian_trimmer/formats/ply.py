@@ -31,6 +31,13 @@ _SCALE_NAMES = ["scale_0", "scale_1", "scale_2"]
 _ROTATION_NAMES = ["rot_0", "rot_1", "rot_2", "rot_3"]
 _REQUIRED_NAMES = [*_POSITION_NAMES, *_DC_NAMES, "opacity", *_SCALE_NAMES, *_ROTATION_NAMES]
 _REST_COUNTS = (0, 9, 24, 45)
+_RELATIVES = {
+    "f_anchor_feat_0": "It is of Scaffold-GS, as InstanceGaussian's: anchors, of which networks make each view's "
+    "Gaussians. Train 3D Gaussian Splatting on the same pictures and cameras, and carry the object over by masks that "
+    "the method renders: 'gaussian-trimmer select SCENE --masks DIR --cameras PATH'.",
+}
+"""Column that tells another kind of file -> what it is, and what to do."""
+_OF_DISCS = " It is of 2D Gaussian Splatting, whose discs have no thickness; train 3D Gaussian Splatting instead."
 # What is written together stays in the cache: 4096 rows of SH degree 3 have about a megabyte.
 _ROWS_PER_WRITE = 1 << 12
 
@@ -48,7 +55,10 @@ def read(path: Path) -> Gaussians:
     columns = read_columns(path, read_header(path))
     missing = [name for name in _REQUIRED_NAMES if name not in columns]
     if missing:
-        raise InputError(f"'{path}' is no splat PLY: its vertices lack {', '.join(missing)}.")
+        hint = next((f" {hint}" for name, hint in _RELATIVES.items() if name in columns), "")
+        if missing == ["scale_2"]:
+            hint = _OF_DISCS
+        raise InputError(f"'{path}' is no splat PLY: its vertices lack {', '.join(missing)}.{hint}")
     rest = sorted((name for name in columns if re.fullmatch(r"f_rest_\d+", name)), key=lambda name: int(name[7:]))
     if len(rest) not in _REST_COUNTS or rest != [f"f_rest_{i}" for i in range(len(rest))]:
         raise InputError(f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24 or 45, numbered from 0.")

@@ -2,6 +2,7 @@
 
 - Inria's code and those built on it, as Gaussian Grouping: `point_cloud/iteration_<i>/point_cloud.ply`
 - nerfstudio: an export, `splat.ply` or `point_cloud.ply`, or else `nerfstudio_models/step-<i>.ckpt`
+- gsplat's trainer: `ckpts/ckpt_<i>_rank0.pt`; Inria's checkpoints, COB-GS's and NG-GS's: `chkpnt<i>.pth`
 - an unbundled SOG: `meta.json` and its textures
 """
 
@@ -15,8 +16,8 @@ from gaussian_trimmer.formats import FORMATS
 
 _ITERATION_NAME = re.compile(r"iteration_(\d{1,12})")
 _SPLAT_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
-_CHECKPOINT_FOLDER = "nerfstudio_models"
-_CHECKPOINT_NAME = re.compile(r"step-(\d{1,12})\.ckpt")
+_CHECKPOINT_FOLDERS = ("nerfstudio_models", "ckpts")
+_CHECKPOINT_NAME = re.compile(r"(?:step-|chkpnt|ckpt_)(\d{1,12})(?:_rank0)?\.(?:ckpt|pth|pt)")
 
 
 def latest_splats(folder: Path) -> Path:
@@ -46,13 +47,13 @@ def latest_splats(folder: Path) -> Path:
     if splats:
         names = ", ".join(sorted(path.name for path in splats)[:8])
         raise InputError(f"The folder '{folder}' holds several splat files ({names}); give one of them.")
-    for place in (folder / _CHECKPOINT_FOLDER, folder):
+    for place in (*(folder / name for name in _CHECKPOINT_FOLDERS), folder):
         steps = [(int(found[1]), path) for path in _entries(place) if (found := _CHECKPOINT_NAME.fullmatch(path.name))]
         if steps:
             return max(steps)[1]
     raise InputError(
-        f"The folder '{folder}' holds no splat file and no point_cloud/iteration_* or {_CHECKPOINT_FOLDER}/step-*.ckpt"
-        "; give the folder of a training or a splat file."
+        f"The folder '{folder}' holds no splat file, no point_cloud/iteration_* and no checkpoint such as "
+        f"{_CHECKPOINT_FOLDERS[0]}/step-*.ckpt; give the folder of a training or a splat file."
     )
 
 

@@ -64,14 +64,22 @@ def ring_directions(axes: Float64Array, yaws: Float64Array, pitches: Float64Arra
 
 
 def framing_distance(
-    bounds: Bounds, yaws: Float64Array, pitches: Float64Array | float, fov_radians: float, fill: float
+    bounds: Bounds,
+    yaws: Float64Array,
+    pitches: Float64Array | float,
+    fov_radians: float,
+    fill: float,
+    centre: Float64Array | None = None,
 ) -> float:
     """The smallest distance of a `ring` at which the bounds' corners lie within the middle `fill` of every view.
+
+    The ring is about the bounds' centre, if no other point is given.
 
     A corner x right or down of the axis and z behind the centre is inside at distance r where
     x <= fill tan(fov / 2) (r + z), which is solved for r.
     """
-    corners, slope, distances = bounds.corners() - bounds.centre, fill * np.tan(fov_radians / 2), []
+    centre = bounds.centre if centre is None else centre
+    corners, slope, distances = bounds.corners() - centre, fill * np.tan(fov_radians / 2), []
     for direction in ring_directions(bounds.axes, yaws, pitches):
         local = corners @ look_at(direction, np.zeros(3), bounds.axes[2])[:3, :3].T
         distances.append(np.abs(local[:, :2]).max(axis=1) / slope - local[:, 2])

@@ -46,7 +46,7 @@ def limit_yaw_to_observed(scene: Gaussians, selection: BoolArray, bounds: Bounds
         bounds: the object's; their third axis is up.
         config: the plan so far.
     """
-    if config.yaw_range_degrees is not None or config.pitch_degrees is not None or config.framing == "paper":
+    if config.yaw_range_degrees is not None or config.pitch_degrees is not None or config.framing != "fit":
         return config
     free = _free_shares(scene, selection, bounds)
     mean = np.mean(free * np.exp(2j * np.pi * (np.arange(_SECTORS) + 0.5) / _SECTORS))

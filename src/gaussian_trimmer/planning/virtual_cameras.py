@@ -26,8 +26,9 @@ class PlanConfig:
 
     views: Annotated[int, Range(1, 1000)] = 5
     """Number of virtual views, n in the paper."""
-    framing: Literal["fit", "paper"] = "fit"
-    """`fit`: the object fills the frame; `paper`: distance by eq. 3 from the plain centroid, eq. 2."""
+    framing: Literal["fit", "paper", "literal"] = "fit"
+    """`fit`: the object fills the frame; `paper`: it does, around its plain centroid, eq. 2; `literal`: from the
+    distance of eq. 3 as it is printed, at which it is some twenty pixels wide (docs/paper.md)."""
     size: Annotated[int, Range(16, 8192)] = 512
     """Width and height of the virtual views in pixels."""
     fov_degrees: Annotated[float, Range(1, 150)] = 60.0
@@ -37,11 +38,11 @@ class PlanConfig:
     yaw_range_degrees: tuple[_Yaw, _Yaw] | None = None
     """First and last yaw. If they are not given: the full circle, or the range of the training cameras."""
     fill: Annotated[float, Range(0.05, 1)] = 0.75
-    """Share of the frame's width or height that the object's robust bounds fill (`fit`)."""
+    """Share of the frame's width or height that the object's robust bounds fill (`fit`, `paper`)."""
     lambda_1: _Lambda = 20.0
-    """Distance per horizontal extent (`paper`, eq. 3)."""
+    """Distance per horizontal extent (`literal`, eq. 3)."""
     lambda_2: _Lambda = 6.0
-    """Distance per vertical extent (`paper`, eq. 3)."""
+    """Distance per vertical extent (`literal`, eq. 3)."""
 
 
 def plan_cameras(
@@ -60,13 +61,13 @@ def plan_cameras(
         InputError: the up vector is zero, or the object is too small or too large.
     """
     axes = up_frame(up)
-    bounds = plain_bounds(target, axes) if config.framing == "paper" else robust_bounds(target, axes)
+    bounds = plain_bounds(target, axes) if config.framing == "literal" else robust_bounds(target, axes)
     check_size(bounds.radius)
     yaws, pitch = _angles(bounds, config, cameras_that_see(training_cameras, bounds))
     fov = float(np.radians(config.fov_degrees))
-    centre, distance = bounds.centre, framing_distance(bounds, yaws, pitch, fov, config.fill)
-    if config.framing == "paper":
-        centre = target.means.astype(np.float64).mean(0)
+    centre = bounds.centre if config.framing == "fit" else target.means.astype(np.float64).mean(0)
+    distance = framing_distance(bounds, yaws, pitch, fov, config.fill, centre)
+    if config.framing == "literal":
         length, width, height = 2 * bounds.half_extents
         distance = max(config.lambda_1 * max(length, width), config.lambda_2 * height)
     return ring(centre, axes, distance, yaws, pitch, Lens(config.size, fov, NEAR_RADII * bounds.radius)), bounds

@@ -94,7 +94,8 @@ def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden)
         gain = np.where(on_surface, np.maximum(gain, completed.gain[rows, columns]), gain)
     relit = np.flatnonzero((gain > _LEAST_GAIN) & ~dropped & ~ghosts)
     filled = concatenate(new)
-    if len(filled) and not _stays_hidden(filled, place, surfaces, dropped | hidden.dropped): print('SHOWS')
+    if len(filled) and not _stays_hidden(filled, place, surfaces, dropped | hidden.dropped):
+        print("SHOWS")
     return Continuation(filled, dropped, relit, _brightened(gaussians.select(relit), gain[relit]))
 
 

@@ -47,7 +47,10 @@ class Place:
 
     def weigh(self, part: BoolArray) -> FloatArray:
         """The same where only a part (N,) is in the views, (N, 2)."""
-        total, drawn = np.zeros((len(part), 2), np.float32), self.gaussians if part.all() else self.gaussians.select(part)
+        total, drawn = (
+            np.zeros((len(part), 2), np.float32),
+            self.gaussians if part.all() else self.gaussians.select(part),
+        )
         for camera, silhouette in zip(self.cameras, self.silhouettes, strict=True):
             total[part] += self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
         return total

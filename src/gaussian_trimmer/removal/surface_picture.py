@@ -10,11 +10,11 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.rendering.reference import view_colours
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.texture_completion import grown
+from gaussian_trimmer.rendering import Rendering
+from gaussian_trimmer.rendering.reference import view_colours
 from gaussian_trimmer.views import HALF
 
 PIXELS_A_RADIUS = 64
@@ -62,7 +62,7 @@ class SurfacePicture:
         return np.stack([first, second, np.zeros_like(first)], axis=-1)
 
     def pixels_of(self, points: FloatArray) -> tuple[IntArray, BoolArray]:
-        """The pixels above or below which points (N, 3) lie, (N, 2), and whether they do so within the picture, (N,)."""
+        """The pixels above or below which points (N, 3) lie, (N, 2), and whether they do so within the picture."""
         pixels = np.floor((self.surface.coordinates(points)[:, :2] + _HALF_WIDTH_RADII) * PIXELS_A_RADIUS)
         inside = ((pixels >= 0) & (pixels < len(self.hole))).all(axis=1)
         return np.where(inside[:, None], pixels, 0).astype(np.int64), np.asarray(inside)
@@ -104,9 +104,7 @@ def cameras_before(place: Place, surfaces: Sequence[Surface]) -> list[Camera]:
     return [camera for camera in place.cameras if above_all(surfaces, camera.centre[None], THICKNESS_RADII).all()]
 
 
-def _sights(
-    place: Place, surface: Surface, surfaces: Sequence[Surface], coordinates: Float64Array
-) -> list[IntArray]:
+def _sights(place: Place, surface: Surface, surfaces: Sequence[Surface], coordinates: Float64Array) -> list[IntArray]:
     """In how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))

@@ -59,9 +59,7 @@ class Surface:
         return np.asarray(coordinates @ self.axes * self.unit + self.origin)
 
 
-def find_surfaces(
-    means: FloatArray, members: BoolArray, visible: FloatArray, bounds: Bounds
-) -> list[Surface]:
+def find_surfaces(means: FloatArray, members: BoolArray, visible: FloatArray, bounds: Bounds) -> list[Surface]:
     """The flat surfaces that an object touches, the largest first: at most one horizontal one, and walls.
 
     Args:

@@ -7,12 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View, Viewpoint, point_of
 from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.selecting.viewed_scene import check_pixel
+from gaussian_trimmer.selection_files import SelectionOptions
 
 
 def resolve_views(
@@ -55,6 +60,33 @@ def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Ar
     if cameras is not None:
         return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
     return plan_overview(scene, up).views
+
+
+def with_query_row(
+    options: SelectionOptions, scene: Gaussians, view: View | None, cameras: CameraSet | None, renderer: Renderer
+) -> SelectionOptions:
+    """Options in which a queried pixel has become the row of the Gaussian that shows most there.
+
+    Args:
+        options: how a selection file is read.
+        scene: all N Gaussians.
+        view: the view of the pixel.
+        cameras: the training cameras, if known.
+        renderer: tells what shows at the pixel.
+
+    Raises:
+        InputError: the view is not named or known, or the pixel is outside of it, or shows nothing.
+    """
+    if options.query_point is None:
+        return options
+    if view is None:
+        raise InputError("Name the view of the queried pixel: --view NAME or --view-index INT.")
+    camera = find_view(views_to_click_in(scene, cameras, find_up(scene, cameras).direction), view).camera
+    check_pixel(camera, *options.query_point)
+    rows, _ = renderer.top_contributors(scene, camera, np.array([options.query_point]), 1)
+    if rows[0, 0] < 0:
+        raise InputError(f"Nothing is seen at the pixel {options.query_point}; choose another one, or another view.")
+    return replace(options, query_point=None, query_row=int(rows[0, 0]))
 
 
 def find_view(views: Sequence[Viewpoint], wanted: View) -> Viewpoint:

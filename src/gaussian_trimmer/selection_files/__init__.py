@@ -12,7 +12,9 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.selection_files.kinds import KINDS, offered_kinds
+from gaussian_trimmer.selection_files.method_files import selection_in
 from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, flag
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
 from gaussian_trimmer.settings import check_settings
@@ -30,7 +32,7 @@ def load_selection(
     """Which Gaussians of the scene a selection file means, (N,); at least one.
 
     Args:
-        path: the file.
+        path: the file, or a folder in which a method left one.
         gaussians: the scene.
         options: how the file is read.
         say: called with what a user should know of how the file was understood, such as rows that matched nothing.
@@ -41,6 +43,9 @@ def load_selection(
     """
     path, options = Path(path), options or SelectionOptions()
     check_settings(options, "selection")
+    if is_folder(path):
+        path = selection_in(path)
+        say(f"selection: {path}")
     file = open_selection(path, len(gaussians))
     name = options.kind if options.kind != "auto" else _detect(file, len(gaussians), options)
     select, understood = KINDS[name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,10 @@ CLUSTERS = "leaf_ind"
 LABEL_NAMES = ("labels", "label", "ids", "instance", "instances", CLUSTERS)
 MASK_NAMES = ("mask", "masks", "selection")
 INDEX_NAMES = ("indices", "index", "rows")
+REMOVED = "remove_source.pt"
+"""GaussianCut's mask of what is not the object."""
+LOGITS = re.compile(r"seg_point_cloud_\d+\.npy")
+"""SA3D-GS's scores, which are positive on the object."""
 _LEAST_DISTINCT = 0.5
 """Share of the numbers of a list that must be different; else they are labels of some other scene."""
 _LARGEST_WEIGHT = 1e30
@@ -42,6 +47,12 @@ def select_mask(file: SelectionFile, gaussians: Gaussians, options: SelectionOpt
     values = _one_each(file, file.vector(options, *MASK_NAMES), gaussians, "mask")
     if options.threshold is not None:
         return np.asarray(values > options.threshold)
+    if file.path.name == REMOVED and is_two_valued(values):
+        file.notes.append("GaussianCut's mask of the background; the rest is the object")
+        return np.asarray(values == 0)
+    if LOGITS.fullmatch(file.path.name) and not is_two_valued(values):
+        file.notes.append("SA3D-GS's scores, above 0 on the object")
+        return np.asarray(values > 0)
     if is_two_valued(values):
         return np.asarray(values != 0)
     raise InputError(

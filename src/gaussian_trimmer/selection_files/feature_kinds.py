@@ -138,7 +138,10 @@ def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: Select
         )
     probabilities = sigmoid(np.asarray(file.checkpoint.logits, np.float32))
     chosen = probabilities > (_FOREGROUND if options.threshold is None else options.threshold)
-    return mask_of_rows(file.scene_rows(gaussians)[chosen], len(gaussians))
+    try:
+        return mask_of_rows(file.scene_rows(gaussians)[chosen], len(gaussians))
+    except InputError as error:
+        raise InputError(f"{error} COB-GS and NG-GS split Gaussians: give '{name}' for the scene as well.") from error
 
 
 def _features_and_rows(file: SelectionFile, gaussians: Gaussians) -> tuple[FloatArray, IntArray]:

@@ -31,6 +31,8 @@ class SelectionOptions:
     """Classifier of the identity features that the PLY or the checkpoint holds."""
     query_row: Annotated[int, Range(0, 1 << 32)] | None = None
     """Row number, from 0, of a Gaussian on the object; Gaussians with similar identity features are selected."""
+    query_point: tuple[Annotated[int, Range(0, 1 << 20)], Annotated[int, Range(0, 1 << 20)]] | None = None
+    """The same by a pixel X Y on the object, in the view that --view or --view-index names."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0
     """FlashSplat's background bias: positive values select less, negative ones more; -1 to 1 is useful."""
 

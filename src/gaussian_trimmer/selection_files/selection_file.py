@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
+from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
+from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
-from gaussian_trimmer.selection_files.checkpoint_files import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.selection_files.number_lists import read_json, read_numbers
 from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
@@ -132,12 +133,12 @@ def _open(path: Path, n: int | None) -> SelectionFile:
         return SelectionFile(path, read_npz(path, limit))
     if suffix in TEXT_SUFFIXES:
         return SelectionFile(path, {"": read_numbers(path)}, is_list=True)
+    if suffix in torch_files.SUFFIXES:
+        return _read_torch(path)
     if has_splats(path):
         return SelectionFile(path, rows=read_splat_rows(path))
     if suffix == ".json":
         return SelectionFile(path, {"": read_json(path)}, is_list=True)
-    if suffix in torch_files.SUFFIXES:
-        return _read_torch(path)
     raise InputError(
         f"'{path.name}' is no known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks of "
         "images are no selection: lift them to the scene with 'gaussian-trimmer select'.)"
@@ -150,7 +151,9 @@ def _read_torch(path: Path) -> SelectionFile:
     if torch_files.is_tensor(value):
         return SelectionFile(path, {"": torch_files.as_array(file, value)})
     if is_checkpoint(value):
-        return SelectionFile(path, checkpoint=parse_checkpoint(file))
+        checkpoint = parse_checkpoint(file)
+        check_values(checkpoint.gaussians, path)
+        return SelectionFile(path, checkpoint=checkpoint)
     if isinstance(value, dict):
         tensors = {str(name): entry for name, entry in value.items() if torch_files.is_tensor(entry)}
         if tensors:

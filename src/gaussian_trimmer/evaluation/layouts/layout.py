@@ -25,6 +25,8 @@ class Target:
     """Mask of the object in it."""
     image: Path | None = None
     """The picture itself, if it is there."""
+    category: str | None = None
+    """Which of the objects in a file of polygons it is; None if the mask is a picture."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,10 @@ class Published:
     iou: float
     second: float | None
     """The layout's second metric."""
+    protocol: str | None = None
+    """The protocol of the figures, as the method's own code has it; None if it is not known."""
+    source: str = "GaussianTrimmer, Table I"
+    """Where the figures stand."""
     trimmed_iou: float | None = None
     """IoU after GaussianTrimmer, as the paper reports it."""
     trimmed_second: float | None = None
@@ -65,10 +71,12 @@ class Layout:
     title: str
     find_tasks: Callable[[Path], list[LayoutTask]]
     """The tasks below a folder, by name; InputError if it has another layout, or a task lacks its target."""
-    expected: int
-    """Number of tasks that the published means are of."""
+    expected: int | None
+    """Number of tasks that the published means are of; None if that is not known."""
     mean_by_scene: bool = False
     """Whether means are taken over the means of scenes, not over tasks."""
+    mean_by_view: bool = False
+    """Whether every view of every object counts the same, not every object."""
     second: Literal["accuracy", "boundary_iou"] = "accuracy"
     """The metric that is published beside IoU."""
     published: tuple[Published, ...] = ()

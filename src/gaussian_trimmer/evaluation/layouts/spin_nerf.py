@@ -44,5 +44,6 @@ def _targets(scene: Path) -> tuple[Target, ...]:
     return ()
 
 
+_PUBLISHED = (Published("MVSeg", 90.9, 98.8, "usual", "SPIn-NeRF (Mirzaei et al., CVPR 2023)"),)
 # The published means are of the ten scenes that come with the masks.
-LAYOUT = Layout("SPIn-NeRF", find_tasks, expected=10, published=(Published("MVSeg (SPIn-NeRF)", 90.9, 98.8),))
+LAYOUT = Layout("SPIn-NeRF", find_tasks, expected=10, published=_PUBLISHED)

@@ -1,10 +1,12 @@
 """Masks from the user, for cameras whose pictures exist: segmentation without virtual views.
 
-A mask belongs to the camera whose picture has the same name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`.
+A mask belongs to the camera whose picture has the same name: `IMG_7.png` or `IMG_7.JPG.png` to `IMG_7.JPG`. In a
+pattern instead of a folder, `*` stands for that name without its ending, or for the number at its end.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +26,7 @@ from gaussian_trimmer.views import HALF_COVERAGE, View
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_FILE_BYTES = 1 << 28
+_NUMBER = re.compile(r"\d+$")
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class MaskFilesConfig:
     """Where the masks are."""
 
     folder: Path | None = None
-    """Folder of the masks, each named like the picture of its camera; the object is bright."""
+    """Folder of the masks, each named like the picture of its camera, or a pattern such as 'out/*/chosen_cup.png', in
+    which * stands for that name or the number in it; the object is bright."""
 
 
 class MaskFilesSegmenter:
@@ -107,16 +111,22 @@ def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
     Raises:
         InputError: the folder does not exist, has several masks for one camera, or none for any.
     """
-    if not folder.is_dir():
+    if not (_is_pattern(folder) or folder.is_dir()):
         raise InputError(f"There is no folder '{folder}' to read masks from.")
     listing = _Listing()
     found = [camera for camera in cameras if find_mask(folder, camera, listing) is not None]
     if not found:
         example = shown(cameras[0].name) or "the pictures, but the cameras have no names"
+        prompts = sorted({path.name for path in folder.glob("*/chosen_*.png")})
+        hint = f" Of LangSplat's answers name one: '{folder}/*/{shown(prompts[0])}'." if prompts else ""
         raise InputError(
-            f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}."
+            f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}.{hint}"
         )
     return found
+
+
+def _is_pattern(folder: Path) -> bool:
+    return "*" in str(folder)
 
 
 class _Listing:
@@ -141,6 +151,11 @@ def find_mask(folder: Path, camera: Camera, listing: _Listing | None = None) -> 
     Raises:
         InputError: there are several.
     """
+    if _is_pattern(folder):
+        stem = Path(camera.name).stem
+        number = _NUMBER.search(stem)
+        named = [Path(str(folder).replace("*", name)) for name in (stem, number[0] if number else stem) if name]
+        return next((path for path in named if is_file(path)), None)
     picture = path_inside(folder, camera.name)
     if picture is None:
         return None

@@ -23,7 +23,7 @@ from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_lo
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates, Embedding, OnnxSam
 from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteSegmenter
 from gaussian_trimmer.settings import Range, check_settings
-from gaussian_trimmer.views import HALF, View, bounding_box, box_slices
+from gaussian_trimmer.views import HALF, View, bounding_box, box_slices, mask_overlap
 
 _KEPT_BYTES = 1 << 30
 """Memory for embeddings that are kept: those of some sixty views."""
@@ -31,6 +31,12 @@ _POINTS_WITHOUT_SILHOUETTE = 3
 """Points where a decoder takes no silhouette, if none are asked for."""
 _MIN_INSIDE_SHARE, _MAX_OUTSIDE_SHARE = 0.8, 0.1
 """Expected share of the picture from which on a point is inside, and up to which it is outside."""
+_FOLLOWED = 0.5
+"""Intersection over union with what is expected, from which on a mask is followed to further views."""
+_SEEN = 30.0
+"""Blend weight, in pixels of views of 512 x 512, at which earlier masks tell as much of a Gaussian as the labels:
+what lies at their outlines, or shines through the object, has less."""
+_NOTHING = 1e-6
 _MODEL_ADVICE = (
     "pass --sam.model FOLDER with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as .onnx files; "
     "docs/sam.md says where they come from"
@@ -43,9 +49,10 @@ class SamConfig:
 
     model: str = ""
     """Folder with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as ONNX files."""
-    prompt: Literal["expected", "box"] = "expected"
+    prompt: Literal["expected", "box", "follow"] = "expected"
     """`expected`: box and silhouette as the corrected labels expect them; `box`: the bounding box of the coarse object
-    alone, eq. 6 of the paper."""
+    alone, eq. 6 of the paper, in each view; `follow`: that box in the first view, and in each further one what the
+    masks before it say of the Gaussians that both show, as the paper follows the object from view to view."""
     points: Annotated[int, Range(0, 16)] = 0
     """With `expected`, number of points inside the silhouette, and as many outside of it."""
     choice: Literal["agreement", "score"] = "agreement"
@@ -59,8 +66,8 @@ class SamConfig:
 
 
 def paper_sam(config: SamConfig | None = None) -> SamConfig:
-    """The paper's choices among these settings: eq. 6, and the masks as they come."""
-    return replace(config or SamConfig(), prompt="box", choice="score", fusion=False)
+    """The paper's choices among these settings: eq. 6 in the first view, then followed, and the masks as they come."""
+    return replace(config or SamConfig(), prompt="follow", choice="score", fusion=False)
 
 
 class SamSegmenter:
@@ -111,7 +118,8 @@ class SamSegmenter:
         Raises:
             InputError: the model cannot be run.
         """
-        logits = self._logits(views)
+        follow = self.config.prompt == "follow"
+        logits = self._followed(views, gaussians, renderer) if follow else self._logits(views)
         if not self.config.fusion:
             return [logit > 0 for logit in logits]
         silhouettes = SilhouetteSegmenter().segment(views)
@@ -143,16 +151,43 @@ class SamSegmenter:
         prompt = self._prompt(view)
         if prompt is None:
             return np.full(view.alpha.shape, -1, np.float32)
-        found = self.propose(view.rgb, prompt)
+        return self._chosen(self.propose(view.rgb, prompt), view.object_prior)
+
+    def _chosen(self, found: Candidates, expected: FloatArray) -> FloatArray:
+        """Of the model's masks for a prompt the one that the settings ask for, as logits (H, W)."""
         if self.config.choice == "score":
             return np.asarray(found.logits[int(np.argmax(found.scores))])
-        fits = [agreement(logits > 0, view.object_prior) for logits in found.logits]
+        fits = [agreement(logits > 0, expected) for logits in found.logits]
         return np.asarray(found.logits[int(np.argmax(fits))])
 
+    def _followed(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[FloatArray]:
+        """The mask of each view as logits, (H, W): the first by the coarse object's box, the others by those before.
+
+        A mask that is accepted gives each Gaussian the weight that it has inside and outside of it. A further view is
+        prompted with the shares that follow, and by the labels where it shows what no earlier view has shown.
+        """
+        weights, logits = np.zeros((len(gaussians), 2), np.float32), []
+        for number, view in enumerate(views):
+            self._report(f"{number + 1} of {len(views)}")
+            known = weights.any()
+            expected = _carried(view, weights, gaussians, renderer) if known else view.object_prior
+            prompt = prompt_of(expected, self._points()) if known else self._prompt(view)
+            if prompt is None:
+                logits.append(np.full(view.alpha.shape, -1, np.float32))
+                continue
+            logits.append(self._chosen(self.propose(view.rgb, prompt), expected))
+            mask = logits[-1] > 0
+            if mask.any() and (not known or mask_overlap(mask, expected > HALF) >= _FOLLOWED):
+                weights += renderer.blend_weights(gaussians, view.camera, mask.astype(np.uint8), 2)
+        return logits
+
     def _prompt(self, view: View) -> Prompt | None:
-        if self.config.prompt == "box":
-            return Prompt(view.box) if (view.object_alpha > HALF).any() else None
-        return prompt_of(view, self.config.points or (0 if self.model.takes_mask else _POINTS_WITHOUT_SILHOUETTE))
+        if self.config.prompt == "expected":
+            return prompt_of(view.object_prior, self._points())
+        return Prompt(view.box) if (view.object_alpha > HALF).any() else None
+
+    def _points(self) -> int:
+        return self.config.points or (0 if self.model.takes_mask else _POINTS_WITHOUT_SILHOUETTE)
 
     def _embedding(self, rgb: FloatArray) -> Embedding:
         picture = np.ascontiguousarray(rgb, np.float32)
@@ -166,23 +201,39 @@ class SamSegmenter:
         return embedding
 
 
-def prompt_of(view: View, points: int = 0) -> Prompt | None:
-    """What the corrected labels expect in a view: box, silhouette and points; None if they expect nothing.
+def _carried(view: View, weights: FloatArray, gaussians: Gaussians, renderer: Renderer) -> FloatArray:
+    """The share of a view's picture that earlier masks give the object, (H, W), or the labels where they show nothing.
 
     Args:
         view: the view.
+        weights: what each Gaussian contributed outside and inside of these masks, (N, 2).
+        gaussians: what the views show, N Gaussians.
+        renderer: tells what each Gaussian contributes to the view.
+    """
+    total = weights.sum(axis=1) * np.float32(512**2 / view.alpha.size / _SEEN)
+    member = weights[:, 1] / np.maximum(weights.sum(axis=1), _NOTHING)
+    known = (total / (total + 1)).astype(np.float32)
+    shown = renderer.blend_values(gaussians, view.camera, np.column_stack([member * known, 1 - known]))
+    return np.asarray(shown[..., 0] + shown[..., 1] * view.object_prior / np.maximum(view.alpha, _NOTHING))
+
+
+def prompt_of(expected: FloatArray, points: int = 0) -> Prompt | None:
+    """What is expected in a view as a prompt: box, silhouette and points; None if nothing is expected.
+
+    Args:
+        expected: share of the picture that the object is expected to contribute, (H, W).
         points: how many points inside, and how many outside within the box.
     """
-    silhouette = view.silhouette
+    silhouette = expected > HALF
     if not silhouette.any():
         return None
     box = bounding_box(silhouette)
     near = np.zeros(silhouette.shape, np.bool_)
     near[box_slices(box)] = True
-    inner = middle_points(view.object_prior > _MIN_INSIDE_SHARE, points)
-    outer = middle_points(near & (view.object_prior < _MAX_OUTSIDE_SHARE), points)
+    inner = middle_points(expected > _MIN_INSIDE_SHARE, points)
+    outer = middle_points(near & (expected < _MAX_OUTSIDE_SHARE), points)
     inside = np.arange(len(inner) + len(outer)) < len(inner)
-    return Prompt(box, np.concatenate([inner, outer]), inside, expected_logits(view.object_prior))
+    return Prompt(box, np.concatenate([inner, outer]), inside, expected_logits(expected))
 
 
 def agreement(mask: BoolArray, share: FloatArray) -> float:

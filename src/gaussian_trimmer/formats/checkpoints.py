@@ -1,7 +1,8 @@
-"""Training checkpoints of 3D Gaussian Splatting and its relatives: a tuple of tensors, usually with the iteration.
+"""Training checkpoints of 3D Gaussian Splatting and its relatives, `.pth` and `.pt`, read without torch.
 
-The original tuple has 12 entries: SH degree, centres, f_dc, f_rest, scales, rotations, opacities, then statistics and
-the optimizer. Methods that segment insert one entry at place 7, which makes 13.
+Inria's `chkpnt<i>.pth` is a tuple, usually with the iteration. The original has 12 entries: SH degree, centres, f_dc,
+f_rest, scales, rotations, opacities, then statistics and the optimizer. Methods that segment insert one entry at place
+7, which makes 13. gsplat's `ckpt_<i>_rank0.pt` is a dict of a `step` and of `splats`, tensors by name.
 """
 
 from __future__ import annotations
@@ -10,18 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import torch_files
-from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.formats.torch_files import TorchFile
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.reading import is_file, reading
 
 _PLAIN_LENGTH, _EXTENDED_LENGTH = 12, 13
 _ENTRIES = ("means", "features_dc", "features_rest", "scales", "quats", "opacities")
+_GSPLAT_ENTRIES = ("means", "sh0", "shN", "scales", "quats", "opacities")
 _EXPECTED = "checkpoint of 3D Gaussian Splatting"
 
 
@@ -48,46 +47,63 @@ class Checkpoint:
         return self.extra.reshape(len(self.extra), -1)
 
 
+def read(path: Path) -> Gaussians:
+    """The Gaussians of a checkpoint, rows in the order of the training, with identity features as columns obj_dc_*.
+
+    Raises:
+        InputError: the file cannot be read, or holds no checkpoint.
+    """
+    if "_rank0" in path.name and path.with_name(path.name.replace("_rank0", "_rank1")).is_file():
+        raise InputError(
+            f"'{path}' holds one GPU's part of a scene that several trained; have gsplat's trainer write the whole one "
+            "as a PLY, with --save_ply."
+        )
+    file = torch_files.load(path)
+    if not is_checkpoint(file.value):
+        raise InputError(
+            f"'{path}' holds a {torch_files.type_name(file.value)} and no scene: neither a checkpoint of 12 or 13 "
+            f"entries nor {', '.join(_GSPLAT_ENTRIES)} by name. A selection is given after its scene."
+        )
+    found = parse_checkpoint(file)
+    if found.features is None:
+        return found.gaussians
+    return found.gaussians.replace(extras={f"obj_dc_{i}": column for i, column in enumerate(found.features.T)})
+
+
 def is_checkpoint(value: Any) -> bool:
     """Whether what a torch file holds looks like a checkpoint rather than like tensors of another use."""
     state = _state(value)
-    return state is not None and len(state) in (_PLAIN_LENGTH, _EXTENDED_LENGTH)
+    return _splats(value) is not None or (state is not None and len(state) in (_PLAIN_LENGTH, _EXTENDED_LENGTH))
 
 
 def parse_checkpoint(file: TorchFile) -> Checkpoint:
-    """Gaussians and extra entry of a checkpoint.
+    """Gaussians, whose values are not yet checked, and extra entry of a checkpoint.
 
     Raises:
-        InputError: entries are missing, have other shapes than the original's, or are not finite.
+        InputError: entries are missing, or have other shapes than the original's.
     """
+    if (splats := _splats(file.value)) is not None:
+        named = dict(zip(_ENTRIES, (splats[name] for name in _GSPLAT_ENTRIES), strict=True))
+        step = file.value.get("step")
+        gaussians = torch_files.as_gaussians(file, named, _EXPECTED)
+        return Checkpoint(gaussians, step if isinstance(step, int) else None, None)
     path, state = file.path, _state(file.value)
     assert state is not None
     tensors = state[1 : 8 if len(state) == _EXTENDED_LENGTH else 7]
     if not all(torch_files.is_tensor(entry) for entry in tensors):
         raise InputError(f"'{path}' is no {_EXPECTED}: entries 1 to 6 are not all tensors.")
     gaussians = torch_files.as_gaussians(file, dict(zip(_ENTRIES, tensors, strict=False)), _EXPECTED)
-    check_values(gaussians, path)
     extra = torch_files.as_array(file, tensors[6]) if len(tensors) > 6 else None
     if extra is not None and (extra.ndim == 0 or len(extra) != len(gaussians)):
         raise InputError(f"'{path}' has an entry of shape {extra.shape} at place 7; {len(gaussians)} rows are needed.")
     return Checkpoint(gaussians, _iteration(file.value), extra)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found by the check of values
-def read_checkpoint(path: str | Path) -> Checkpoint:
-    """The checkpoint in a .pth file, for instance to save its Gaussians as a PLY.
-
-    Raises:
-        InputError: the file cannot be read, or holds no checkpoint.
-    """
-    path = Path(path)
-    if not is_file(path):
-        raise InputError(f"There is no file '{path}'.")
-    with reading(path):
-        file = torch_files.load(path)
-        if not is_checkpoint(file.value):
-            raise InputError(f"'{path}' holds no checkpoint: no tuple of 12 or 13 entries, alone or with an iteration.")
-        return parse_checkpoint(file)
+def _splats(value: Any) -> dict[str, Any] | None:
+    """The tensors of gsplat's checkpoint by name, or of its splats alone."""
+    splats = value.get("splats", value) if isinstance(value, dict) else None
+    named = isinstance(splats, dict) and all(torch_files.is_tensor(splats.get(name)) for name in _GSPLAT_ENTRIES)
+    return splats if named else None
 
 
 def _state(value: Any) -> tuple[Any, ...] | None:

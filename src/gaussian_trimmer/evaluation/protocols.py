@@ -1,0 +1,110 @@
+"""Protocols: the rules by which a figure was measured, so that it can be compared with figures of the same rules alone.
+
+Published codes differ in the size at which they render, the opacity that makes a mask, whether what hides the object
+counts, where they cut grey masks, and which views they leave out. A mask of another size is enlarged or reduced to that
+of the ground truth by the nearest pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.ground_truth import TestView, Truth, at_size
+from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
+from gaussian_trimmer.evaluation.metrics import THRESHOLD
+from gaussian_trimmer.gaussians import FloatArray
+
+OWN = "own"
+_GREY = 128 / 255
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """One way of measuring."""
+
+    title: str
+    """What it is and where it is written, for tables."""
+    rules: tuple[Literal["alone", "in scene"], ...] = ("alone", "in scene")
+    """The rules of occlusion that count."""
+    threshold: float = THRESHOLD
+    """Opacity above which a rendered pixel belongs to the object."""
+    size: Literal["mask", "camera"] | int = "mask"
+    """At which size views are rendered: that of the mask, of the camera, or this width in pixels."""
+    truth_above: float | None = None
+    """Share of white above which a pixel of the ground truth's mask is object; None keeps greys as coverage."""
+    skips_reference: bool = False
+    """Whether the first mask of an object, from which methods start, is left out."""
+    by_order: bool = False
+    """Whether masks whose names no picture has are those of the pictures in order, if there are as many."""
+
+    def describe(self, name: str) -> str:
+        """The rules in words, for tables."""
+        sizes = {"mask": "at the size of their masks", "camera": "at the size of their cameras"}
+        words = [f"views are rendered {sizes.get(str(self.size), f'{self.size} pixels wide')}"]
+        words += ["enlarged to the mask by the nearest pixel"] if self.size != "mask" else []
+        words += [f"object where its opacity exceeds {self.threshold:g}"]
+        words += [f"ground truth where white exceeds {self.truth_above:g}"] if self.truth_above is not None else []
+        words += ["without the reference view"] if self.skips_reference else []
+        return f"protocol {name} ({self.title}): {', '.join(self.rules)}; {'; '.join(words)}"
+
+    def targets_of(self, task: LayoutTask) -> LayoutTask:
+        """The task with the targets that count."""
+        return replace(task, targets=task.targets[1:]) if self.skips_reference and len(task.targets) > 1 else task
+
+    def truth(self, coverage: FloatArray) -> FloatArray:
+        """The coverage (H, W) as it is compared with."""
+        return coverage if self.truth_above is None else (coverage > self.truth_above).astype(np.float32)
+
+    def view(self, view: TestView, camera: Camera) -> TestView:
+        """A view with ground truth, seen by its picture's own camera, as the protocol renders and compares it."""
+        truth = Truth(self.truth(view.alone.coverage), view.alone.counted)
+        if self.size != "mask":
+            width = camera.width if self.size == "camera" else int(self.size)
+            height = round(width * camera.height / camera.width)
+            view = replace(view, camera=at_size(camera, width, height, Path(camera.name)))
+        return replace(view, alone=truth, in_scene=truth)
+
+
+PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
+    "nvos": {
+        "cob-gs": Protocol(
+            "ZestfulJX/COB-GS, render.py and eval/eval_NVOS.py", ("alone",), 0.5, size=1008, truth_above=_GREY
+        ),
+        "saga": Protocol("Jumpat/SegAnyGAussians, render.py", ("in scene",), 0.5, size=1008, truth_above=_GREY),
+        "sa3d": Protocol(
+            "Jumpat/SegmentAnythingin3D, branch sa3d-gs, render.py", ("alone",), 0.1, size=1008, truth_above=0.0
+        ),
+    },
+    "lerf-mask": {
+        "gaussian-grouping": Protocol(
+            "lkeab/gaussian-grouping, script/eval_lerf_mask.py", ("in scene",), size="camera", truth_above=_GREY
+        ),
+    },
+    "spin-nerf": {
+        "usual": Protocol(
+            "reference view left out, as SA3D and those after it do; pairing as in umangi-jain/gaussiancut",
+            ("in scene",), truth_above=0.0, skips_reference=True, by_order=True,
+        ),
+    },
+}  # fmt: skip
+"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; codes train on a quarter."""
+OWN_RULES = Protocol("this program's")
+
+
+def protocol_of(layout: str, name: str) -> Protocol:
+    """The protocol of that name.
+
+    Raises:
+        InputError: the data set has none of that name.
+    """
+    known = {OWN: OWN_RULES, **PROTOCOLS.get(layout, {})}
+    if name not in known:
+        raise InputError(f"There is no protocol '{name}' of {layout}; available: {', '.join(known)}.")
+    return known[name]
