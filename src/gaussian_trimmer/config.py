@@ -53,12 +53,10 @@ class TrimConfig:
     """`fit`: the object's Gaussians that lie across its outline are cut and fitted to it, so that the object by itself
     has sharp edges; `off`: whole Gaussians of the object keep their numbers."""
     refinement: RefineConfig = field(default_factory=RefineConfig)
-    background: Literal["clean", "exact"] = "clean"
-    """`clean`: what shows only once the object is gone, as a dark cloud in its place, is left out of the background;
-    `exact`: every Gaussian that is not the object's is in the background."""
-    fill: bool = False
-    """Close the hole that the object leaves in what it stands on with Gaussians that continue the surface around it,
-    where that surface is flat."""
+    background: Literal["filled", "clean", "exact"] = "filled"
+    """The scene without the object. `filled`: what only the object hid is left out, and the flat surfaces that it stood
+    on, hung on or leaned against go on where it was, without its shadow; `clean`: nothing is made up, and holes stay;
+    `exact`: every Gaussian that is not the object's, as it was."""
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:

@@ -38,7 +38,9 @@ class RowLabel(IntEnum):
     SPLIT_OUTSIDE = 4
     """It is the part of a split Gaussian that lies in the background."""
     FILLED = 5
-    """It is new, and continues the surface that the object stood on; its scene row is -1."""
+    """It is new, and continues what the object stood on or leaned against; its scene row is -1."""
+    RELIT = 6
+    """It is in the background without the object's shadow, brighter than in the scene."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,9 +56,13 @@ class Division:
     label: NDArray[np.uint8]
     """What happened to each of these rows, a `RowLabel`."""
     dropped: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Scene rows, ascending, of what showed only once the object was gone: neither file has them."""
+    """Scene rows, ascending, that neither has: what only the object hid, and what new Gaussians took the place of."""
+    relit: Gaussians | None = None
+    """Gaussians of the background on which the object's shadow lay, without it."""
     filled: Gaussians | None = None
-    """New Gaussians of the background, which close the hole that the object left in a surface."""
+    """New Gaussians of the background, which continue what the object stood on or leaned against."""
+    not_filled: str | None = None
+    """Why nothing continues there although it was asked for; None if something does, or was not to."""
     fitted: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """Rows of the object, ascending, that are not as in the scene because they were fitted to the object's outline."""
     not_fitted: str | None = None
@@ -104,17 +110,17 @@ class TrimResult(Division):
 
     @cached_property
     def background(self) -> Gaussians:
-        """The scene without the object: all other Gaussians, the outer parts of split ones, and what was filled in."""
+        """The scene without the object: the other Gaussians as they were, then what `appended` has."""
         return concatenate([self.scene.select(self.background_rows), self.appended])
 
     @property
     def appended(self) -> Gaussians:
-        """What the background has beside whole Gaussians of the scene: outer parts, then filled ones."""
-        return self.outside_parts if self.filled is None else concatenate([self.outside_parts, self.filled])
+        """What the background has that the scene has not: outer parts of split Gaussians, relit ones, filled ones."""
+        return concatenate([self.outside_parts, *(part for part in (self.relit, self.filled) if part is not None)])
 
     @property
     def background_rows(self) -> IntArray:
-        """Scene rows of the Gaussians that are whole in the background."""
+        """Scene rows of the Gaussians that are in the background as they were."""
         return self.source_index[len(self.object) : len(self.source_index) - len(self.appended)]
 
     def count(self, label: RowLabel | int) -> int:

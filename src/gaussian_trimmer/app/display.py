@@ -143,6 +143,7 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     for part in now.objects:
         if after and part.result is not None:
             dropped[part.result.dropped] = True
+            dropped[part.result.source_index[part.result.label == RowLabel.RELIT]] = True
     return ~dropped & (owner < 0) if showing.part == "background" else ~dropped
 
 

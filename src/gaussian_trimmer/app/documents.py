@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -69,25 +70,29 @@ class TrimChoices:
     """Take in what the views show as attached to the object."""
     clean: bool = True
     """Leave out of the background what only the object hid."""
-    fill: bool = False
-    """Close the hole in a flat support."""
+    fill: bool = True
+    """Let the surfaces that the object hid go on."""
     fit: bool = True
     """Cut and fit the Gaussians at the object's outline."""
 
     def config(self, up: UpVector) -> TrimConfig:
         """The settings of all stages; an up vector that was not given is found anew, as the command line does."""
-        config = TrimConfig(
-            fill=self.fill, background="clean" if self.clean else "exact", refine="fit" if self.fit else "off"
-        )
+        config = TrimConfig(background=self.background, refine="fit" if self.fit else "off")
         if up.source == "given":
             config = replace(config, up=point_of(up.direction))
         return replace(config, evidence=replace(config.evidence, recover=self.recover))
 
+    @property
+    def background(self) -> Literal["filled", "clean", "exact"]:
+        """How the background is made."""
+        if not self.clean:
+            return "exact"
+        return "filled" if self.fill else "clean"
+
     def arguments(self) -> list[str]:
         """The same on the command line."""
         return [
-            *(["--fill"] if self.fill else []),
-            *([] if self.clean else ["--background", "exact"]),
+            *([] if self.background == "filled" else ["--background", self.background]),
             *([] if self.fit else ["--refine", "off"]),
             *([] if self.recover else ["--evidence.no-recover"]),
         ]

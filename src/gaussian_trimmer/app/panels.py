@@ -21,7 +21,7 @@ UPS = ("Automatic", "+X", "-X", "+Y", "-Y", "+Z", "-Z")
 AS_SCENE = "as the scene"
 TINT, VIEWS, ARROW = "Tint", "Virtual cameras", "Up arrow"
 _TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
-_CLEAN_BACKGROUND, _CLOSE_HOLE = "Clean the background", "Close the hole"
+_CLEAN_BACKGROUND, _CONTINUE_SURFACE = "Clean the background", "Continue the surface"
 _HINTS = {
     LOOK: "Drag to turn, right-drag to move, use the wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",
@@ -78,7 +78,7 @@ class Panels:
         """The settings of the next trim."""
         on = self.options
         return TrimChoices(
-            recover=on[_TAKE_ATTACHED], clean=on[_CLEAN_BACKGROUND], fill=on[_CLOSE_HOLE], fit=on[_FIT_OUTLINE]
+            recover=on[_TAKE_ATTACHED], clean=on[_CLEAN_BACKGROUND], fill=on[_CONTINUE_SURFACE], fit=on[_FIT_OUTLINE]
         )
 
     @property
@@ -170,7 +170,7 @@ class Panels:
             self.load = gui.add_button("Replace the marks by this file", icon="file-import")
 
     def _make_trim(self, gui: Any) -> None:
-        options = (_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CLOSE_HOLE)
+        options = (_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CONTINUE_SURFACE)
         self.options = Switches(gui, "Options", options, options[:3])
         self.trim = gui.add_button("Trim", icon="cut", color="green")
         self.summary = gui.add_markdown("")

@@ -82,7 +82,7 @@ def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
         result = trim_objects(
             document.scene,
             {part.id: _selection(now, part) for part in marked},
-            config=replace(now.object.choices.config(now.up), fill=False),
+            config=now.object.choices.config(now.up),
             renderer=document.renderer,
             cameras=document.cameras,
             progress=progress,

@@ -27,10 +27,9 @@ _STAGES = {
     "weigh": "weighing the evidence",
     "prune": "pruning",
     "split": "splitting at the boundary",
-    "clean": "cleaning the background",
+    "remove": "making the scene without the object",
     "assemble": "putting the parts together",
     "refine": "fitting the outline",
-    "fill": "filling the hole",
     "write": "writing files and pictures",
 }
 _PROGRESS_STEPS = len(_STAGES) + 1
@@ -101,11 +100,12 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     elif report["not_fitted"]:
         table.add_row("not fitted", report["not_fitted"])
     if counts["dropped"]:
-        table.add_row(
-            "cleaned", f"{counts['dropped']:,} Gaussians hidden by the object were removed from the background"
-        )
+        table.add_row("cleaned", f"{counts['dropped']:,} Gaussians that the object hid were left out of the background")
     if counts["filled"]:
-        table.add_row("filled", f"{counts['filled']:,} new Gaussians where the object stood")
+        relit = f"; {counts['relit']:,} lost its shadow" if counts["relit"] else ""
+        table.add_row("made up", f"{counts['filled']:,} Gaussians continue the surfaces that the object hid{relit}")
+    elif report["not_filled"]:
+        table.add_row("not made up", report["not_filled"])
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
     table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{_numbers(up['direction'])} ({up['source']})")

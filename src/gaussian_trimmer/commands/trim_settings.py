@@ -19,7 +19,6 @@ _COMMON_OPTIONS = (
     "--segmenter",
     "--preset",
     "--background",
-    "--fill",
     "--output",
     "--overwrite",
     "--format",

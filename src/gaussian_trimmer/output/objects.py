@@ -10,6 +10,7 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
@@ -54,10 +55,8 @@ def write_objects(
     for part in result.objects:
         if len(part.gaussians):
             formats.write(part.gaussians, folder / _file_of(part, suffix))
-    if len(result.background_rows) or len(result.outside_parts):
-        formats.write_selected(
-            result.scene, result.background_rows, result.outside_parts, folder / f"background{suffix}"
-        )
+    if len(result.background_rows) or len(result.appended):
+        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     sizes = np.array([len(part.gaussians) for part in result.objects], np.int64)
     write_labels(
         folder / "labels.npz",
@@ -87,9 +86,11 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: s
             "scene": len(result.scene),
             "objects": len(result.objects),
             "in_objects": sum(len(part.gaussians) for part in result.objects),
-            "background": len(result.background_rows) + len(result.outside_parts),
+            "background": len(result.background_rows) + len(result.appended),
             "claimed_by_several": result.contested,
             "dropped": len(result.dropped),
+            "relit": len(result.relit),
+            "filled": len(result.filled),
             "refused": sum(bool(part.refused) for part in result.objects),
         },
         "objects": [
@@ -102,6 +103,7 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: s
             }
             for part in result.objects
         ],
+        "not_filled": list(result.not_filled),
         "seconds": {name: round(time, 4) for name, time in result.seconds.items()},
     }
 
@@ -135,7 +137,8 @@ def _block(result: ObjectsResult, part: TrimmedObject) -> Picture:
     assert part.view is not None
     camera, scene = whole_close_up(part.view, part.bounds, part.gaussians, _CELL_PIXELS), result.scene
     around = nearby_rows(scene, result.background_rows, part.bounds)
-    shown = [scene.select(part.selection), part.gaussians, scene.select(around)]
+    background = concatenate([scene.select(around), result.appended])
+    shown = [scene.select(part.selection), part.gaussians, background]
     state = f"not trimmed: {part.refused}" if part.refused else f"{len(part.gaussians):,} Gaussians"
     pictures = headed(_COLUMN_HEADINGS, draw_cells(shown, camera, result.used_renderer))
     return captioned(f"object {part.id}: {state}", pictures)

@@ -109,6 +109,7 @@ def describe(
         "checked": checked_sides(result).as_json(),
         "refused": result.refused or None,
         "not_fitted": result.not_fitted or None,
+        "not_filled": result.not_filled or None,
         "warnings": list(result.warnings),
         "counts": count(result),
         "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
@@ -121,19 +122,19 @@ def count(result: TrimResult) -> dict[str, int]:
     Every selected Gaussian is counted once: it was kept, cut (the object has parts of it), removed (it is in the
     background) or left out (of both files). `recovered` ones joined the object, `split` ones left a part in the
     background, `floaters` are removed ones that lay far off, and `dropped` counts all that are in neither file.
-    `object`, `background`, `fitted` and `filled` count rows of the files, where a Gaussian may have several.
+    `object`, `background`, `fitted`, `relit` and `filled` count rows of the files, where a Gaussian may have several.
     """
     n_object = len(result.object)
     rows, label = result.source_index[:n_object], result.label[:n_object]
-    outside = result.source_index[len(result.source_index) - len(result.appended) :]
     return {
         "scene": len(result.scene),
         **count_selected(result.selection, rows, label, result.dropped),
         "recovered": int(np.count_nonzero(result.object_mask & ~result.selection)),
-        "split": len(np.unique(outside[outside >= 0])),
+        "split": len(np.unique(result.source_index[result.label == RowLabel.SPLIT_OUTSIDE])),
         "fitted": len(result.fitted),
         "floaters": result.floaters,
         "dropped": len(result.dropped),
+        "relit": result.count(RowLabel.RELIT),
         "filled": result.count(RowLabel.FILLED),
         "object": n_object,
         "background": len(result.source_index) - n_object,

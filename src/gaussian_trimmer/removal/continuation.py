@@ -17,7 +17,6 @@ from gaussian_trimmer.gaussians import (
     Float64Array,
     FloatArray,
     Gaussians,
-    IntArray,
     concatenate,
     logit,
     quaternions_of,
@@ -56,47 +55,43 @@ class Continuation:
 
     filled: Gaussians
     """New Gaussians where the object hid the surfaces."""
-    dropped: BoolArray
-    """Gaussians in their place that no view of the scene shows, (N,)."""
-    relit: IntArray
-    """Rows of those on which the object's shadow lay, (R,)."""
-    relit_gaussians: Gaussians
-    """The same without the shadow, (R,)."""
+    replaced: BoolArray
+    """Gaussians that these take the place of, (N,)."""
+    gain: Float64Array
+    """How many times brighter each Gaussian is without the object's shadow, at least 1, (N,)."""
 
 
-def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden) -> Continuation:
-    """Let the surfaces go on where the object hid them.
+def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden) -> Continuation | None:
+    """Let the surfaces go on where the object hid them; None if what is new would show although the object is there.
 
     Args:
         place: the object in views from all around.
         surfaces: what it stands on, hangs on or leans against.
         hidden: what only the object hid.
     """
-    gaussians = place.gaussians
-    ghosts = hidden.dropped | hidden.to_object
+    gaussians, gone = place.gaussians, hidden.ghosts | hidden.to_object
     visible = place.seen.sum(axis=1) > _MAX_VISIBLE_SHARE * hidden.shown
-    dropped, gain = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
-    new = [gaussians.select(np.zeros(0, np.int64))]
+    replaced, gain = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
+    new = [gaussians.select(slice(0))]
     for surface in surfaces:
-        picture = take_picture(place, surface, surfaces, hidden.shown, ghosts)
+        picture = take_picture(place, surface, surfaces, hidden.shown, gone)
         if not picture.hole.any():
             continue
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
         completed = complete(picture.rgb, picture.known, hole)
         hole &= _where_it_is(picture, hole)
         new.append(_new_gaussians(picture, hole, completed.rgb, gaussians.sh_rest.shape[2]))
-        pixels, inside = picture.pixels_of(gaussians.means)
-        rows, columns = pixels.T
+        (rows, columns), inside = picture.pixels_of(gaussians.means)
+        inside &= ~(place.removed | gone)
         height = surface.heights(gaussians.means)
-        below = inside & hole[rows, columns] & (height < _HEIGHT_RADII) & (height > -_DEPTH_RADII)
-        dropped |= below & (~visible | (height > -_HEIGHT_RADII)) & ~place.removed & ~ghosts
-        on_surface = inside & ~place.removed & (np.abs(height) < THICKNESS_RADII)
-        gain = np.where(on_surface, np.maximum(gain, completed.gain[rows, columns]), gain)
-    relit = np.flatnonzero((gain > _LEAST_GAIN) & ~dropped & ~ghosts)
+        there = inside & hole[rows, columns] & (height < _HEIGHT_RADII)
+        replaced |= there & ((height > -_HEIGHT_RADII) | ((height > -_DEPTH_RADII) & ~visible))
+        in_it = inside & (np.abs(height) < THICKNESS_RADII)
+        gain = np.where(in_it, np.maximum(gain, completed.gain[rows, columns]), gain)
     filled = concatenate(new)
-    if len(filled) and not _stays_hidden(filled, place, surfaces, dropped | hidden.dropped):
-        print("SHOWS")
-    return Continuation(filled, dropped, relit, _brightened(gaussians.select(relit), gain[relit]))
+    if len(filled) and not _stays_hidden(filled, place, surfaces, replaced | hidden.ghosts):
+        return None
+    return Continuation(filled, replaced, np.where(replaced | (gain < _LEAST_GAIN), 1, gain))
 
 
 def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
@@ -143,8 +138,8 @@ def _stays_hidden(filled: Gaussians, place: Place, surfaces: Sequence[Surface], 
     return shown[0] <= _MAX_SHOWN_SHARE * shown[1]
 
 
-def _brightened(gaussians: Gaussians, gain: Float64Array) -> Gaussians:
-    """The Gaussians with colours that many times brighter, seen from anywhere."""
+def brightened(gaussians: Gaussians, gain: FloatArray | Float64Array) -> Gaussians:
+    """The Gaussians with colours some times brighter (N,), from wherever they are seen."""
     factor = gain.astype(np.float32)[:, None]
     sh_dc = ((0.5 + SH_C0 * gaussians.sh_dc) * factor - 0.5) / SH_C0
     return gaussians.replace(sh_dc=sh_dc.astype(np.float32), sh_rest=gaussians.sh_rest * factor[..., None])

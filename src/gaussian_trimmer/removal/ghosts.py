@@ -45,10 +45,10 @@ _MAX_JOINING_SHARE = 0.1
 class Hidden:
     """What the object hides, of N Gaussians."""
 
+    ghosts: BoolArray
+    """Those that show in the background alone, (N,)."""
     to_object: BoolArray
-    """Those that belong to the object and do not change its outline, (N,)."""
-    dropped: BoolArray
-    """Those that show in the background alone and belong to nobody, (N,)."""
+    """Those that belong to the object and do not change its outline: some ghosts, and crumbs, (N,)."""
     shown: FloatArray
     """Blend weight of each Gaussian in the background alone, (N,); compare with that in the whole scene."""
 
@@ -76,7 +76,7 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
     if ghosts.any():
         both = place.weigh(place.own | ghosts | joins)
         joins |= ghosts & (both[:, 0] <= _MAX_JOINING_SHARE * both.sum(axis=1))
-    return Hidden(joins, ghosts & ~joins, shown)
+    return Hidden(ghosts, joins, shown)
 
 
 def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> BoolArray:

@@ -62,10 +62,10 @@ class SurfacePicture:
         return np.stack([first, second, np.zeros_like(first)], axis=-1)
 
     def pixels_of(self, points: FloatArray) -> tuple[IntArray, BoolArray]:
-        """The pixels above or below which points (N, 3) lie, (N, 2), and whether they do so within the picture."""
+        """Rows and columns above or below which points (N, 3) lie, (2, N), and whether the picture has them, (N,)."""
         pixels = np.floor((self.surface.coordinates(points)[:, :2] + _HALF_WIDTH_RADII) * PIXELS_A_RADIUS)
-        inside = ((pixels >= 0) & (pixels < len(self.hole))).all(axis=1)
-        return np.where(inside[:, None], pixels, 0).astype(np.int64), np.asarray(inside)
+        inside: BoolArray = np.asarray(((pixels >= 0) & (pixels < len(self.hole))).all(axis=1), np.bool_)
+        return np.where(inside[:, None], pixels, 0).astype(np.int64).T, inside
 
 
 def take_picture(
@@ -178,7 +178,7 @@ def _at_the_object(hole: BoolArray, picture: SurfacePicture, place: Place) -> Bo
     """The connected parts of the hole that come near to the object as it is seen from above."""
     pixels, inside = picture.pixels_of(place.gaussians.means[place.own])
     below = np.zeros_like(hole)
-    below[tuple(pixels[inside].T)] = True
+    below[tuple(pixels[:, inside])] = True
     below = grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
     _, parts = cv2.connectedComponents(hole.astype(np.uint8))
     return np.asarray(hole & np.isin(parts, np.unique(parts[hole & below])))

@@ -28,13 +28,26 @@ class Assembly(Division):
             not_fitted=refined.skipped_because,
         )
 
-    def with_filled(self, filled: Gaussians) -> Assembly:
-        """The same with new Gaussians at the end of the background."""
-        source, label = np.full(len(filled), -1, np.int64), np.full(len(filled), RowLabel.FILLED, np.uint8)
+    def with_surfaces(self, relit: Gaussians, relit_rows: IntArray, replaced: IntArray, filled: Gaussians) -> Assembly:
+        """The same with what the object stood on as it goes on.
+
+        Args:
+            relit: Gaussians without the object's shadow, at the end of the background from now on.
+            relit_rows: their scene rows.
+            replaced: scene rows of what is in the background no longer.
+            filled: new Gaussians at the end of the background.
+        """
+        n, appended = len(self.object), len(self.outside_parts)
+        rows = np.arange(len(self.source_index))
+        whole = (rows >= n) & (rows < len(rows) - appended)
+        kept = ~(whole & np.isin(self.source_index, np.concatenate([relit_rows, replaced])))
+        labels = [np.full(len(relit), RowLabel.RELIT), np.full(len(filled), RowLabel.FILLED)]
         return replace(
             self,
-            source_index=np.concatenate([self.source_index, source]),
-            label=np.concatenate([self.label, label]),
+            source_index=np.concatenate([self.source_index[kept], relit_rows, np.full(len(filled), -1, np.int64)]),
+            label=np.concatenate([self.label[kept], *labels]).astype(np.uint8),
+            dropped=np.union1d(self.dropped, replaced),
+            relit=relit,
             filled=filled,
         )
 

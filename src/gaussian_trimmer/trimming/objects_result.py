@@ -61,7 +61,16 @@ class ObjectsResult:
     contested: int
     """Number of Gaussians that several objects claimed."""
     dropped: IntArray
-    """Scene rows, ascending, of what showed only once the objects were gone: no part has them."""
+    """Scene rows, ascending, of what only the objects hid, and of what new Gaussians took the place of: no part has
+    them."""
+    relit: Gaussians
+    """Gaussians of the background on which shadows of the objects lay, without these."""
+    relit_rows: IntArray
+    """Scene row of each of these."""
+    filled: Gaussians
+    """New Gaussians of the background, which continue what the objects stood on or leaned against."""
+    not_filled: tuple[str, ...]
+    """Which objects left a hole, and why nothing was made up there, a sentence each."""
     seconds: dict[str, float]
     """Time taken by each object, by its id, by sharing out, and by cleaning the background."""
     used_renderer: Renderer
@@ -69,8 +78,13 @@ class ObjectsResult:
 
     @cached_property
     def background(self) -> Gaussians:
-        """The scene without all objects: other Gaussians, then the outer parts of split ones."""
-        return concatenate([self.scene.select(self.background_rows), self.outside_parts])
+        """The scene without all objects: the other Gaussians as they were, then what `appended` has."""
+        return concatenate([self.scene.select(self.background_rows), self.appended])
+
+    @property
+    def appended(self) -> Gaussians:
+        """What the background has that the scene has not: outer parts of split Gaussians, relit ones, filled ones."""
+        return concatenate([self.outside_parts, self.relit, self.filled])
 
     @property
     def labels(self) -> NDArray[np.int64]:
@@ -82,10 +96,10 @@ class ObjectsResult:
 
     @property
     def source_index(self) -> IntArray:
-        """Scene row of each row of the objects, in order, and then of the background."""
-        return np.concatenate(
-            [*(part.source_index for part in self.objects), self.background_rows, self.outside_source]
-        )
+        """Scene row of each row of the objects, in order, and then of the background; -1 for filled ones."""
+        new = np.full(len(self.filled), -1, np.int64)
+        rows = [part.source_index for part in self.objects]
+        return np.concatenate([*rows, self.background_rows, self.outside_source, self.relit_rows, new])
 
     @property
     def fitted(self) -> IntArray:
@@ -100,4 +114,5 @@ class ObjectsResult:
         labels = [part.label for part in self.objects]
         labels.append(np.where(selected, RowLabel.PRUNED, RowLabel.KEPT))
         labels.append(np.full(len(self.outside_source), RowLabel.SPLIT_OUTSIDE))
+        labels += [np.full(len(self.relit), RowLabel.RELIT), np.full(len(self.filled), RowLabel.FILLED)]
         return np.concatenate(labels).astype(np.uint8)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from numbers import Integral
 from typing import Any
 
@@ -18,16 +17,17 @@ from numpy.typing import ArrayLike
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.config import CONTEXT_RADIUS, TrimConfig
-from gaussian_trimmer.decomposition.ghosts import hidden_by_several
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.diagnosis import up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
+from gaussian_trimmer.removal.continuation import brightened
+from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.removal import remove
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.trimming.clock import Clock
@@ -41,8 +41,6 @@ __all__ = ["ObjectsResult", "TrimmedObject", "share_out", "trim_objects"]
 _VOTING_NEIGHBOURS = 8
 """Number of nearest Gaussians that decide to which of several objects one belongs."""
 _NOBODY = -1
-_PLACE_VIEW_STEP = 3
-"""Every third of the views of an object's place shows what only the object hid; there are many objects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +66,31 @@ class _Claim:
 
 
 # The arguments are those of `trim`, by the same names.
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """The scene of N Gaussians without all objects."""
+
+    nobodys: BoolArray
+    """Gaussians that no object has, (N,)."""
+    dropped: BoolArray
+    """Those of them that the background has not, (N,)."""
+    gain: FloatArray
+    """How many times brighter each Gaussian is without the objects' shadows, (N,)."""
+    filled: Gaussians
+    not_filled: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, scene: Gaussians, nobodys: BoolArray) -> _Rest:
+        """Everything that no object has, as it is."""
+        n = len(scene)
+        return cls(nobodys, np.zeros(n, np.bool_), np.ones(n, np.float32), scene.select(slice(0)))
+
+    @property
+    def relit(self) -> IntArray:
+        """Scene rows of Gaussians that become brighter."""
+        return np.flatnonzero(self.nobodys & ~self.dropped & (self.gain > 1))
+
+
 def trim_objects(
     scene: Gaussians,
     objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike],
@@ -101,8 +124,6 @@ def trim_objects(
     """
     named = _by_id(objects)
     config = settings(config, views, up, None)
-    if config.fill:
-        raise InputError("The holes of several objects cannot be filled; trim them one by one, or leave --fill out.")
     check_scene(scene, cameras)
     plug_ins, n = PlugIns.of(renderer, segmenter), len(scene)
     masks = [mask_of_selection(selection, n) for _, _, selection in named]
@@ -120,18 +141,22 @@ def trim_objects(
         shared = [_shared(claim, owner == place) for place, claim in enumerate(claims)]
     with clock("finish"):
         finished = [_finished(claim) for claim in shared]
-    dropped = np.zeros(n, np.bool_)
-    if config.background == "clean":
-        with clock("clean"):
-            dropped = find_dropped(scene, shared, owner, plug_ins.renderer)
+    rest = _Rest.of(scene, owner == _NOBODY)
+    if config.background != "exact":
+        with clock("remove"):
+            rest = remove_all(scene, shared, owner, plug_ins.renderer, fill=config.background == "filled")
     return ObjectsResult(
         scene=scene,
         objects=tuple(_trimmed(claim, result) for claim, result in zip(shared, finished, strict=True)),
-        background_rows=np.flatnonzero((owner == _NOBODY) & ~dropped),
+        background_rows=np.flatnonzero((owner == _NOBODY) & ~rest.dropped & (rest.gain == 1)),
         outside_parts=concatenate([result.outside_parts for result in finished]),
         outside_source=np.concatenate([_outside_source(result) for result in finished]),
         contested=contested,
-        dropped=np.flatnonzero(dropped),
+        relit_rows=rest.relit,
+        relit=brightened(scene.select(rest.relit), rest.gain[rest.relit]),
+        filled=rest.filled,
+        not_filled=rest.not_filled,
+        dropped=np.flatnonzero(rest.dropped),
         seconds=clock.seconds,
         used_renderer=plug_ins.given_renderer,
     )
@@ -211,7 +236,7 @@ def _shared(claim: _Claim, ours: BoolArray) -> _Claim:
 def _finished(claim: _Claim) -> TrimResult:
     scope = claim.decision.scope
     scope = replace(scope, local=claim.task.scene.select(scope.rows))
-    return finish(claim.task, replace(claim.decision, scope=scope), np.zeros(0, np.int64), claim.clock)
+    return finish(claim.task, replace(claim.decision, scope=scope), None, claim.clock)
 
 
 def _outside_source(result: TrimResult) -> IntArray:
@@ -236,26 +261,31 @@ def _trimmed(claim: _Claim, result: TrimResult) -> TrimmedObject:
     )
 
 
-def find_dropped(scene: Gaussians, claims: Sequence[_Claim], owner: IntArray, renderer: Renderer) -> BoolArray:
-    """Which Gaussians of nobody showed only once the objects were gone, (N,).
+def remove_all(scene: Gaussians, claims: Sequence[_Claim], owner: IntArray, renderer: Renderer, *, fill: bool) -> _Rest:
+    """The scene without all objects. What they hid joins none of them, so that they do not depend on each other.
 
     Args:
         scene: all N Gaussians.
         claims: the objects, shared out.
         owner: place in the list of the object that has each Gaussian, -1 for none, (N,).
         renderer: draws the scene.
+        fill: let the surfaces that objects stood on or leaned against go on where they hid them.
     """
-    dropped = np.zeros(len(scene), np.bool_)
+    rest = _Rest.of(scene, owner == _NOBODY)
+    filled, why_not = [rest.filled], []
     for place, claim in enumerate(claims):
         own, bounds = owner == place, claim.decision.scope.bounds
         if claim.decision.parts is None or not own.any():
             continue
         distances = np.linalg.norm(scene.means - bounds.centre.astype(np.float32), axis=1)
         reach = max(claim.task.config.context_radius, CONTEXT_RADIUS) * bounds.radius
-        rows = np.flatnonzero((own | (distances < reach)) & ~dropped)
-        cameras = views_of_place(bounds)[::_PLACE_VIEW_STEP]
-        ours = own[rows]
-        place_of_it = Scope(bounds, cameras, rows, scene.select(rows), ours, np.zeros(len(rows), np.bool_))
-        plane = partial(place_of_it.support_plane, ours, config=claim.task.config.label_crf.support_plane)
-        dropped[rows[hidden_by_several(place_of_it, owner[rows] != _NOBODY, plane, renderer)]] = True
-    return dropped
+        rows = np.flatnonzero((own | (distances < reach)) & ~rest.dropped)
+        removed = owner[rows] != _NOBODY
+        removal = remove(
+            Place(scene.select(rows), own[rows], removed, bounds, views_of_place(bounds), renderer), fill=fill
+        )
+        rest.dropped[rows[(removal.ghosts | removal.replaced) & ~removed]] = True
+        rest.gain[rows] = np.maximum(rest.gain[rows], removal.gain)
+        filled.append(removal.filled)
+        why_not += [f"{claim.name}: {removal.not_filled}"] if removal.not_filled else []
+    return replace(rest, filled=concatenate(filled), not_filled=tuple(why_not))

@@ -1,4 +1,4 @@
-"""The trimmer: plan cameras, render views, correct labels, segment, weigh the evidence, split, clean and fit."""
+"""The trimmer: plan cameras, render views, correct labels, segment, weigh the evidence, split, fit, and remove."""
 
 from __future__ import annotations
 
@@ -20,10 +20,14 @@ from gaussian_trimmer.decomposition.membership import (
     weigh_scene,
 )
 from gaussian_trimmer.decomposition.splitting import Decomposition, split_boundary
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
+from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.planning.virtual_cameras import small_views_from
+from gaussian_trimmer.removal.continuation import brightened
+from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.removal import Removal, remove
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.scope import Scope
@@ -34,7 +38,7 @@ from gaussian_trimmer.segmentation.view_rendering import complete_views, render_
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.trimming.assembly import Assembly, assemble, left_as_it_was
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
-from gaussian_trimmer.trimming.completion import clean, fill, fit_outline
+from gaussian_trimmer.trimming.completion import fit_outline
 from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.task import PlugIns, Task
 from gaussian_trimmer.views import TrimmedView
@@ -43,7 +47,8 @@ _LOW_VIEW_PITCH_DEGREES = 8.0
 """Pitch of the small views that look for what hangs below the object."""
 _LOW_VIEW_PIXELS = 160
 """Their width and height."""
-_NOT_FILLED = "No flat surface with a hole was found below the object, so nothing was filled."
+_MAX_UNSEEN_SHARE = 0.1
+"""Share of the place where the object stood from which on a warning says that what shows there was never seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +121,11 @@ def trim(
         view_cameras,
     )
     clock = Clock(progress)
-    decision, dropped = decide(task, clock), np.zeros(0, np.int64)
-    if decision.parts is not None and task.config.background == "clean":
-        with clock("clean"):
-            decision, dropped = cleaned(task, decision)
-    return finish(task, decision, dropped, clock)
+    decision, removal = decide(task, clock), None
+    if decision.parts is not None and task.config.background != "exact":
+        with clock("remove"):
+            decision, removal = removed(task, decision)
+    return finish(task, decision, removal, clock)
 
 
 def decide(task: Task, clock: Clock) -> Decision:
@@ -186,34 +191,50 @@ def _decompose(
         return split_boundary(isolated, members, accepted, renderer, config.boundary, config.split)
 
 
-def cleaned(task: Task, decision: Decision) -> tuple[Decision, IntArray]:
-    """The decision with what the background must not have, and the rows of the scene that nobody gets."""
-    assert decision.parts is not None and decision.visible is not None
-    parts, dropped = clean(decision.scope, decision.parts, decision.visible, task.renderer, task.config)
-    return replace(decision, parts=parts), dropped
+def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
+    """The decision with what else belongs to the object, and the scene without it."""
+    scope, parts = decision.scope, decision.parts
+    assert parts is not None
+    cameras = views_of_place(scope.bounds)
+    place = Place(scope.local, parts.members, parts.members, scope.bounds, cameras, task.renderer)
+    removal = remove(place, fill=task.config.background == "filled")
+    joins = removal.to_object & ~scope.excluded & (scope.selected | task.config.evidence.recover)
+    return replace(decision, parts=replace(parts, members=parts.members | joins)), removal
 
 
-def finish(task: Task, decision: Decision, dropped: IntArray, clock: Clock) -> TrimResult:
-    """Put object and background together, with the object's outline fitted and the hole below it filled if asked."""
+def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock) -> TrimResult:
+    """Put object and background together, with the object's outline fitted and the surfaces that it hid continued."""
     config, scope, parts, warnings = task.config, decision.scope, decision.parts, list(decision.warnings)
     if parts is None:
         LOG.info("not trimmed: %s", decision.refused)
         kept = task.selection if decision.given_up is None else task.selection & ~decision.given_up
         return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock, warnings)
     with clock("assemble"):
-        assembly = assemble(task.scene, task.selection, scope.rows, parts, dropped)
+        nobodys = scope.rows[removal.ghosts & ~parts.members] if removal else np.zeros(0, np.int64)
+        assembly = assemble(task.scene, task.selection, scope.rows, parts, nobodys)
     if config.refine == "fit":
         with clock("refine"):
             accepted = [view for view in decision.views if not view.rejected]
             assembly = fit_outline(task, scope, assembly, accepted)
         LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
-    if config.fill and decision.visible is not None:
-        with clock("fill"):
-            filled = fill(scope, parts, dropped, decision.visible, task.renderer, config)
-            assembly = assembly.with_filled(filled)
-        warnings += [] if len(filled) else [_NOT_FILLED]
+    if removal:
+        assembly = _with_surfaces(assembly, scope, removal)
+        if removal.unseen > _MAX_UNSEEN_SHARE:
+            warnings.append(
+                f"Where the object stood, {removal.unseen:.0%} of the background's picture shows what no view of the "
+                "scene showed; look at it, and remove what disturbs in an editor."
+            )
     LOG.info("object of %d Gaussians from a selection of %d", len(assembly.object), task.selection.sum())
     return _result(task, decision, assembly, clock, warnings)
+
+
+def _with_surfaces(assembly: Assembly, scope: Scope, removal: Removal) -> Assembly:
+    if removal.not_filled:
+        LOG.info("not filled: %s", removal.not_filled)
+        return replace(assembly, not_filled=removal.not_filled)
+    relit = np.flatnonzero(removal.gain > 1)
+    brighter = brightened(scope.local.select(relit), removal.gain[relit])
+    return assembly.with_surfaces(brighter, scope.rows[relit], scope.rows[removal.replaced], removal.filled)
 
 
 def _result(task: Task, decision: Decision, assembly: Assembly, clock: Clock, warnings: Sequence[str]) -> TrimResult:

@@ -1,0 +1,77 @@
+"""The scene without an object: find what it hid and what it stood on, leave out the one and let the other go on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, concatenate
+from gaussian_trimmer.removal.continuation import continue_surfaces
+from gaussian_trimmer.removal.ghosts import find_hidden
+from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.surfaces import find_surfaces
+
+NO_SURFACE = "no flat surface that the object stands on or leans against was found, so nothing was made up where it was"
+SHOWS = "what continues the surfaces would show in front of the object, so nothing was made up where it was"
+_MAX_SEEN_SHARE = 0.4
+"""Blend weight in the scene, relative to that without the object, up to which nobody has seen a Gaussian."""
+
+
+@dataclass(frozen=True, eq=False)
+class Removal:
+    """What the scene is without an object, for the N Gaussians of its place."""
+
+    to_object: BoolArray
+    """Gaussians that belong to the object without changing its outline, (N,)."""
+    ghosts: BoolArray
+    """Gaussians that only the object hid, (N,)."""
+    filled: Gaussians
+    """New Gaussians, which continue the surfaces that the object stood on or leaned against."""
+    replaced: BoolArray
+    """Gaussians that these take the place of, (N,)."""
+    gain: Float64Array
+    """How many times brighter each Gaussian is without the object's shadow, at least 1, (N,)."""
+    not_filled: str | None
+    """Why nothing was made up; None if something was, or was not to be."""
+    unseen: float
+    """Share of the object's silhouettes in which there is now what no view of the scene showed, in [0, 1]."""
+
+
+def remove(place: Place, *, fill: bool) -> Removal:
+    """The scene without an object.
+
+    Args:
+        place: the object in views from all around.
+        fill: let the surfaces that the object stood on or leaned against go on where it hid them.
+    """
+    n = len(place.gaussians)
+    nobody, same = np.zeros(n, np.bool_), np.ones(n)
+    surfaces = find_surfaces(place.gaussians.means, place.removed, place.seen.sum(axis=1), place.bounds)
+    hidden = find_hidden(place, surfaces)
+    going_on = continue_surfaces(place, surfaces, hidden) if fill and surfaces else None
+    not_filled = None
+    if fill and going_on is None:
+        not_filled = SHOWS if surfaces else NO_SURFACE
+    filled = place.gaussians.select(slice(0)) if going_on is None else going_on.filled
+    replaced = nobody if going_on is None else going_on.replaced
+    left = ~(place.removed | hidden.ghosts | hidden.to_object | replaced)
+    unseen = left & (place.seen.sum(axis=1) <= _MAX_SEEN_SHARE * hidden.shown)
+    return Removal(
+        to_object=hidden.to_object,
+        ghosts=hidden.ghosts,
+        filled=filled,
+        replaced=replaced,
+        gain=same if going_on is None else going_on.gain,
+        not_filled=not_filled,
+        unseen=_share_in_silhouettes(place, concatenate([place.gaussians.select(left), filled]), unseen[left]),
+    )
+
+
+def _share_in_silhouettes(place: Place, background: Gaussians, some: BoolArray) -> float:
+    """Share of the silhouettes that the first of a background's Gaussians make up where `some` is true."""
+    weight, pixels = 0.0, 0
+    for camera, silhouette in list(zip(place.cameras, place.silhouettes, strict=True))[::2]:
+        shown = place.renderer.blend_weights(background, camera, silhouette.astype(np.uint8), 2)[: len(some), 1]
+        weight, pixels = weight + float(shown[some].sum()), pixels + int(silhouette.sum())
+    return weight / max(pixels, 1)
