@@ -19,7 +19,7 @@ _BELOW_RADII, _ABOVE_RADII = 0.4, 0.1
 """How far a surface may lie beyond the object's end, and before it, in object radii."""
 _END_QUANTILE = 0.02
 """Quantile of the object's positions along a direction that is taken for its end, so that floaters do not count."""
-_DIRECTIONS_AROUND = 96
+_DIRECTIONS_AROUND = 48
 """Number of horizontal directions that a wall may face."""
 _BIN_RADII = 0.02
 _MIN_SHARE = 0.1

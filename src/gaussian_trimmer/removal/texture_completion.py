@@ -15,7 +15,10 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.views import bounding_box, box_slices
 
+_MARGIN_PIXELS = 72
+"""Examples are taken from this far around the hole."""
 _SHIFTS = 40
 _SPREAD_PIXELS = 6
 """Shifts differ by more than this along one axis."""
@@ -72,14 +75,21 @@ def complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> Completed:
         known: pixels whose colours can be relied on, (H, W).
         hole: pixels to be filled, (H, W).
     """
-    known = known & ~hole
+    window = box_slices(bounding_box(hole, _MARGIN_PIXELS))
+    completed = Completed(rgb.copy(), np.ones(hole.shape, np.float32))
+    completed.rgb[window], completed.gain[window] = _complete(rgb[window], (known & ~hole)[window], hole[window])
+    return completed
+
+
+def _complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """The completed part of a picture, (H, W, 3), and its gain, (H, W)."""
     if known.sum() < _FEWEST_PIXELS:
-        return Completed(_smoothed_into(rgb, known, hole), np.ones(hole.shape, np.float32))
+        return _smoothed_into(rgb, known, hole), np.ones(hole.shape, np.float32)
     gain = _shadow(rgb, known, hole)
     lit = np.clip(rgb * gain[..., None], 0, 1).astype(np.float32)
     clear = known & ~grown(gain > _SHADOWED_GAIN, 1)
     examples = clear if (clear & grown(hole, 2 * _RING_PIXELS)).sum() >= _FEWEST_PIXELS else known
-    return Completed(_filled(lit, examples, hole, _RING_PIXELS), gain)
+    return _filled(lit, examples, hole, _RING_PIXELS), gain
 
 
 def grown(mask: BoolArray, radius: int) -> BoolArray:
@@ -146,15 +156,17 @@ def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: i
 def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray) -> BoolArray:
     """Fill those pixels of the hole that a shift reaches, in place; returns which, (H, W)."""
     shifts, differences = _best_shifts(rgb, examples, ring, hole)
-    rows, columns = np.nonzero(hole)
     if not len(shifts):
         return np.zeros_like(hole)
+    window = box_slices(bounding_box(ring | hole, round(2 * _NEARBY_PIXELS)))
+    here, ring_here = rgb[window], ring[window]
+    rows, columns = np.nonzero(hole[window])
     sharpness = _SHARPNESS * (differences[0] + _LEAST_DIFFERENCE)
     values, weights = [], []
     for (down, right), difference in zip(shifts, differences, strict=True):
-        moved, there = _moved(rgb, down, right), _moved(examples, down, right)
-        both = (there & ring).astype(np.float32)
-        apart = (rgb - moved) * both[..., None]
+        moved, there = _moved(rgb, down, right, window), _moved(examples, down, right, window)
+        both = (there & ring_here).astype(np.float32)
+        apart = (here - moved) * both[..., None]
         local = _smoothed(np.dstack([(apart**2).sum(axis=2), both]), _NEARBY_PIXELS)
         disagreement = (local[..., 0] + 0.01 * difference) / (local[..., 1] + 0.01)
         shades = _smoothed(np.dstack([apart, both]), 2 * _NEARBY_PIXELS)
@@ -163,9 +175,9 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
         values.append(corrected[rows, columns])
         weights.append(weight[rows, columns])
     colours, found = _middle_half(np.array(values), np.array(weights))
-    rgb[rows[found], columns[found]] = np.clip(colours[found], 0, 1)
+    here[rows[found], columns[found]] = np.clip(colours[found], 0, 1)
     done = np.zeros_like(hole)
-    done[rows[found], columns[found]] = True
+    done[window][rows[found], columns[found]] = True
     return done
 
 
@@ -222,14 +234,14 @@ def _by_shift(spectrum: np.ndarray, shape: tuple[int, ...]) -> Float64Array:
     return np.asarray(np.fft.fftshift(np.fft.irfft2(spectrum, [2 * length for length in shape])))
 
 
-def _moved(image: np.ndarray, down: int, right: int) -> np.ndarray:
-    """An image (H, W, ...) whose pixels show what lies a shift farther; zero where nothing does."""
+def _moved(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]) -> np.ndarray:
+    """A window of an image (H, W, ...) that shows what lies a shift farther; zero where nothing does."""
     height, width = image.shape[:2]
-    moved = np.zeros_like(image)
-    rows = slice(max(0, -down), min(height, height - down))
-    columns = slice(max(0, -right), min(width, width - right))
-    if rows.start < rows.stop and columns.start < columns.stop:
-        moved[rows, columns] = image[rows.start + down : rows.stop + down, columns.start + right : columns.stop + right]
+    top, left = window[0].start + down, window[1].start + right
+    bottom, end = window[0].stop + down, window[1].stop + right
+    moved = np.zeros((bottom - top, end - left, *image.shape[2:]), image.dtype)
+    part = image[max(0, top) : max(0, min(height, bottom)), max(0, left) : max(0, min(width, end))]
+    moved[max(0, -top) :, max(0, -left) :][: part.shape[0], : part.shape[1]] = part
     return moved
 
 
