@@ -66,7 +66,7 @@ def test_parts_are_the_object_and_the_rest(session, painter):
         background = painter.paint(now, Showing("background", when))
         both = painter.paint(now, Showing("both", when))
         assert len(object_) == now.object.n_selected  # the second object has not been trimmed
-        gone = len(result.dropped) if when == "after" else 0
+        gone = len(result.dropped) - len(result.filled) if when == "after" else 0
         more = len(result.object) - result.object_mask.sum() if when == "after" else 0  # the fit has cut some in two
         assert len(background) == (~(rest | now.object.selected.mask)).sum() - gone
         assert len(both) == len(scene) - gone + more
@@ -93,7 +93,7 @@ def large_ball():
 def test_split_parts_and_filled_gaussians_are_shown():
     scene, truth = large_ball()
     boundary = BoundaryConfig(min_share=0.05, min_area=1e-6)
-    result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane"), boundary=boundary, fill=True), up="z")
+    result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane"), boundary=boundary), up="z")
     n_split = len(result.outside_parts)
     assert n_split > 0
     document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))

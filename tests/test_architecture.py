@@ -26,6 +26,7 @@ LAYERS = (
     ("views", "scope"),
     FILES,
     STAGES,
+    ("removal",),
     ("config",),
     ("options",),
     ("result",),

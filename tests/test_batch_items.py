@@ -139,7 +139,8 @@ def test_ids_are_those_that_the_file_has_now(tmp_path):
 @pytest.mark.parametrize(
     "words",
     [
-        "--views 3 --fill", "--label-crf.no-enabled --up z", "--label_crf.support_plane.no-enabled --plan.fill=0.5",
+        "--views 3 --background clean",
+        "--label-crf.no-enabled --up z", "--label_crf.support_plane.no-enabled --plan.fill=0.5",
         "--preset paper --plan.size 300 --sam.points 2", "--preset paper --segmenter sam --sam.points 2",
         "--selection.object-id 3 4 --format spz",
     ],

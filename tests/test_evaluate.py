@@ -29,7 +29,24 @@ def rows_of(path):
 
 
 def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
-    assert run("trim", "scene.ply", "rough.npy", "--output", "t", "--up", 0, 0, 1, "--quiet", *SMALL) == 0
+    assert (
+        run(
+            "trim",
+            "scene.ply",
+            "rough.npy",
+            "--output",
+            "t",
+            "--up",
+            0,
+            0,
+            1,
+            "--quiet",
+            "--background",
+            "exact",
+            *SMALL,
+        )
+        == 0
+    )
     assert evaluate("t", "--output", "out") == 0
     printed = capsys.readouterr().out
     assert "| mean" in printed and " -> " in printed and "alpha > 0.5" in printed and "renderer: numba" in printed

@@ -109,4 +109,4 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
 
 
 def test_numbers_of_labels_in_files_stay_what_they_are():
-    assert LABEL_NAMES == ("kept", "pruned", "recovered", "split_inside", "split_outside", "filled")
+    assert LABEL_NAMES == ("kept", "pruned", "recovered", "split_inside", "split_outside", "filled", "relit")

@@ -3,7 +3,8 @@
 Training puts Gaussians where no photograph can contradict them: inside an object and behind its skin. The object hides
 them; in the scene without it they are a dark cloud. These ghosts are told by three things: they show in the background
 alone and hardly in the whole scene; what they show lies within the object's silhouettes, from every side and height;
-and they lie where the object was, above what it stands on.
+and they lie where the object was. Below the object, where what it stands on goes on, only those are ghosts whose
+colours are not seen around it.
 
 Crumbs are visible scraps of the object's own skin. Nearly all that is near a crumb belongs to the object, so the crumb
 does too.
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
@@ -31,6 +32,10 @@ _MIN_INSIDE_SHARE = 0.65
 """Smallest share of the blend weight in the background alone within the object's silhouettes."""
 _BOUNDS_MARGIN_RADII = 0.1
 """Margin around the object's bounds, in object radii."""
+_COLOUR_LEVELS = 8
+"""Levels of each channel between which colours are told apart."""
+_FOREIGN_SHARE = 0.02
+"""Largest share of what is seen around the object that has about a foreign colour."""
 _CRUMB_NEIGHBOURS = 12
 _CRUMB_NEIGHBOUR_SHARE = 0.75
 """Share of the nearest Gaussians of a crumb that are the object's or ghosts, at the least."""
@@ -58,10 +63,11 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
 
     Args:
         place: the object in views from all sides, at several heights.
-        surfaces: what it stands on, hangs on or leans against; what lies in them is not looked at.
+        surfaces: what it stands on, hangs on or leans against.
     """
     visible = place.seen.sum(axis=1)
-    there = _where_the_object_was(place, surfaces)
+    within, above = _where_the_object_was(place, surfaces)
+    there = within & (above | foreign_colours(place))
     ghosts, shown = np.zeros(len(there), np.bool_), np.zeros(len(there), np.float32)
     noticed = _MIN_SHOWN_SHARE * sum(camera.width * camera.height for camera in place.cameras)
     for _ in range(_MAX_ROUNDS):
@@ -72,23 +78,36 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
         if not found.any():
             break
         ghosts |= found
-    joins = _find_crumbs(place, ghosts, there)
+    joins = _find_crumbs(place, ghosts, within & above)
     if ghosts.any():
         both = place.weigh(place.own | ghosts | joins)
-        joins |= ghosts & (both[:, 0] <= _MAX_JOINING_SHARE * both.sum(axis=1))
+        # What lies below would show there, where no view looks.
+        joins |= ghosts & above & (both[:, 0] <= _MAX_JOINING_SHARE * both.sum(axis=1))
     return Hidden(ghosts, joins, shown)
 
 
-def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> BoolArray:
-    """Which Gaussians of the background lie within the object's bounds, above what it stands on, (N,)."""
+def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:
+    """Which Gaussians of the background lie within the object's bounds, and which lie above what it stands on, (N,)."""
     bounds, margin = place.bounds, _BOUNDS_MARGIN_RADII * place.bounds.radius
     local = (place.gaussians.means - bounds.centre) @ bounds.axes.T
     # The bounds are robust ones, so a thin top rises above them.
     top = max(bounds.half_extents[2], float(local[place.own, 2].max(initial=0.0))) + margin
     within = (np.abs(local[:, :2]) <= bounds.half_extents[:2] + margin).all(axis=1) & (local[:, 2] < top)
-    if surfaces:
-        return np.asarray(within & ~place.removed & above_all(surfaces, place.gaussians.means, THICKNESS_RADII))
-    return np.asarray(within & ~place.removed & (local[:, 2] > -bounds.half_extents[2]))
+    above = above_all(surfaces, place.gaussians.means, THICKNESS_RADII)
+    if not surfaces:
+        above = local[:, 2] > -bounds.half_extents[2]
+    return within & ~place.removed, above
+
+
+def foreign_colours(place: Place) -> BoolArray:
+    """Which Gaussians have colours of which hardly anything is seen around the object, (N,)."""
+    rgb = 0.5 + SH_C0 * place.gaussians.sh_dc
+    level = np.clip((rgb * _COLOUR_LEVELS).astype(np.int64), 0, _COLOUR_LEVELS - 1)
+    seen, counts = np.where(place.removed, 0, place.seen.sum(axis=1)), np.zeros((_COLOUR_LEVELS + 2,) * 3)
+    np.add.at(counts, tuple(level.T + 1), seen)
+    for axis in range(3):
+        counts += np.roll(counts, 1, axis) + np.roll(counts, -1, axis)
+    return np.asarray(counts[tuple(level.T + 1)] < _FOREIGN_SHARE * seen.sum())
 
 
 def _find_crumbs(place: Place, ghosts: BoolArray, there: BoolArray) -> BoolArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, concatenate
 from gaussian_trimmer.removal.continuation import continue_surfaces
-from gaussian_trimmer.removal.ghosts import find_hidden
+from gaussian_trimmer.removal.ghosts import find_hidden, foreign_colours
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import find_surfaces
 
@@ -35,7 +35,8 @@ class Removal:
     not_filled: str | None
     """Why nothing was made up; None if something was, or was not to be."""
     unseen: float
-    """Share of the object's silhouettes in which there is now what no view of the scene showed, in [0, 1]."""
+    """Share of the object's silhouettes in which there is now what no view of the scene showed, and of colours that are
+    not seen around it, in [0, 1]."""
 
 
 def remove(place: Place, *, fill: bool) -> Removal:
@@ -56,7 +57,7 @@ def remove(place: Place, *, fill: bool) -> Removal:
     filled = place.gaussians.select(slice(0)) if going_on is None else going_on.filled
     replaced = nobody if going_on is None else going_on.replaced
     left = ~(place.removed | hidden.ghosts | hidden.to_object | replaced)
-    unseen = left & (place.seen.sum(axis=1) <= _MAX_SEEN_SHARE * hidden.shown)
+    unseen = left & foreign_colours(place) & (place.seen.sum(axis=1) <= _MAX_SEEN_SHARE * hidden.shown)
     return Removal(
         to_object=hidden.to_object,
         ghosts=hidden.ghosts,

@@ -221,8 +221,8 @@ def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock
         assembly = _with_surfaces(assembly, scope, removal)
         if removal.unseen > _MAX_UNSEEN_SHARE:
             warnings.append(
-                f"Where the object stood, {removal.unseen:.0%} of the background's picture shows what no view of the "
-                "scene showed; look at it, and remove what disturbs in an editor."
+                f"Where the object stood, {removal.unseen:.0%} of what the background shows has colours that are not "
+                "seen around it, and no view of the scene showed it; look there, and remove in an editor what disturbs."
             )
     LOG.info("object of %d Gaussians from a selection of %d", len(assembly.object), task.selection.sum())
     return _result(task, decision, assembly, clock, warnings)
