@@ -102,7 +102,7 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     if counts["dropped"]:
         table.add_row("cleaned", f"{counts['dropped']:,} Gaussians that the object hid were left out of the background")
     if counts["filled"]:
-        relit = f"; {counts['relit']:,} lost its shadow" if counts["relit"] else ""
+        relit = f"; its shadow was taken off {counts['relit']:,}" if counts["relit"] else ""
         table.add_row("made up", f"{counts['filled']:,} Gaussians continue the surfaces that the object hid{relit}")
     elif report["not_filled"]:
         table.add_row("not made up", report["not_filled"])

@@ -42,8 +42,8 @@ _CRUMB_NEIGHBOUR_SHARE = 0.75
 _CRUMB_INSIDE_SHARE = 0.9
 _MAX_CRUMB_WEIGHT_SHARE = 0.01
 """Largest blend weight of all crumbs in the scene, relative to the object's; more is no crumb."""
-_MAX_JOINING_SHARE = 0.1
-"""Largest share of its blend weight outside the silhouettes with which a ghost joins the object."""
+_MAX_JOINING_SHARE = 0.02
+"""Largest blend weight in the object, relative to that in the background alone, of a ghost that joins the object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Hidden:
     ghosts: BoolArray
     """Those that show in the background alone, (N,)."""
     to_object: BoolArray
-    """Those that belong to the object and do not change its outline: some ghosts, and crumbs, (N,)."""
+    """Those that belong to the object and do not change how it looks: some ghosts, and crumbs, (N,)."""
     shown: FloatArray
     """Blend weight of each Gaussian in the background alone, (N,); compare with that in the whole scene."""
 
@@ -82,7 +82,7 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
     if ghosts.any():
         both = place.weigh(place.own | ghosts | joins)
         # What lies below would show there, where no view looks.
-        joins |= ghosts & above & (both[:, 0] <= _MAX_JOINING_SHARE * both.sum(axis=1))
+        joins |= ghosts & above & (both.sum(axis=1) <= _MAX_JOINING_SHARE * shown)
     return Hidden(ghosts, joins, shown)
 
 

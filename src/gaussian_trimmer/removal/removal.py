@@ -23,7 +23,7 @@ class Removal:
     """What the scene is without an object, for the N Gaussians of its place."""
 
     to_object: BoolArray
-    """Gaussians that belong to the object without changing its outline, (N,)."""
+    """Gaussians that belong to the object without changing how it looks, (N,)."""
     ghosts: BoolArray
     """Gaussians that only the object hid, (N,)."""
     filled: Gaussians

@@ -129,7 +129,11 @@ def _shadow(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
     shadow = ring & (darker > _SHADOW_DEVIATIONS * deviation)
     _, parts = cv2.connectedComponents((shadow | inside).astype(np.uint8))
     shadow &= np.isin(parts, np.unique(parts[inside]))
-    gain = cv2.GaussianBlur(np.where(shadow, np.exp(darker), 1).astype(np.float32), (0, 0), 1.0)
+    outside = (~inside).astype(np.float32)
+    logarithm, weight = (
+        cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0) for image in (np.where(shadow, darker, 0), outside)
+    )
+    gain = np.exp(logarithm / np.maximum(weight, _DARK))
     return np.asarray(np.clip(cv2.resize(gain, (width, height), interpolation=cv2.INTER_LINEAR), 1, _MAX_GAIN))
 
 

@@ -1,0 +1,63 @@
+"""The flat surfaces that an object touches: floor, wall, the corner of both; no other thing is taken for one."""
+
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.removal.surfaces import find_surfaces
+
+RNG = np.random.default_rng(0)
+BALL = RNG.normal(size=(800, 3))
+BALL = BALL / np.linalg.norm(BALL, axis=1, keepdims=True) + np.array([0, 0, 1.0])
+"""A unit ball on z = 0, beside x = -1."""
+FLOOR = np.column_stack([RNG.uniform(-3, 3, (3000, 2)), np.zeros(3000)])
+WALL = np.column_stack([np.full(3000, -1.0), RNG.uniform(-3, 3, 3000), RNG.uniform(0, 4, 3000)])
+CLOUD = RNG.uniform(-3, 3, (3000, 3))
+BOUNDS = Bounds(np.array([0.0, 0.0, 1.0]), np.eye(3), np.ones(3))
+
+
+def surfaces_of(*around):
+    means = np.concatenate([BALL, *around]).astype(np.float32)
+    members = np.arange(len(means)) < len(BALL)
+    return find_surfaces(means, members, np.ones(len(means), np.float32), BOUNDS)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 2.0])
+def test_floor_and_wall_are_found_whichever_way_the_wall_faces(turn):
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    found = surfaces_of(FLOOR[FLOOR[:, 0] > -1] @ rotation.T, WALL @ rotation.T)
+    assert len(found) == 2
+    normals = {round(abs(surface.axes[2, 2]), 1): surface for surface in found}
+    np.testing.assert_allclose(normals[1.0].axes[2], [0, 0, 1], atol=0.02)
+    np.testing.assert_allclose(normals[0.0].axes[2], rotation[:, 0], atol=0.02)
+    for surface in found:
+        assert np.linalg.det(surface.axes) == pytest.approx(1)
+        assert surface.heights(BOUNDS.centre[None])[0] > 0.5
+        points = RNG.normal(size=(5, 3))
+        np.testing.assert_allclose(surface.points(surface.coordinates(points)), points, atol=1e-9)
+
+
+def test_the_order_of_gaussians_does_not_matter():
+    (first,), (second,) = surfaces_of(FLOOR), surfaces_of(FLOOR[::-1])
+    np.testing.assert_allclose(first.axes, second.axes, atol=1e-6)
+    np.testing.assert_allclose(first.origin, second.origin, atol=1e-6)
+
+
+def test_nothing_flat_nothing_found():
+    assert surfaces_of(CLOUD) == []
+    assert surfaces_of(FLOOR - np.array([0, 0, 2.0])) == []  # far below
+    assert surfaces_of(np.zeros((0, 3))) == []
+
+
+def test_what_lies_before_the_object_is_no_support():
+    lid = FLOOR + np.array([0, 0, 1.0])  # through its middle
+    assert all(surface.axes[2, 2] < 0.9 for surface in surfaces_of(lid))
+
+
+def test_the_toy_floor_is_found():
+    scene, truth = toy.ball_on_floor()
+    bounds = Bounds(scene.means[truth].mean(axis=0).astype(np.float64), np.eye(3), np.ones(3))
+    (floor,) = find_surfaces(scene.means, truth, np.ones(len(scene), np.float32), bounds)
+    assert floor.axes[2, 2] > 0.99
