@@ -217,10 +217,11 @@ def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Fl
 
     Only pixels of `here` are compared, with pixels of `there`, both (H, W). Shifts run from -H and -W, (2 H, 2 W).
     """
+    colours = rgb.astype(np.float64)
+    squared = (colours**2).sum(axis=2)
     first, second = _spectrum(here), _spectrum(there)
-    total = np.zeros_like(first)
-    for channel in rgb.astype(np.float64).transpose(2, 0, 1):
-        total += np.conj(_spectrum(here * channel**2)) * second + np.conj(first) * _spectrum(there * channel**2)
+    total = np.conj(_spectrum(here * squared)) * second + np.conj(first) * _spectrum(there * squared)
+    for channel in colours.transpose(2, 0, 1):
         total -= 2 * np.conj(_spectrum(here * channel)) * _spectrum(there * channel)
     return np.maximum(_by_shift(total, here.shape), 0), _by_shift(np.conj(first) * second, here.shape)
 
