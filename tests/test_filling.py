@@ -24,6 +24,8 @@ def ball_over_a_hole(radius=0.5):
 
 SCENE, TRUTH = ball_over_a_hole()
 
+CONFIG = toy.small_config(background="filled")
+
 
 @pytest.fixture(scope="module")
 def results():
@@ -66,6 +68,15 @@ def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):
     for camera in cameras:
         before, after = (get_renderer("numba").render(part, camera).rgb for part in (SCENE, both))
         assert np.mean((before - after) ** 2) < 10**-4
+
+
+def test_what_is_hardly_seen_around_the_object_does_not_go_on():
+    near = np.linalg.norm(SCENE.means[:, :2], axis=1) < 0.75
+    wide, small = (trim(SCENE.select(part), TRUTH[part], config=CONFIG) for part in (near | ~near, near | TRUTH))
+    assert len(wide.filled) > 10
+    assert wide.not_filled is None
+    assert small.filled is None
+    assert "too little is seen" in small.not_filled
 
 
 def test_without_a_flat_surface_nothing_is_filled():

@@ -23,13 +23,17 @@ from gaussian_trimmer.gaussians import (
 )
 from gaussian_trimmer.removal.ghosts import Hidden
 from gaussian_trimmer.removal.place import Place
-from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, cameras_before, take_picture
+from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
 from gaussian_trimmer.removal.texture_completion import complete, grown
 from gaussian_trimmer.views import HALF_COVERAGE
 
 _RIM_PIXELS = 4
 """Pixels around a hole that are filled, too, since their colours are already those of the object."""
+_RING_PIXELS = 20
+"""Width of the ring around a hole that tells whether a surface goes on there."""
+_MIN_KNOWN_SHARE = 0.15
+"""Smallest share of that ring in which the surface is seen; with less, it was guessed from too little."""
 _MAX_VISIBLE_SHARE = 0.6
 """Blend weight in the scene, relative to that without the object, of Gaussians below the new ones that go."""
 _DEPTH_RADII, _HEIGHT_RADII = 0.6, 0.1
@@ -45,8 +49,6 @@ _ALIKE = 0.02
 """Range of colours in a square that one Gaussian may stand for."""
 _LEAST_GAIN = 1.02
 """Gaussians in a shadow that makes them less dark than this stay as they are."""
-_MAX_SHOWN_SHARE = 0.5
-"""Largest blend weight of a new Gaussian while the object is there, relative to that without it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class Continuation:
 
 
 def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden) -> Continuation | None:
-    """Let the surfaces go on where the object hid them; None if what is new would show although the object is there.
+    """Let the surfaces go on where the object hid them; None if none of those that it hid is seen around it.
 
     Args:
         place: the object in views from all around.
@@ -72,10 +74,13 @@ def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden)
     gaussians, gone = place.gaussians, hidden.ghosts | hidden.to_object
     visible = place.seen.sum(axis=1) > _MAX_VISIBLE_SHARE * hidden.shown
     replaced, gain = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
-    new = [gaussians.select(slice(0))]
+    new, unknown = [gaussians.select(slice(0))], False
     for surface in surfaces:
         picture = take_picture(place, surface, surfaces, hidden.shown, gone)
         if not picture.hole.any():
+            continue
+        if not _is_seen_around(picture):
+            unknown = True
             continue
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
         completed = complete(picture.rgb, picture.known, hole)
@@ -88,10 +93,16 @@ def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden)
         replaced |= there & ((height > -_HEIGHT_RADII) | ((height > -_DEPTH_RADII) & ~visible))
         in_it = inside & (np.abs(height) < THICKNESS_RADII)
         gain = np.where(in_it, np.maximum(gain, completed.gain[rows, columns]), gain)
-    filled = concatenate(new)
-    if len(filled) and not _stays_hidden(filled, place, surfaces, replaced | hidden.ghosts):
+    if unknown and len(new) == 1:
         return None
+    filled = concatenate(new)
     return Continuation(filled, replaced, np.where(replaced | (gain < _LEAST_GAIN), 1, gain))
+
+
+def _is_seen_around(picture: SurfacePicture) -> bool:
+    """Whether the surface is seen around its hole: the side of a thing may be as flat as a wall, but a wall goes on."""
+    ring = grown(picture.hole, _RING_PIXELS) & ~picture.hole
+    return bool(picture.known[ring].sum() >= _MIN_KNOWN_SHARE * ring.sum())
 
 
 def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
@@ -126,16 +137,6 @@ def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, re
         ((colour - 0.5) / SH_C0).astype(np.float32),
         np.zeros((n, 3, rest), np.float32),
     )
-
-
-def _stays_hidden(filled: Gaussians, place: Place, surfaces: Sequence[Surface], dropped: BoolArray) -> bool:
-    """Whether the new Gaussians hardly show while the object is there, as what it hid must."""
-    shown = []
-    for left in (~dropped, ~dropped & ~place.removed):
-        both = concatenate([place.gaussians.select(left), filled])
-        views = [place.renderer.render(both, view, weights=True) for view in cameras_before(place, surfaces)[::2]]
-        shown.append(sum(float(view.weights[-len(filled) :].sum()) for view in views))
-    return shown[0] <= _MAX_SHOWN_SHARE * shown[1]
 
 
 def brightened(gaussians: Gaussians, gain: FloatArray | Float64Array) -> Gaussians:

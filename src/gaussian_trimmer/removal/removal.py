@@ -13,7 +13,7 @@ from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import find_surfaces
 
 NO_SURFACE = "no flat surface that the object stands on or leans against was found, so nothing was made up where it was"
-SHOWS = "what continues the surfaces would show in front of the object, so nothing was made up where it was"
+NOT_SEEN = "too little is seen of the surfaces around the object, so nothing was made up where it was"
 _MAX_SEEN_SHARE = 0.4
 """Blend weight in the scene, relative to that without the object, up to which nobody has seen a Gaussian."""
 
@@ -53,7 +53,7 @@ def remove(place: Place, *, fill: bool) -> Removal:
     going_on = continue_surfaces(place, surfaces, hidden) if fill and surfaces else None
     not_filled = None
     if fill and going_on is None:
-        not_filled = SHOWS if surfaces else NO_SURFACE
+        not_filled = NOT_SEEN if surfaces else NO_SURFACE
     filled = place.gaussians.select(slice(0)) if going_on is None else going_on.filled
     replaced = nobody if going_on is None else going_on.replaced
     left = ~(place.removed | hidden.ghosts | hidden.to_object | replaced)
