@@ -307,5 +307,6 @@ def test_losing_trims_and_the_worst_are_told():
     table = table_of_statistics("t", {"M": runs}, ["iou"], ["note"])
     assert table.rows[0][-3:] == [1, -1.0, "s/c"] and table.rows[0][2] == 3
     assert "80.00 [70.00, 90.00] | 80.27 [69.00, 92.00]" in table.as_markdown()
+    assert "$80.00$ $[70.00, 90.00]$ & $80.27$ $[69.00, 92.00]$ & $0.27$ $[-1.00, 2.00]$ & $1$" in table.as_latex()
     head, row = [line for line in table.as_csv().splitlines() if not line.startswith("#")]
     assert "gain mean,gain low,gain high" in head and ",0.2667,-1.0000,2.0000," in row
