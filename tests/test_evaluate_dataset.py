@@ -16,8 +16,11 @@ from selection_builders import checkpoint_state, classifier_state, identity_colu
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
+from gaussian_trimmer.evaluation.layouts.layout import LayoutTask, Target
 from gaussian_trimmer.evaluation.protocols import PROTOCOLS, protocol_of
+from gaussian_trimmer.evaluation.rendered_masks import find_rendered
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.scoring import Judge, Shown
 from gaussian_trimmer.evaluation.statistics import interval_of, table_of_statistics
@@ -195,6 +198,27 @@ class TestMasksOnly:
         arguments = ["lerf", "--masks-only", "result", "--protocol", "gaussian-grouping", "--output", "out"]
         assert run("evaluate", "lerf-mask", *arguments) == 0
         assert rows_of(folder / "out" / "lerf-mask-result.csv")["mean"]["IoU in scene (%) before"] == "100.0000"
+
+    def test_open_gaussians_folder(self, folder, capsys):
+        masks, _ = dataset_layouts.save_capture(folder / "method" / "ramen", ["frame_00006.jpg", "frame_00024.jpg"])
+        for name, mask in masks.items():
+            for part, picture in (("egg", mask), ("[egg] 2", 255 - mask)):
+                dataset_layouts.write(folder / "ovs" / "ramen" / "segmentations" / name[:-4] / f"{part}.png", mask)
+                place = folder / "result" / "ramen" / "train" / "ours_70000" / "renders_cluster_silhouette"
+                dataset_layouts.write(place / f"{name[:-4]}_{part}.png", picture)
+            dataset_layouts.write(folder / "ovs" / "ramen" / "images" / name, mask)
+        assert run("evaluate", "3d-ovs", "ovs", "--masks-only", "result", "--output", "out") == 0
+        rows = rows_of(folder / "out" / "3d-ovs-result.csv")
+        assert float(rows["ramen/egg"]["IoU alone (%) before"]) == 100
+        assert float(rows["ramen/[egg] 2"]["IoU alone (%) before"]) == 0
+
+    def test_words_of_a_data_set_do_not_lead_out_of_the_folder(self, folder):
+        dataset_layouts.write(folder / "secret.png", np.zeros((9, 9), np.uint8))
+        (folder / "masks").mkdir()
+        for words in ("../secret", str(folder / "secret")):
+            task = LayoutTask("ramen", words, (Target("a", folder / "m.png"),))
+            with pytest.raises(InputError, match="no rendered masks"):
+                find_rendered(folder / "masks", task)
 
     def test_a_scenes_mask_is_not_taken_for_two_objects_in_the_same_picture(self, folder, capsys):
         dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
