@@ -159,18 +159,30 @@ class TestProtocols:
         judge = Judge(get_renderer("reference"))
         assert judge.score(shown, TestView(camera, None, truth, truth))["iou"] == 100
 
-    def test_spin_nerf_leaves_the_reference_out_and_pairs_by_order(self, folder):
+    def test_spin_nerf_pairs_by_order_and_counts_the_reference_or_not(self, folder):
         dataset_layouts.save_spin_nerf(folder / "spin", folder / "method")
         write = dataset_layouts.write
         masks = sorted((folder / "spin" / "lego" / "images_4" / "label").glob("image00?.png"))
-        write(masks[0].with_name("image000.png"), np.zeros((96, 96), np.uint8))  # the reference's, not to be counted
+        write(masks[0].with_name("image000.png"), np.zeros((96, 96), np.uint8))  # that of the reference is wrong
         cameras = folder / "method" / "lego" / "cameras.json"
         cameras.write_text(cameras.read_text().replace("image0", "2022_"))
         common = ("spin", "--predictions", "method", "--output", "out", "--overwrite", *SMALL)
         assert run("evaluate", "spin-nerf", *common) == 2
-        assert run("evaluate", "spin-nerf", *common, "--protocol", "usual") == 0
-        row = rows_of(folder / "out" / "spin-nerf-method.csv")["lego"]
-        assert row["views"] == "2" and float(row["IoU in scene (%) after"]) > 90
+
+        def measured(protocol):
+            assert run("evaluate", "spin-nerf", *common, "--protocol", protocol) == 0
+            row = rows_of(folder / "out" / "spin-nerf-method.csv")["lego"]
+            return row["views"], float(row["IoU in scene (%) after"])
+
+        (all_views, mean), (others, without) = measured("usual"), measured("without-reference")
+        assert (all_views, others) == ("3", "2") and without > 90
+        assert mean == pytest.approx(without * 2 / 3, abs=0.01)
+
+    def test_saga_renders_at_the_size_to_which_its_code_reduces_large_pictures(self):
+        camera = Camera(np.eye(4), intrinsics(1.0, 4032, 3024), 4032, 3024, "a.jpg")
+        truth = Truth(np.ones((30, 40), np.float32), np.ones((30, 40), bool))
+        seen = PROTOCOLS["nvos"]["saga"].view(TestView(camera, None, truth, truth), camera).camera
+        assert (seen.width, seen.height) == (1600, 1200)
 
 
 class TestMasksOnly:

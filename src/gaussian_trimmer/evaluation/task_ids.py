@@ -1,7 +1,7 @@
 """The ids of the tasks' objects where a method keeps several objects in one file.
 
-A CSV file names them task by task. OpenGaussian, and InstanceGaussian after it, find them by words: `cluster_lang.npz`
-has a CLIP feature for each cluster of Gaussians, and `text_features.json` one for each object's words.
+A CSV file names them task by task. OpenGaussian finds them by words: `cluster_lang.npz` has a CLIP feature for each
+cluster of Gaussians, and `text_features.json` one for each object's words.
 """
 
 from __future__ import annotations
