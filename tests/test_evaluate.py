@@ -51,7 +51,7 @@ def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
     printed = capsys.readouterr().out
     assert "| mean" in printed and " -> " in printed and "alpha > 0.5" in printed and "renderer: numba" in printed
     names = {path.name for path in (folder / "out").iterdir()}
-    assert names == {"scores.md", "scores.csv", "scores.json", "manifest.json"}
+    assert names == {"scores.md", "scores.csv", "scores.json", "scores.tex", "manifest.json"}
     rows = rows_of(folder / "out" / "scores.csv")
     assert list(rows) == ["0.png", "1.png", "2.png", "3.png", "mean"]
     mean = rows["mean"]

@@ -16,8 +16,11 @@ from selection_builders import checkpoint_state, classifier_state, identity_colu
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, intrinsics
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
+from gaussian_trimmer.evaluation.layouts.layout import LayoutTask, Target
 from gaussian_trimmer.evaluation.protocols import PROTOCOLS, protocol_of
+from gaussian_trimmer.evaluation.rendered_masks import find_rendered
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.scoring import Judge, Shown
 from gaussian_trimmer.evaluation.statistics import interval_of, table_of_statistics
@@ -156,18 +159,30 @@ class TestProtocols:
         judge = Judge(get_renderer("reference"))
         assert judge.score(shown, TestView(camera, None, truth, truth))["iou"] == 100
 
-    def test_spin_nerf_leaves_the_reference_out_and_pairs_by_order(self, folder):
+    def test_spin_nerf_pairs_by_order_and_counts_the_reference_or_not(self, folder):
         dataset_layouts.save_spin_nerf(folder / "spin", folder / "method")
         write = dataset_layouts.write
         masks = sorted((folder / "spin" / "lego" / "images_4" / "label").glob("image00?.png"))
-        write(masks[0].with_name("image000.png"), np.zeros((96, 96), np.uint8))  # the reference's, not to be counted
+        write(masks[0].with_name("image000.png"), np.zeros((96, 96), np.uint8))  # that of the reference is wrong
         cameras = folder / "method" / "lego" / "cameras.json"
         cameras.write_text(cameras.read_text().replace("image0", "2022_"))
         common = ("spin", "--predictions", "method", "--output", "out", "--overwrite", *SMALL)
         assert run("evaluate", "spin-nerf", *common) == 2
-        assert run("evaluate", "spin-nerf", *common, "--protocol", "usual") == 0
-        row = rows_of(folder / "out" / "spin-nerf-method.csv")["lego"]
-        assert row["views"] == "2" and float(row["IoU in scene (%) after"]) > 90
+
+        def measured(protocol):
+            assert run("evaluate", "spin-nerf", *common, "--protocol", protocol) == 0
+            row = rows_of(folder / "out" / "spin-nerf-method.csv")["lego"]
+            return row["views"], float(row["IoU in scene (%) after"])
+
+        (all_views, mean), (others, without) = measured("usual"), measured("without-reference")
+        assert (all_views, others) == ("3", "2") and without > 90
+        assert mean == pytest.approx(without * 2 / 3, abs=0.01)
+
+    def test_saga_renders_at_the_size_to_which_its_code_reduces_large_pictures(self):
+        camera = Camera(np.eye(4), intrinsics(1.0, 4032, 3024), 4032, 3024, "a.jpg")
+        truth = Truth(np.ones((30, 40), np.float32), np.ones((30, 40), bool))
+        seen = PROTOCOLS["nvos"]["saga"].view(TestView(camera, None, truth, truth), camera).camera
+        assert (seen.width, seen.height) == (1600, 1200)
 
 
 class TestMasksOnly:
@@ -195,6 +210,27 @@ class TestMasksOnly:
         arguments = ["lerf", "--masks-only", "result", "--protocol", "gaussian-grouping", "--output", "out"]
         assert run("evaluate", "lerf-mask", *arguments) == 0
         assert rows_of(folder / "out" / "lerf-mask-result.csv")["mean"]["IoU in scene (%) before"] == "100.0000"
+
+    def test_open_gaussians_folder(self, folder, capsys):
+        masks, _ = dataset_layouts.save_capture(folder / "method" / "ramen", ["frame_00006.jpg", "frame_00024.jpg"])
+        for name, mask in masks.items():
+            for part, picture in (("egg", mask), ("[egg] 2", 255 - mask)):
+                dataset_layouts.write(folder / "ovs" / "ramen" / "segmentations" / name[:-4] / f"{part}.png", mask)
+                place = folder / "result" / "ramen" / "train" / "ours_70000" / "renders_cluster_silhouette"
+                dataset_layouts.write(place / f"{name[:-4]}_{part}.png", picture)
+            dataset_layouts.write(folder / "ovs" / "ramen" / "images" / name, mask)
+        assert run("evaluate", "3d-ovs", "ovs", "--masks-only", "result", "--output", "out") == 0
+        rows = rows_of(folder / "out" / "3d-ovs-result.csv")
+        assert float(rows["ramen/egg"]["IoU alone (%) before"]) == 100
+        assert float(rows["ramen/[egg] 2"]["IoU alone (%) before"]) == 0
+
+    def test_words_of_a_data_set_do_not_lead_out_of_the_folder(self, folder):
+        dataset_layouts.write(folder / "secret.png", np.zeros((9, 9), np.uint8))
+        (folder / "masks").mkdir()
+        for words in ("../secret", str(folder / "secret")):
+            task = LayoutTask("ramen", words, (Target("a", folder / "m.png"),))
+            with pytest.raises(InputError, match="no rendered masks"):
+                find_rendered(folder / "masks", task)
 
     def test_a_scenes_mask_is_not_taken_for_two_objects_in_the_same_picture(self, folder, capsys):
         dataset_layouts.save_nvos(folder / "nvos", folder / "SAGA")
@@ -307,5 +343,6 @@ def test_losing_trims_and_the_worst_are_told():
     table = table_of_statistics("t", {"M": runs}, ["iou"], ["note"])
     assert table.rows[0][-3:] == [1, -1.0, "s/c"] and table.rows[0][2] == 3
     assert "80.00 [70.00, 90.00] | 80.27 [69.00, 92.00]" in table.as_markdown()
+    assert "$80.00$ $[70.00, 90.00]$ & $80.27$ $[69.00, 92.00]$ & $0.27$ $[-1.00, 2.00]$ & $1$" in table.as_latex()
     head, row = [line for line in table.as_csv().splitlines() if not line.startswith("#")]
     assert "gain mean,gain low,gain high" in head and ",0.2667,-1.0000,2.0000," in row

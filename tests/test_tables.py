@@ -4,7 +4,15 @@ import csv
 import io
 import json
 
-from gaussian_trimmer.evaluation.tables import FORMATS, Change, ScoreTable, heading, known_metrics, score_cells
+from gaussian_trimmer.evaluation.tables import (
+    FORMATS,
+    Change,
+    Interval,
+    ScoreTable,
+    heading,
+    known_metrics,
+    score_cells,
+)
 
 TABLE = ScoreTable(
     "A 50 % test_title",
@@ -38,6 +46,21 @@ def test_csv_has_two_columns_for_a_change_and_notes_as_comments():
         "note": "x, y",
     }
     assert rows[1]["IoU (%) before"] == "" and rows[1]["fidelity (dB)"] == ""
+
+
+def test_latex_escapes_what_it_would_obey_and_shows_intervals():
+    lines = TABLE.as_latex().splitlines()
+    assert lines[:3] == ["% A 50 % test_title", "% renderer: numba", "% mask: alpha > 0.5"]
+    assert lines[3] == r"\begin{tabular}{lrrr}" and lines[-1] == r"\end{tabular}"
+    assert lines[5] == r"view & IoU (\%) & fidelity (dB) & note \\"
+    assert lines[7] == r"a\_1.png & $90.00$ $\to$ $95.12$ & $60.00$ & x, y \\"
+    assert lines[8] == r"mean & -- $\to$ $95.00$ & -- & R\&D \\"
+    rows = [["~\\^<\n", Interval(-1.0, -2.0, 0.5), Interval(1.0, None, None)]]
+    sure = ScoreTable("two\nlines", ["method", "gain", "n"], rows)
+    text = FORMATS["latex"](sure)
+    assert text.startswith("% two lines\n") and "\n\n" not in text
+    head = r"\textasciitilde{}\textbackslash{}\textasciicircum{}$<$"
+    assert head + r"  & $-1.00$ $[-2.00, 0.50]$ & $1.00$ \\" in text
 
 
 def test_json_keeps_before_and_after():

@@ -27,6 +27,11 @@ COMMANDS = {
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
     "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
+    "evaluate removal": (
+        "gaussian_trimmer.commands.evaluate_removal",
+        "EvaluateRemoval",
+        "compare the scene without the object with pictures of it",
+    ),
     "evaluate nvos": (
         "gaussian_trimmer.commands.evaluate_dataset",
         "Nvos",

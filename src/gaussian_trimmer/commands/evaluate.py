@@ -53,7 +53,7 @@ class Evaluate:
     RESULT is a folder that `trim` wrote, a splat file of the object, or a selection file. A mask belongs to the picture
     with the same name; it may have another size, and the view is then rendered at the mask's. Scores are of the object
     rendered alone, and of its share of the whole scene, where what stands before it hides it. Published data sets have
-    commands of their own: evaluate nvos, evaluate lerf-mask and evaluate spin-nerf.
+    commands of their own, such as evaluate nvos, and evaluate removal measures the scene without the object.
     """
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]

@@ -13,7 +13,7 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
 from gaussian_trimmer.config import TrimConfig, check_config
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, dataset_tasks, find_predictions
 from gaussian_trimmer.evaluation.layouts import LAYOUTS
@@ -23,6 +23,7 @@ from gaussian_trimmer.evaluation.rendered_masks import score_rendered
 from gaussian_trimmer.evaluation.runs import Run, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
 from gaussian_trimmer.evaluation.statistics import made_by, table_of_statistics
+from gaussian_trimmer.evaluation.task_ids import ids_of_tasks
 from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
@@ -107,10 +108,9 @@ class _EvaluateDataset:
         """The runs of every method."""
         tasks = chosen_tasks(LAYOUTS[self.layout], self.root, self.tasks)
         names = method_names([*self.masks_only, *self.predictions])
-        ids = self.patterns.ids_of_tasks()
-        if ids and (missing := [task.name for task in tasks if task.name not in ids]):
-            raise InputError(f"'{self.patterns.ids}' has no row of the task '{shown(missing[0])}'.")
         found = [find_predictions(tasks, folder, self.patterns, self.root) for folder in self.predictions]
+        file = self.patterns.ids
+        ids = [ids_of_tasks(file, tasks, predictions) if file else {} for predictions in found]
         variant: dict[str, Variant] = {
             self.preset: Variant(self.config, segmenter_with(self.segmenter, self.segmenter_options))
         }
@@ -120,9 +120,9 @@ class _EvaluateDataset:
             name: [score_rendered(folder, protocol.targets_of(task), name, judge, protocol) for task in tasks]
             for name, folder in zip(names, self.masks_only, strict=False)
         }
-        for name, predictions in zip(names[len(methods) :], found, strict=True):
+        for name, predictions, own_ids in zip(names[len(methods) :], found, ids, strict=True):
             methods[name] = []
-            for task in dataset_tasks(tasks, predictions, name, self.selection_options, protocol, ids):
+            for task in dataset_tasks(tasks, predictions, name, self.selection_options, protocol, own_ids):
                 (run,) = measure(task, variant, judge, fidelity=False)
                 methods[name].append(run)
                 print_run(run, progress)

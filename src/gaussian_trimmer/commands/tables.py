@@ -33,10 +33,10 @@ class Findings:
 class TableOptions:
     """Where tables go."""
 
-    format: Literal["table", "csv", "json"] = "table"
+    format: Literal["table", "csv", "json", "latex"] = "table"
     """How tables are printed."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to which all tables are also written, as .md, .csv and .json."""
+    """Folder to which all tables are also written, as .md, .csv, .json and .tex."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
 

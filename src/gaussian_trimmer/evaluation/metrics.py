@@ -1,4 +1,4 @@
-"""Metrics of a trimmed object: its silhouette against a ground-truth mask, its picture against a photograph.
+"""Metrics of a trimmed object and its scene: silhouettes against ground-truth masks, pictures against photographs.
 
 Silhouettes are accumulated opacities or masks in [0, 1] of shape (H, W), boolean ones included. Where a metric needs a
 hard mask, a pixel belongs to `alpha` above the `threshold`, and to `gt` above 0.5. `valid` (H, W) marks the pixels that
@@ -23,6 +23,8 @@ THRESHOLD = 0.5
 """Opacity above which a pixel belongs to the object."""
 BOUNDARY_DILATION = 0.02
 """Width of the boundary band as a share of the image diagonal, as published with Boundary IoU."""
+_SSIM_WINDOW, _SSIM_SIGMA = (11, 11), 1.5
+_SSIM_C1, _SSIM_C2 = 0.01**2, 0.03**2
 
 
 def foreground_iou(
@@ -102,6 +104,28 @@ def psnr(a: Image, b: Image) -> float:
     if not squared.any():
         return float("inf")
     return float(-10.0 * np.log10(squared.mean()))
+
+
+def similarity_map(a: Image, b: Image) -> Float64Array:
+    """Structural similarity of two images (H, W, 3) with peak 1 around each pixel, the mean of their channels, (H, W).
+
+    Means, variances and covariance are taken in a Gaussian window of 11 pixels and a standard deviation of 1.5; beyond
+    the edge the image is mirrored.
+
+    Eq. 13 of "Image Quality Assessment: From Error Visibility to Structural Similarity" (Wang et al., 2004).
+    """
+    if a.shape != b.shape:
+        raise ValueError(f"The images have shapes {a.shape} and {b.shape}; equal shapes are needed.")
+
+    def local(image: Float64Array) -> Float64Array:
+        return np.asarray(cv2.GaussianBlur(image, _SSIM_WINDOW, _SSIM_SIGMA, borderType=cv2.BORDER_REFLECT_101))
+
+    x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    mean_x, mean_y = local(x), local(y)
+    variances = local(x * x) - mean_x**2 + local(y * y) - mean_y**2
+    covariance = local(x * y) - mean_x * mean_y
+    means = (2 * mean_x * mean_y + _SSIM_C1) / (mean_x**2 + mean_y**2 + _SSIM_C1)
+    return np.asarray((means * (2 * covariance + _SSIM_C2) / (variances + _SSIM_C2)).mean(axis=-1))
 
 
 def _masks(

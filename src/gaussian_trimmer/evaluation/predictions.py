@@ -6,7 +6,6 @@ pattern that matches counts, and of several training iterations the last.
 
 from __future__ import annotations
 
-import csv
 import glob
 import re
 from collections.abc import Callable, Sequence
@@ -16,10 +15,9 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
 from gaussian_trimmer.formats import FORMATS
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 from gaussian_trimmer.selection_files.method_files import METHOD_FILES
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES
 
@@ -42,8 +40,6 @@ _SELECTIONS = (
 )
 _CAMERAS = ("cameras.json", "transforms.json", "sparse/0", "sparse")
 _ITERATION = re.compile(r"(?:iteration_|chkpnt)(\d+)")
-_NUMBER = re.compile(r"-?\d{1,10}")
-_MAX_CSV_BYTES = 1 << 20
 _PLACEHOLDERS = "{scene} and {object} stand for the task's names"
 
 
@@ -59,30 +55,7 @@ class PredictionPatterns:
     """Pattern of the cameras; without it the usual places are searched, also in the data set."""
     ids: Annotated[Path | None, arg(metavar="FILE")] = None
     """CSV file with the id of each task's object, or several: rows of task and ids, such as 'ramen/yellow bowl,12 45'.
-    The tasks of a scene may then share a selection file."""
-
-    def ids_of_tasks(self) -> dict[str, tuple[int, ...]]:
-        """The ids by the name of the task; none without a file.
-
-        Raises:
-            InputError: the file cannot be read, or a row is no task with ids.
-        """
-        if self.ids is None:
-            return {}
-        if not is_file(self.ids):
-            raise InputError(f"There is no file '{self.ids}'.")
-        with reading(self.ids):
-            text = file_bytes(self.ids, _MAX_CSV_BYTES).decode("utf-8-sig", "replace")
-        rows = [[word.strip() for word in row] for row in csv.reader(text.splitlines()) if any(row)]
-        if rows and rows[0][0].lower() == "task":
-            del rows[0]
-        found: dict[str, tuple[int, ...]] = {}
-        for task, *words in rows:
-            numbers = " ".join(words).replace(";", " ").split()
-            if not numbers or not all(_NUMBER.fullmatch(number) for number in numbers):
-                raise InputError(f"'{self.ids}' has a row '{shown(task)}' without ids; rows are a task and its ids.")
-            found[task] = tuple(map(int, numbers))
-        return found
+    The tasks of a scene may then share a selection file. Or OpenGaussian's text_features.json."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +112,7 @@ def _find(task: LayoutTask, what: str, option: str, places: Sequence[tuple[Path,
         return pattern.replace("{scene}", quote(task.scene)).replace("{object}", quote(task.object))
 
     for folder, pattern in places:
-        found = _last_iteration(_matches(folder, filled(pattern, glob.escape)))
+        found = last_iteration(_matches(folder, filled(pattern, glob.escape)))
         if len(found) > 1:
             raise InputError(
                 f"The task '{task.name}' has {len(found)} files that may be its {what} ({found[0]}, {found[1]} ...); "
@@ -162,7 +135,7 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
     return sorted(folder.glob(pattern))
 
 
-def _last_iteration(paths: Sequence[Path]) -> list[Path]:
+def last_iteration(paths: Sequence[Path]) -> list[Path]:
     """The paths of the highest iteration; all of them if none is of an iteration."""
     numbers = [max((int(n) for n in _ITERATION.findall(str(path))), default=-1) for path in paths]
     return [path for path, number in zip(paths, numbers, strict=True) if number == max(numbers)]

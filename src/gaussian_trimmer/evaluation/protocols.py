@@ -72,14 +72,22 @@ class Protocol:
         return replace(view, alone=truth, in_scene=truth)
 
 
+_SPIN_NERF = Protocol(
+    "every mask counts: Jumpat/SegmentAnythingin3D, issues 34 and 78; pairing as in umangi-jain/gaussiancut",
+    ("in scene",), truth_above=0.0, by_order=True,
+)  # fmt: skip
 PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
     "nvos": {
         "cob-gs": Protocol(
             "ZestfulJX/COB-GS, render.py and eval/eval_NVOS.py", ("alone",), 0.5, size=1008, truth_above=_GREY
         ),
-        "saga": Protocol("Jumpat/SegAnyGAussians, render.py", ("in scene",), 0.5, size=1008, truth_above=_GREY),
+        "saga": Protocol(
+            "Jumpat/SegAnyGAussians, render.py and utils/camera_utils.py; where masks are cut is assumed",
+            ("in scene",), 0.5, size=1600, truth_above=_GREY,
+        ),
         "sa3d": Protocol(
-            "Jumpat/SegmentAnythingin3D, branch sa3d-gs, render.py", ("alone",), 0.1, size=1008, truth_above=0.0
+            "Jumpat/SegmentAnythingin3D, render.py of branch sa3d-gs, lib/evaluate.py and configs/llff of main",
+            ("alone",), 0.1, size=1008, truth_above=0.0,
         ),
     },
     "lerf-mask": {
@@ -88,13 +96,14 @@ PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
         ),
     },
     "spin-nerf": {
-        "usual": Protocol(
-            "reference view left out, as SA3D and those after it do; pairing as in umangi-jain/gaussiancut",
-            ("in scene",), truth_above=0.0, skips_reference=True, by_order=True,
+        "usual": _SPIN_NERF,
+        "without-reference": replace(
+            _SPIN_NERF, title="as usual, without the view from which methods start", skips_reference=True
         ),
     },
 }  # fmt: skip
-"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; codes train on a quarter."""
+"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; COB-GS
+and SA3D take a quarter, and Inria's code, on which SAGA builds, reduces what is wider than 1600 to that."""
 OWN_RULES = Protocol("this program's")
 
 

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import glob
 import re
 from pathlib import Path
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.evaluation.ground_truth import Truth, read_coverage, read_mask
-from gaussian_trimmer.evaluation.layouts.layout import LayoutTask, Target, pictures_in
+from gaussian_trimmer.evaluation.layouts.layout import PICTURES, LayoutTask, Target, pictures_in
 from gaussian_trimmer.evaluation.protocols import Protocol
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.scoring import Judge, mean_scores
+from gaussian_trimmer.io.reading import path_inside
 
 _GREY = 128 / 255
 """Above this share of white, a pixel of a rendered mask is object."""
 _NAMED = (
     "{scene}/{folder}/{object}", "{scene}/{view}/{object}", "{scene}/{object}/{view}", "{object}/{view}",
     "{scene}/{view}/chosen_{object}", "{scene}/{number}/chosen_{object}", "{object}",
+    "{scene}/*/ours_*/renders_cluster_silhouette/{view}_{object}",
 )  # fmt: skip
 """Where the mask of one view may lie, without its ending; several tasks may have the same scene and view."""
 _IN_ORDER = (
@@ -37,12 +40,13 @@ def find_rendered(folder: Path, task: LayoutTask) -> list[Path]:
         if all(found) and (len(task.targets) == 1 or len(set(found)) > 1):
             return [path for path in found if path is not None]
     for pattern in _IN_ORDER:
-        for place in sorted(folder.glob(_filled(pattern, task, task.targets[0]))):
+        name = _filled(pattern, task, task.targets[0])
+        for place in sorted(folder.glob(name)) if path_inside(folder, name) else ():
             if len(listed := pictures_in(place)) == len(task.targets):
                 return listed
     raise InputError(
         f"'{folder}' has no rendered masks of the {len(task.targets)} views of '{task.name}', such as "
-        f"'{_filled(_NAMED[3], task, task.targets[0])}.png', nor as many pictures in a folder of its own."
+        f"'{shown(task.object)}/{shown(task.targets[0].view)}.png', nor as many pictures in a folder of its own."
     )
 
 
@@ -61,12 +65,15 @@ def score_rendered(folder: Path, task: LayoutTask, method: str, judge: Judge, pr
 
 
 def _filled(pattern: str, task: LayoutTask, target: Target) -> str:
+    """The pattern with the words of a task and a target, in which `*` alone keeps its meaning."""
     number = re.search(r"\d*$", target.view)
     words = {"scene": task.scene, "object": task.object, "view": target.view, "folder": target.mask.parent.name}
-    return pattern.format(**words, number=number[0] if number else "")
+    words["number"] = number[0] if number else ""
+    return pattern.format(**{name: glob.escape(word) for name, word in words.items()})
 
 
 def _one(folder: Path, name: str) -> Path | None:
-    place = folder / name
-    found = [path for path in pictures_in(place.parent) if path.stem == place.name]
+    if path_inside(folder, name) is None:  # a name in a file of polygons may be any text
+        return None
+    found = [path for path in folder.glob(f"{name}.*") if path.suffix.lower() in PICTURES and path.is_file()]
     return found[0] if len(found) == 1 else None

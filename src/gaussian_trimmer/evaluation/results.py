@@ -56,6 +56,20 @@ def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None =
     return StoredResult(cut_by(scene, selection), selection)
 
 
+def read_background(path: Path) -> Gaussians:
+    """The scene without the object: the background in a folder of a trim, or a splat file of any program.
+
+    Raises:
+        InputError: there is none, or it cannot be read.
+    """
+    if not is_folder(path):
+        return formats.read(path)
+    found = _only(path, "background")
+    if found is None:
+        raise InputError(f"'{path}' holds no background file; give the splat file of the scene without the object.")
+    return formats.read(found)
+
+
 def cut_by(scene: Gaussians, selection: BoolArray) -> Cut:
     """The scene cut in two by a selection (N,)."""
     return Cut(scene.select(selection), scene.select(~selection))

@@ -1,4 +1,4 @@
-"""Tables of scores as Markdown, CSV and JSON; each carries notes on how its figures were measured."""
+"""Tables of scores as Markdown, CSV, JSON and LaTeX; each carries notes on how its figures were measured."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gaussian_trimmer.errors import printable
 from gaussian_trimmer.evaluation.scoring import METRICS, Scores
 
 
@@ -29,6 +30,13 @@ class Interval:
     high: float | None
 
 
+_LATEX: Mapping[str, str] = {
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}",
+    "<": "$<$", ">": "$>$",
+}  # fmt: skip
+"""Character that LaTeX would obey or not show -> how it is written."""
+
 Cell = str | float | int | Change | Interval | None
 _PARTS: Mapping[type, tuple[str, ...]] = {Change: ("before", "after"), Interval: ("mean", "low", "high")}
 """Cells that are several numbers -> the names of these."""
@@ -43,7 +51,7 @@ class ScoreTable:
     rows: Sequence[Sequence[Cell]]
     notes: Sequence[str] = ()
     digits: int = 2
-    """Decimals of numbers in Markdown; CSV and JSON have four."""
+    """Decimals of numbers in Markdown and LaTeX; CSV and JSON have four."""
 
     def as_markdown(self) -> str:
         """A Markdown table with aligned columns."""
@@ -73,6 +81,15 @@ class ScoreTable:
             )
         return file.getvalue()
 
+    def as_latex(self) -> str:
+        """A tabular that needs no package, below title and notes as comments (`%`)."""
+        comments = [f"% {printable(comment)}" for comment in (self.title, *self.notes)]
+        cells = [map(_escaped, self.columns), *([_latex(cell, self.digits) for cell in row] for row in self.rows)]
+        head, *body = (f"{' & '.join(line)} \\\\" for line in cells)
+        begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
+        lines = [*comments, begin, "\\hline", head, "\\hline", *body, "\\hline", "\\end{tabular}"]
+        return "\n".join([*lines, ""])
+
     def as_dict(self) -> dict[str, Any]:
         """The table as JSON holds it: rows are objects by heading, and so are cells of several numbers."""
         rows = [{name: _json(cell) for name, cell in zip(self.columns, row, strict=True)} for row in self.rows]
@@ -83,9 +100,10 @@ FORMATS: Mapping[str, Callable[[ScoreTable], str]] = {
     "table": ScoreTable.as_markdown,
     "csv": ScoreTable.as_csv,
     "json": lambda table: json.dumps(table.as_dict(), indent=1, allow_nan=False) + "\n",
+    "latex": ScoreTable.as_latex,
 }
 """How a table is printed, by name."""
-ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json"}
+ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json", "latex": ".tex"}
 """Ending of each format's file."""
 
 
@@ -121,6 +139,30 @@ def cell_text(cell: Cell, digits: int) -> str:
     if cell is None:
         return "-"
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
+
+
+def _latex(cell: Cell, digits: int) -> str:
+    match cell:
+        case str():
+            return _escaped(cell)
+        case None:
+            return "--"
+        case Change():
+            return f"{_latex(cell.before, digits)} $\\to$ {_latex(cell.after, digits)}"
+        case Interval(_, None, _):
+            return _latex(cell.mean, digits)
+        case Interval():
+            return f"{_latex(cell.mean, digits)} $[{cell_text(cell.low, digits)}, {cell_text(cell.high, digits)}]$"
+    return f"${cell_text(cell, digits)}$"
+
+
+def _escaped(text: str) -> str:
+    r"""Text whose special characters are escaped for LaTeX.
+
+    >>> _escaped("mIoU (%), a_b")
+    'mIoU (\\%), a\\_b'
+    """
+    return "".join(_LATEX.get(character, character) for character in printable(text))
 
 
 def _split(cell: Cell, parts: Sequence[str]) -> list[str]:

@@ -1,0 +1,105 @@
+"""`gaussian-trimmer evaluate removal`: a scene without its object, against pictures of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from gaussian_trimmer.camera_files import read_cameras_of
+from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.commands.tables import Findings, TableOptions
+from gaussian_trimmer.errors import shown
+from gaussian_trimmer.evaluation.removal import (
+    IGNORED,
+    INPAINT_RADIUS,
+    Likeness,
+    RemovalFolders,
+    inpainted,
+    likeness,
+    views_without,
+)
+from gaussian_trimmer.evaluation.results import read_background
+from gaussian_trimmer.evaluation.statistics import made_by
+from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.settings import Range, check_settings
+
+_COLUMNS = ("PSNR (dB)", "SSIM")
+
+
+@dataclass(frozen=True)
+class EvaluateRemoval:
+    """Compare the scene without an object with pictures of it, where the object was.
+
+    RESULT is a folder that `trim` wrote, or any splat file of the scene without the object. A picture or mask belongs
+    to the camera whose picture has the same name; a view counts if it has both. Compared are the pixels of the mask,
+    grown, without those of other objects.
+    """
+
+    result: Annotated[Positional[Path], arg(metavar="RESULT")]
+    """What is measured."""
+    without: Annotated[Path, arg(metavar="DIR")]
+    """Folder of pictures of the scene without the object."""
+    masks: Annotated[Path, arg(metavar="DIR")]
+    """Folder of masks of the object in these views; the object is bright."""
+    cameras: Annotated[Path, arg(metavar="PATH")]
+    """Cameras of the pictures: a COLMAP folder, transforms.json or cameras.json."""
+    images: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of photographs with the object, to compare with: OpenCV's inpainting of each."""
+    ignore: Annotated[tuple[Path, ...], arg(metavar="DIR [DIR ...]")] = ()
+    """Folders of masks of other objects, whose pixels do not count."""
+    grow: Annotated[int, Range(0, 100)] = 6
+    """By how many pixels the masks are grown."""
+    renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
+    """What renders the views."""
+    trust_paths: bool = False
+    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    quiet: bool = False
+    """Print nothing but errors."""
+    tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
+
+    def run(self) -> None:
+        """Measure, print the table, and write it if asked to.
+
+        Raises:
+            InputError: something that the user gave cannot be used.
+        """
+        check_settings(self)
+        self.tables.publish(self._measure, open_console(quiet=self.quiet))
+
+    def _measure(self) -> Findings:
+        renderer, background = get_renderer(self.renderer), read_background(self.result)
+        cameras = read_cameras_of(self.result, self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
+        folders = RemovalFolders(self.without, self.masks, self.images, self.ignore)
+        found, views = views_without(cameras, folders, self.grow)
+        rows: list[list[Cell]] = []
+        for view in views:
+            pictures = [renderer.render(background, view.camera).rgb, inpainted(view)]
+            scores = [likeness(picture, view) for picture in pictures if picture is not None]
+            pixels = int(np.count_nonzero(view.counted))
+            rows.append([shown(view.camera.name), pixels, *(cell for score in scores for cell in _cells(score))])
+        rows.append(["mean", None, *map(_mean, list(zip(*rows, strict=True))[2:])])
+        names = [*_COLUMNS, *(f"inpainting, {name}" for name in _COLUMNS if self.images)]
+        notes = [
+            f"pixels of the object's mask > 0.5, grown by {self.grow}, where no other object's exceeds {IGNORED:g}",
+            f"views: {len(found)}, those of {len(cameras)} cameras with a picture and a mask; mean over views",
+            f"SSIM in a window of 11 pixels; renderer: {renderer.name}",
+            *([f"inpainting: OpenCV's after Telea, radius {INPAINT_RADIUS:g}"] if self.images else []),
+            made_by(),
+        ]
+        title = f"{shown(self.result.name)}: the scene without the object, where it was"
+        return Findings({"removal": ScoreTable(title, ["view", "pixels", *names], rows, notes, digits=3)})
+
+
+def _cells(score: Likeness | None) -> tuple[Cell, Cell]:
+    return (score.psnr, score.ssim) if score else (None, None)
+
+
+def _mean(column: tuple[Cell, ...]) -> float | None:
+    """The mean of the numbers in a column, or None if it has none."""
+    numbers = [cell for cell in column if isinstance(cell, float)]
+    return float(np.mean(numbers)) if numbers else None
