@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +18,9 @@ from rich.table import Table
 
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.io.manifest import earlier_results
 from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.trimming.clock import LOG
 
 _STAGES = {
     "read": "reading the files",
@@ -44,8 +48,13 @@ _DOUBTFUL_CONFIDENCE = 0.2
 """Confidence below which the up vector may well be wrong."""
 
 
-def open_console(*, quiet: bool) -> Console:
-    """The terminal, or standard output; errors are not written to it."""
+def open_console(*, quiet: bool, log_level: str | None = None) -> Console:
+    """The terminal, or standard output; errors are not written to it, nor is the log, which begins if it has a level."""
+    if log_level is not None:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        LOG.handlers = [handler]
+        LOG.setLevel(log_level.upper())
     return _PlainConsole(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -138,6 +147,13 @@ def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
         f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are tilted, "
         "another axis."
     )
+
+
+def print_json(document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
+    """Print a JSON document on standard output; results are a folder and the kind of its manifest, and are listed."""
+    if results is not None:
+        document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
+    print(json.dumps(document, allow_nan=False))
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -13,7 +14,7 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
+from gaussian_trimmer.commands.console import open_console, print_json, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim import Loaded, Trim
 from gaussian_trimmer.commands.trim_settings import TrimSettings
@@ -48,24 +49,17 @@ class Select(TrimSettings):
     --marks makes it again and goes on.
     """
 
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
-        "--list-views",
-        "--view",
-        "--view-index",
-        "--click",
-        "--remove-click",
-        "--box",
-        "--add",
-        "--subtract",
-        "--marks",
-        "--masks",
-        "--object-ids",
-        "--cameras",
-        "--up",
-        "--output",
-        "--overwrite",
-        "--trim",
-        "--quiet",
+    COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "find pixels": ("--list-views", "--cameras", "--up"),
+        "mark": ("--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract"),
+        "or take masks of the pictures": ("--masks", "--object-ids"),
+        "results": ("--marks", "--output", "--overwrite", "--trim", "--quiet"),
+    }
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer select scene.ply --list-views views",
+        "gaussian-trimmer select scene.ply --view-index 0 --click 330 200 --trim cup",
+        "gaussian-trimmer select scene.ply --marks scene_selection.json --view-index 4 --remove-click 250 350",
+        "gaussian-trimmer select scene.ply --masks masks --cameras sparse/0 --output cup.npy",
     )
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
@@ -105,7 +99,7 @@ class Select(TrimSettings):
         Raises:
             InputError: something that the user gave cannot be used, or the selection is empty.
         """
-        console = open_console(quiet=self.quiet)
+        console = open_console(quiet=self.quiet or self.json, log_level=self.log_level)
         self._check()
         if self.list_views is not None:
             self._write_views(self.list_views, console)
@@ -116,8 +110,11 @@ class Select(TrimSettings):
                 load=lambda: self._select(console)
             )
         else:
-            self._select(console)
+            made = self._select(console)
             console.print(f"Now: {self._next_command()}")
+            if self.json:
+                counts = {"selected": int(np.count_nonzero(made.selection)), "scene": len(made.scene)}
+                print_json({"selection": str(self.selection_path), "counts": counts})
         return 0
 
     def _select(self, console: Console) -> Loaded:

@@ -17,6 +17,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import (
     announce_compiling,
     open_console,
+    print_json,
     print_refusal,
     print_summary,
     print_warnings,
@@ -31,6 +32,7 @@ from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.output.engines import engine_files, write_for_engine
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import trim_files, write_trim
@@ -88,7 +90,7 @@ class Trim(TrimInputs):
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
-        console = open_console(quiet=self.quiet)
+        console = open_console(quiet=self.quiet or self.json, log_level=self.log_level)
         self._check_settings()
         if self.labels is not None:
             trim_labels(self, console)
@@ -101,12 +103,20 @@ class Trim(TrimInputs):
         if report["refused"]:
             print_refusal(report)
         print_summary(console, report, time.perf_counter() - start)
+        self._say_where(console)
+        print_warnings(report)
+        if self.json:
+            print_json(report, (self.folder(), RESULTS))
+        return NOTHING_TRIMMED if report["refused"] else 0
+
+    def _say_where(self, console: Console) -> None:
+        """Say where the results are."""
         looked_at = REPORT if self.pages.html else "before_after.png"
         console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
+        if self.engine is not None:
+            console.print(f"{engine_files(self.engine)[0]} is the object for {self.engine}: see docs/engines.md.")
         if self.pages.export_viewer is not None:
             console.print(self.pages.sentence())
-        print_warnings(report)
-        return NOTHING_TRIMMED if report["refused"] else 0
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
@@ -140,6 +150,8 @@ class Trim(TrimInputs):
         if loaded.marks is not None:
             write_marks(loaded.marks, folder / MARKS)
         report = write_trim(result, folder, self.suffix(), self._inputs(), seconds, html=self.pages.html)
+        if self.engine is not None:
+            write_for_engine(result, self.engine, folder)
         self.pages.write_viewer(result, self.folder(), folder)
         return report
 
@@ -157,10 +169,12 @@ class Trim(TrimInputs):
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
+        engine = engine_files(self.engine) if self.engine is not None else ()
+        pages = self.pages.names(self.folder())
         return atomic_folder(
             self.folder(),
             RESULTS,
-            names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *self.pages.names(self.folder())),
+            names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *engine, *pages),
             inputs=self._input_paths(),
             overwrite=self.overwrite,
         )
