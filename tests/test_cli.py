@@ -268,7 +268,7 @@ def test_every_command_explains_itself_shortly_and_in_full(command, capsys):
     assert run(*command.split(), "--help-all") == 0
     full = capsys.readouterr().out
     assert set(options_in(short)) <= set(options_in(full))
-    kind = cli._kind_of(command)
+    kind = cli.kind_of(command)
     groups = getattr(kind, "COMMON_OPTIONS", {})
     assert {flag for flags in groups.values() for flag in flags} <= set(options_in(short))
     for example in getattr(kind, "EXAMPLES", ()):
@@ -290,7 +290,30 @@ NEEDED = DATASETS | {
     "convert": ["a", "b"],
     "evaluate": ["a", "b", "--masks", "m", "--cameras", "c"],
     "demo": [],
+    "completion": ["bash"],
 }
+
+
+@pytest.mark.needs("bash")
+def test_the_shell_completes_commands_options_and_choices(tmp_path, capsys):
+    assert run("completion", "bash") == 0
+    script = capsys.readouterr().out
+    assert run("completion", "zsh") == 0
+    assert capsys.readouterr().out.endswith(script)
+    assert run("completion", "cmd") == 2
+    for words, wanted in [
+        (["sel"], "select"),
+        (["trim", "a.ply", "--camer"], "--cameras"),
+        (["trim", "a.ply", "--segmenter", "grab"], "grabcut"),
+        (["evaluate", "nvos", "a", "--protoc"], "--protocol"),
+        (["evaluate", "a.ply", "--befo"], "--before"),
+        (["trim", "a.ply", "scene"], None),  # names of files are the shell's
+    ]:
+        asked = " ".join(["gaussian-trimmer", *words])
+        lines = [script, f"COMP_WORDS=({asked}); COMP_CWORD={len(words)}; _gaussian_trimmer", 'echo "${COMPREPLY[@]}"']
+        done = subprocess.run(["bash", "-c", "\n".join(lines)], capture_output=True, text=True, check=True)
+        assert done.stderr == ""
+        assert wanted in done.stdout.split() if wanted else done.stdout == "\n"
 
 
 @pytest.mark.parametrize("command", [*cli.COMMANDS])

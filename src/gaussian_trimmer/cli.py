@@ -36,6 +36,7 @@ COMMANDS = {
     "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
     "evaluate lerf-ovs": ("gaussian_trimmer.commands.evaluate_dataset", "LerfOvs", "the same on LERF-OVS"),
     "evaluate 3d-ovs": ("gaussian_trimmer.commands.evaluate_dataset", "Ovs3d", "the same on 3D-OVS"),
+    "completion": ("gaussian_trimmer.commands.completion", "Completion", "make bash or zsh complete commands"),
 }
 """A command of two words goes before the command of its first word."""
 
@@ -101,7 +102,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
     elif name in COMMANDS and {"-h", "--help", "--help-all"}.intersection(arguments[used:]):
         from gaussian_trimmer.commands.help import help_on
 
-        print(help_on(_kind_of(name), f"{PROGRAM} {name}", everything="--help-all" in arguments))
+        print(help_on(kind_of(name), f"{PROGRAM} {name}", everything="--help-all" in arguments))
     elif name in COMMANDS:
         return _parse(name, arguments[used:]).run() or 0
     else:
@@ -109,8 +110,8 @@ def _dispatch(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _kind_of(name: str) -> type[Any]:
-    """The dataclass of a command."""
+def kind_of(name: str) -> type[Any]:
+    """The dataclass of a command, by its name in `COMMANDS`."""
     from importlib import import_module
 
     module, attribute, _ = COMMANDS[name]
@@ -121,12 +122,13 @@ def _kind_of(name: str) -> type[Any]:
 def _parse(name: str, arguments: Sequence[str]) -> Any:
     from gaussian_trimmer.options import parse
 
-    return parse(_kind_of(name), arguments, name)
+    return parse(kind_of(name), arguments, name)
 
 
 def _overview() -> str:
     width = max(map(len, COMMANDS)) + 2
     lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     head = f"usage: {PROGRAM} COMMAND ...\n\nSharp object boundaries for 3D Gaussian Splatting segmentations.\n"
-    tail = f"\n{PROGRAM} COMMAND --help lists the options of a command; --version prints the version."
+    tail = f"\n{PROGRAM} COMMAND --help shows the usual options of a command, --help-all every setting.\n"
+    tail += f"{PROGRAM} --version prints the version."
     return "\n".join([head, *lines, tail])
