@@ -38,7 +38,10 @@ def test_a_full_circle_of_accepted_views_is_seen_from_all_around(views):
 
 def test_views_over_an_arc_leave_the_far_side_unchecked():
     found = sides(yaws=(20, 74))
-    assert found.sentence() == "seen over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked"
+    assert (
+        found.sentence()
+        == "seen over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked"
+    )
     assert found.as_json()["yaw_ranges_degrees"] == [[20, 74]]
     assert found.middle == 47
     assert found.verdict(47) == ""

@@ -76,7 +76,7 @@ def test_before_after_shows_the_object_from_all_around():
         assert min(before.sum(), after.sum()) > 10_000 > 10 * without.sum()
     assert frames(picture) == [False] * 6
     rows = np.flatnonzero(red[52:372, STEP * 4 : STEP * 4 + CELL].any(axis=1))
-    assert 0 < rows[0] and rows[-1] < 319, "the low view cuts the object off"
+    assert rows[0] > 0 and rows[-1] < 319, "the low view cuts the object off"
 
 
 def test_thin_ends_of_the_object_are_within_the_picture():

@@ -127,7 +127,7 @@ def test_ambiguous_archive_names_the_kinds_and_can_be_forced(tmp_path):
 
 def test_options_without_use_are_refused(tmp_path):
     path = save(tmp_path / "m.npy", rows_mask(N, 2))
-    with pytest.raises(InputError, match=r"'mask', which has no use for --selection\.gamma, --selection\.object-id"):
+    with pytest.raises(InputError, match=r"'mask', which does not use --selection\.gamma, --selection\.object-id"):
         select(path, object_id=(1,), gamma=0.5)
 
 
@@ -138,7 +138,9 @@ def test_nothing_selected_is_said(tmp_path):
 
 def test_arrays_of_no_use_are_described(tmp_path):
     np.savez(tmp_path / "x.npz", a=np.zeros((3, 4), np.float32), b=np.zeros(2))
-    with pytest.raises(InputError, match=r"a: float32 \(3, 4\); b: float64 \(2,\)\) is no selection for 12 Gaussians"):
+    with pytest.raises(
+        InputError, match=r"a: float32 \(3, 4\); b: float64 \(2,\)\) is not a selection for 12 Gaussians"
+    ):
         select(tmp_path / "x.npz")
 
 

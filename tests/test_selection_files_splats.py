@@ -152,7 +152,7 @@ class TestProperty:
         assert select(path, formats.read(path), property="label", object_id=(2,)) == [2, 5, 8, 11]
         with pytest.raises(InputError, match=r"no Gaussians of object 3; .*0 \(4\), 1 \(4\), 2 \(4\)"):
             select(path, scene, property="label", object_id=(3,))
-        with pytest.raises(InputError, match=r"'opacity' of 'scene.ply' is no id"):
+        with pytest.raises(InputError, match=r"'opacity' of 'scene.ply' is not an id"):
             select(path, scene, property="opacity", object_id=(3,))
 
     def test_unknown_property_lists_the_others(self, tmp_path):

@@ -77,7 +77,7 @@ class TrimResult(Division):
     """The Gaussians that were given."""
     up: UpVector
     bounds: Bounds
-    """Bounds of the roughly selected object, which the views frame."""
+    """Bounds of the selected object, which the views frame."""
     views: tuple[TrimmedView, ...]
     """The views that the trimmer looked from; none if the inputs were found wrong before."""
     floaters: int
@@ -93,7 +93,7 @@ class TrimResult(Division):
     segmenter_description: str
     """What the segmenter says of itself for the report: its name, or more."""
     selection: BoolArray
-    """The rough selection that was trimmed, (N,)."""
+    """The selection that was trimmed, (N,)."""
     config: TrimConfig
     """The settings that it was trimmed with."""
     used_renderer: Renderer

@@ -61,7 +61,8 @@ def script() -> str:
             if found := re.fullmatch(r"\{([\w.,-]+)\}", option.metavar):
                 choices[option.flags[0]] = found[1].replace(",", " ")
     lines = [
-        f'        {flag}) COMPREPLY=($(compgen -W "{words}" -- "$current")); return ;;' for flag, words in choices.items()
+        f'        {flag}) COMPREPLY=($(compgen -W "{words}" -- "$current")); return ;;'
+        for flag, words in choices.items()
     ]
     firsts = " ".join(dict.fromkeys(name.split()[0] for name in cli.COMMANDS))
     return _SCRIPT.format(commands=f"{firsts} --help --version", cases="\n".join(cases), choices="\n".join(lines))

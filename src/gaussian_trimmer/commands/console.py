@@ -49,7 +49,7 @@ _DOUBTFUL_CONFIDENCE = 0.2
 
 
 def open_console(*, quiet: bool, log_level: str | None = None) -> Console:
-    """The terminal, or standard output; errors are not written to it, nor is the log, which begins if it has a level."""
+    """The terminal, or standard output. Errors go elsewhere, and so does the log, which begins if it has a level."""
     if log_level is not None:
         handler = logging.StreamHandler()
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
@@ -99,20 +99,20 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     if counts["cut"]:
         split = f", {counts['split']:,} of them split with the background" if counts["split"] else ""
         table.add_row("  cut", f"{counts['cut']:,} at the outline{split}")
-    floaters = f", of which {counts['floaters']:,} floated far off" if counts["floaters"] else ""
+    floaters = f", {counts['floaters']:,} of them far away" if counts["floaters"] else ""
     table.add_row("  removed", f"{counts['removed']:,}{floaters}")
     if counts["left_out"]:
-        table.add_row("  left out", f"{counts['left_out']:,} of both files")
-    table.add_row("recovered", f"{counts['recovered']:,} that were not selected joined the object")
+        table.add_row("  left out", f"{counts['left_out']:,}, in neither file")
+    table.add_row("recovered", f"{counts['recovered']:,} that were not selected")
     if counts["fitted"]:
         table.add_row("fitted", f"{counts['fitted']:,} at the outline")
     elif report["not_fitted"]:
         table.add_row("not fitted", report["not_fitted"])
     if counts["dropped"]:
-        table.add_row("cleaned", f"{counts['dropped']:,} Gaussians that the object hid were left out of the background")
+        table.add_row("background", f"{counts['dropped']:,} Gaussians that the object hid are left out")
     if counts["filled"]:
-        relit = f"; its shadow was taken off {counts['relit']:,}" if counts["relit"] else ""
-        table.add_row("made up", f"{counts['filled']:,} Gaussians continue the surfaces that the object hid{relit}")
+        relit = f"; {counts['relit']:,} lose its shadow" if counts["relit"] else ""
+        table.add_row("made up", f"{counts['filled']:,} Gaussians where the object stood{relit}")
     elif report["not_filled"]:
         table.add_row("not made up", report["not_filled"])
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")

@@ -21,7 +21,7 @@ from gaussian_trimmer.output.html.document import SUFFIXES
 
 @dataclass(frozen=True)
 class Convert:
-    """Convert a splat file; the endings of the names tell the formats.
+    """Convert a splat file. The endings of the names tell the formats.
 
     A target that ends with .html becomes a page that draws the Gaussians, up to a million, in any browser, without a
     server and without the network. It cannot be read back. A file cannot be converted into itself: what the format
@@ -34,13 +34,13 @@ class Convert:
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """File to write, in one of these formats or .html."""
     sort: bool = False
-    """Write the rows in Morton order: smaller and more precise compressed files, but selections no longer fit."""
+    """Write the rows in Morton order. Compressed files get smaller and more precise, but selections no longer fit."""
     spz_version: Literal[3, 4] = 3
-    """Version of an .spz target: 3, which everything reads, or 4, which is a little smaller."""
+    """Version of an .spz target: 3, which every reader knows, or 4, which is a little smaller."""
     engine: Annotated[EngineName | None, arg(name="for")] = None
     """Turn the Gaussians so that they stand upright in this program; TARGET must have a format that it reads."""
     up: tuple[float, float, float] | None = None
-    """Up vector of SOURCE, for --for and for pages; if it is not given, the ground is looked for."""
+    """Which way is up in SOURCE, for --for and for pages. By default the ground is looked for."""
     overwrite: bool = False
     """Replace the target if it exists."""
     quiet: bool = False

@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING
 from functools import cache
 from itertools import pairwise
-from typing import Any
 
 from gaussian_trimmer.options import Option, options_of
 

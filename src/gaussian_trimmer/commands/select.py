@@ -41,7 +41,7 @@ _LISTING = "select --list-views"
 
 @dataclass(frozen=True)
 class Select(TrimSettings):
-    """Make a rough selection: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
+    """Select an object roughly: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
 
     The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
     pictures in which to find pixels. A mask belongs to the picture with the same name: IMG_7.png or IMG_7.JPG.png to
@@ -66,24 +66,24 @@ class Select(TrimSettings):
     """Splat file of the scene, or the folder of a training."""
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
     marks: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Begin with the marks that an earlier run saved."""
+    """Begin with the marks of an earlier run."""
     list_views: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Write pictures of all views, and a page to click in, to this folder and stop."""
+    """Only write pictures of all views to this folder, with a page to click in."""
     grid: bool = False
     """Draw a grid of pixel numbers over these pictures."""
     overview: Annotated[OverviewConfig, arg(name="")] = field(default_factory=OverviewConfig)
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks, or a pattern such as 'out/*/chosen_cup.png' in which * stands for the picture's name or number;
-    the object is bright. Needs --cameras."""
+    """Folder of masks in which the object is bright. Or a pattern such as 'out/*/chosen_cup.png', in which * stands for
+    the picture's name or number. Needs --cameras."""
     output: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: SCENE_selection.npy)")] = None
-    """File for the selection: .npy with booleans, or with object numbers if --object-ids is given. The marks go beside
-    it. An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
+    """File for the selection, .npy. It has booleans, or object numbers if --object-ids is given; the marks go beside it.
+    An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also trim the selection, with all settings of trim, and write the results to this folder."""
+    """Also trim, and write the results to this folder. All settings of trim can be given."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0
-    """Bias of --masks towards the background, -1 to 1."""
+    """Bias of --masks towards the background, from -1 to 1."""
     object_ids: bool = False
-    """The masks hold object numbers, 0 for the background; all objects are selected at once."""
+    """Select all objects at once, by masks that hold their numbers. 0 is the background."""
 
     @property
     def selection_path(self) -> Path:
@@ -160,7 +160,7 @@ class Select(TrimSettings):
         check_settings(self)
         marks = self.mark_options.marks()
         if self.list_views is not None and (marks or self.masks or self.marks):
-            raise InputError("--list-views writes the views and stops; leave out what selects.")
+            raise InputError("--list-views only writes the views; leave the marks out.")
         if self.list_views is None and not marks and self.masks is None and self.marks is None:
             raise InputError(
                 "Say what to select: --click X Y, --box X0 Y0 X1 Y1, a volume, --add FILE, --masks DIR or --marks FILE."
@@ -168,7 +168,7 @@ class Select(TrimSettings):
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
         if self.object_ids and (self.masks is None or marks or self.marks):
-            raise InputError("Object numbers are lifted from --masks alone.")
+            raise InputError("Object numbers come from --masks alone; give it, and leave marks out.")
         if self.object_ids and self.trim is not None:
             raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
         if self.pages.wished() and self.trim is None:
@@ -219,7 +219,7 @@ class Select(TrimSettings):
         console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
         if 0 < len(overview.whole) < len(drawn):
             first, last = overview.whole[0], overview.whole[-1]
-            console.print(f"The whole capture is in views {first} to {last}, the part with most detail in the others.")
+            console.print(f"Views {first} to {last} show the whole capture, the others its most detailed part.")
         console.print(f"To click: open {folder / 'index.html'} in a browser.")
 
     def _command_of_views(self) -> list[str]:

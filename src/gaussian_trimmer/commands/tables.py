@@ -34,9 +34,9 @@ class TableOptions:
     """Where tables go."""
 
     format: Literal["table", "csv", "json"] = "table"
-    """How tables are printed."""
+    """How to print tables."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to which all tables are also written, as .md, .csv and .json."""
+    """Also write all tables to this folder, as .md, .csv and .json."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
 

@@ -66,7 +66,7 @@ class Loaded(NamedTuple):
 
     scene: Gaussians
     selection: BoolArray
-    """The rough selection, (N,)."""
+    """The selection, (N,)."""
     cameras: CameraSet | None
     marks: Marks | None = None
     """The marks that made the selection, if marks did."""
@@ -164,7 +164,7 @@ class Trim(TrimInputs):
         others = self.excluded_rows(loaded.scene)
         selection = loaded.selection & ~others
         if not selection.any():
-            raise InputError("Nothing is left of the selection: --exclude names all of it.")
+            raise InputError("Nothing is left of the selection, since --exclude takes all of it; leave a file out.")
         return selection, others if loaded.excluded is None else others | loaded.excluded
 
     def _results(self) -> AbstractContextManager[Path]:
@@ -182,7 +182,7 @@ class Trim(TrimInputs):
     def _check_settings(self) -> None:
         """Refuse settings that are not possible before anything is read, also those that this run would not use."""
         if self.selection is not None and formats.has_splats(self.selection) and not _may_hold_splats(self.scene):
-            raise InputError(f"'{self.scene.name}' is no splat file; the scene comes before the selection.")
+            raise InputError(f"'{self.scene.name}' is not a splat file; the scene comes before the selection.")
         check_config(self.settings())
         check_settings(self.selection_options, "selection")
         check_settings(self.segmenter_options)
@@ -228,9 +228,7 @@ class Trim(TrimInputs):
         further = self.mark_options.marks()
         earlier = read_marks(self.selection) if self.selection is not None and is_marks_file(self.selection) else None
         if earlier is not None and (unused := sorted(self.selection_options.given())):
-            raise InputError(
-                f"'{self.selection}' holds marks, which have no use for {flag(unused[0])}; leave that out."
-            )
+            raise InputError(f"'{self.selection}' holds marks and does not use {flag(unused[0])}; leave that out.")
         if earlier is None and not further:
             return None
         if self.selection is not None and earlier is None:

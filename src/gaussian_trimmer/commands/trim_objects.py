@@ -96,7 +96,7 @@ def _without(excluded: BoolArray, objects: dict[int, BoolArray]) -> dict[int, Bo
     left = {number: mask & ~excluded for number, mask in objects.items()}
     for number, mask in left.items():
         if not mask.any():
-            raise InputError(f"Nothing is left of object {number}: --exclude names all of it.")
+            raise InputError(f"Nothing is left of object {number}: --exclude takes all of it; leave a file out.")
     return left
 
 

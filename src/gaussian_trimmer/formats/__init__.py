@@ -46,7 +46,7 @@ def format_suffix(path: str | Path) -> str:
     if suffix := _known_suffix(name):
         return suffix
     hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
-    raise InputError(f"'{name}' is of no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
+    raise InputError(f"'{name}' is not in a known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
 
 
 def is_named(name: str, suffix: str) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -105,7 +106,7 @@ def turned(gaussians: Gaussians, rotation: Float64Array) -> Gaussians:
         rows = slice(start, start + _CHUNK)
         quaternions[rows] = quaternions_of(rotation @ rotation_matrices(gaussians.quaternions[rows]))
     sh_rest = gaussians.sh_rest.copy()
-    for first, end in zip(_BAND_ENDS, _BAND_ENDS[1:], strict=False):
+    for first, end in pairwise(_BAND_ENDS):
         if end <= sh_rest.shape[2]:
             sh_rest[:, :, first:end] = gaussians.sh_rest[:, :, first:end] @ _turn_of_band(rotation, first, end)
     means = (gaussians.means.astype(np.float64) @ rotation.T).astype(np.float32)

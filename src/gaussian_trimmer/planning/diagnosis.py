@@ -42,7 +42,7 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
 
     Args:
         scene: all N Gaussians.
-        selection: the coarse object, (N,).
+        selection: the selected object, (N,).
         bounds: its bounds.
         cameras: the training cameras, if known.
     """
@@ -70,7 +70,7 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
 
     Args:
         scene: all N Gaussians.
-        selection: the coarse object, (N,).
+        selection: the selected object, (N,).
         up: the vector, and how it is known.
     """
     if up.source not in KNOWN_SOURCES:
@@ -97,7 +97,7 @@ def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
 
     Args:
         scene: N Gaussians, not all of them selected.
-        selection: the coarse object, (N,).
+        selection: the selected object, (N,).
     """
     step = max(1, min(len(scene) // _SCENE_SAMPLE_SIZE, int(selection.sum()) // _MIN_SELECTED))
     # Every n-th of either side, so that an order of rows in which every n-th is selected does no harm.

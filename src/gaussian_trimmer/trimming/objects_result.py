@@ -32,9 +32,9 @@ class TrimmedObject:
     fitted: IntArray
     """Which of these rows were fitted to the object's outline, ascending."""
     selection: BoolArray
-    """The rough selection, (N,)."""
+    """The selection, (N,)."""
     bounds: Bounds
-    """Bounds of the rough object."""
+    """Bounds of the selected object."""
     view: TrimmedView | None
     """A view of it, an accepted one if there is one; None if the selection was refused before any was planned."""
     refused: str | None

@@ -18,7 +18,7 @@ _COLOURS_AND_MEANINGS = {
     "split_inside": ("#2a78d0", "a part of a Gaussian that was cut; it lies in the object"),
     "split_outside": ("#56b4e9", "a part of a Gaussian that was cut; it lies in the background"),
     "filled": ("#f0e442", "new: continues what the object stood on or leaned against"),
-    "relit": ("#b8860b", "in the background, brighter: the object's shadow was taken off it"),
+    "relit": ("#b8860b", "in the background, brighter: the object's shadow is gone"),
     DROPPED: ("#c45fb0", "only the object hid it, or a new one took its place; in neither file"),
     FITTED: ("#e69f00", "adjusted to the outline (also counted above); shown in this colour if kept"),
 }

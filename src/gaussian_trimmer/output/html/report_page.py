@@ -133,7 +133,7 @@ def _views(result: TrimResult, figures: Sequence[Figure]) -> str:
 
 def _background(result: TrimResult) -> str:
     if len(result.source_index) == len(result.object):
-        return "<p>Nothing is left: the file held the object alone, and nothing of it was cut off.</p>"
+        return "<p>Nothing is left: the file held the object alone, and nothing of it was removed.</p>"
     figures = background_figures(result)
     return comparison("background-pairing", figures, BACKGROUND_PAIRINGS) if figures else _NO_VIEW
 
