@@ -73,7 +73,7 @@ def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page,
     assert [change.name for change in legend] == [*LABEL_NAMES, DROPPED, FITTED]
     assert len({change.colour for change in legend}) == len(legend)
     counts = {change.name: change.count for change in legend}
-    assert counts["pruned"] == result.count(RowLabel.PRUNED) > 0
+    assert counts["removed"] == result.count(RowLabel.REMOVED) > 0
     assert (counts[DROPPED], counts[FITTED]) == (len(result.dropped), len(result.fitted))
     for change in legend:
         assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 from tyro.conf import Positional, arg
 
@@ -54,7 +55,11 @@ def script() -> str:
 
     cases, choices = [], dict[str, str]()
     for name in sorted(cli.COMMANDS, key=len, reverse=True):  # those of two words first
-        options = [option for option in options_of(cli.kind_of(name)) if not (option.is_positional or option.is_hidden)]
+        options = [
+            option
+            for option in options_of(cast(Hashable, cli.kind_of(name)))
+            if not (option.is_positional or option.is_hidden)
+        ]
         flags = " ".join(flag for option in options for flag in option.flags)
         cases.append(f'        "{name}{"" if " " in name else " "}"*) options="{flags}" ;;')
         for option in options:

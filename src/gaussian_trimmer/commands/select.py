@@ -76,8 +76,8 @@ class Select(TrimSettings):
     """Folder of masks in which the object is bright. Or a pattern such as 'out/*/chosen_cup.png', in which * stands for
     the picture's name or number. Needs --cameras."""
     output: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: SCENE_selection.npy)")] = None
-    """File for the selection, .npy. It has booleans, or object numbers if --object-ids is given; the marks go beside it.
-    An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
+    """File for the selection, .npy. It has booleans, or object numbers with --object-ids; the marks go beside it. An
+    earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
     """Also trim, and write the results to this folder. All settings of trim can be given."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0

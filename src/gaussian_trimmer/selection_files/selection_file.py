@@ -140,7 +140,7 @@ def _open(path: Path, n: int | None) -> SelectionFile:
     if suffix == ".json":
         return SelectionFile(path, {"": read_json(path)}, is_list=True)
     raise InputError(
-        f"'{path.name}' is not a known kind of selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks "
+        f"'{path.name}' is not a known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks "
         "of images are not a selection: lift them to the scene with 'gaussian-trimmer select'.)"
     )
 

@@ -112,7 +112,7 @@ class ObjectsResult:
         """What happened to each of these rows, a `RowLabel`."""
         selected = np.any([part.selection for part in self.objects], axis=0)[self.background_rows]
         labels = [part.label for part in self.objects]
-        labels.append(np.where(selected, RowLabel.PRUNED, RowLabel.KEPT))
+        labels.append(np.where(selected, RowLabel.REMOVED, RowLabel.KEPT))
         labels.append(np.full(len(self.outside_source), RowLabel.SPLIT_OUTSIDE))
         labels += [np.full(len(self.relit), RowLabel.RELIT), np.full(len(self.filled), RowLabel.FILLED)]
         return np.concatenate(labels).astype(np.uint8)
