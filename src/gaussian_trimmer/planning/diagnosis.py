@@ -93,7 +93,7 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
 def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
     """How much more often the neighbours of a selected Gaussian are selected than any Gaussian is.
 
-    1 where all of them are, 0 where they are selected no more often than by chance. Judged on a sample, the same every time.
+    1 where all of them are, 0 where they are no more often than by chance. Judged on a sample, the same every time.
 
     Args:
         scene: N Gaussians, not all of them selected.
