@@ -112,7 +112,7 @@ def test_opengaussian_clusters(tmp_path):
     assert select(path, object_id=(4, 2)) == [0, 1, 10, 11]
     with pytest.raises(InputError, match=r"0 \(5\), 1 \(3\), 2 \(2\), 4 \(2\)"):
         select(path)
-    with pytest.raises(InputError, match="no selection for 5 Gaussians"):
+    with pytest.raises(InputError, match="not a selection for 5 Gaussians"):
         load_selection(path, make_scene(5), SelectionOptions(object_id=(4,)))
 
 
@@ -166,7 +166,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
     np.save(tmp_path / "m.npy", objects, allow_pickle=True)
     np.savez(tmp_path / "m.npz", mask=objects)
     np.savez(tmp_path / "both.npz", mask=rows_mask(N, 2), names=objects)
-    with pytest.raises(InputError, match="no NumPy array of numbers"):
+    with pytest.raises(InputError, match="not a NumPy array of numbers"):
         select(tmp_path / "m.npy")
     with pytest.raises(InputError, match="no array of numbers"):
         select(tmp_path / "m.npz")
@@ -175,7 +175,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
 
 def test_text_and_damage(tmp_path):
     (tmp_path / "m.txt").write_text("1 two")
-    with pytest.raises(InputError, match="no list of whole numbers"):
+    with pytest.raises(InputError, match="not a list of whole numbers"):
         select(tmp_path / "m.txt")
     with pytest.raises(InputError, match="type <U3"):
         select(save(tmp_path / "s.npy", ["abc"] * N))

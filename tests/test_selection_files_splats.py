@@ -57,7 +57,7 @@ class TestSubset:
 
     def test_whole_scene_is_no_part_of_it(self, tmp_path):
         scene = make_scene(N)
-        with pytest.raises(InputError, match="holds 12 Gaussians and the scene 12, so it is no part"):
+        with pytest.raises(InputError, match="holds 12 Gaussians and the scene 12, so it is not a part"):
             select(save_ply(tmp_path / "all.ply", scene), scene)
 
     def test_one_changed_bit_is_no_exact_match_and_said(self, tmp_path):

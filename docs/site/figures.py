@@ -101,9 +101,9 @@ def _augmentation(result: TrimResult) -> Picture:
 
 
 def _labels(result: TrimResult) -> Picture:
-    """How much of the picture the object contributes, by the rough labels and by the corrected ones."""
+    """How much of the picture the object contributes, by the given labels and by the corrected ones."""
     view = result.views[0].view
-    cells = [("picture", _small(view.rgb)), ("rough labels", _small(_grey(view.object_visible)))]
+    cells = [("picture", _small(view.rgb)), ("given labels", _small(_grey(view.object_visible)))]
     return row_of_pictures([*cells, ("corrected labels", _small(_grey(view.object_prior)))])
 
 

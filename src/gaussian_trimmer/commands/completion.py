@@ -9,6 +9,7 @@ from typing import Annotated, Literal, cast
 
 from tyro.conf import Positional, arg
 
+from gaussian_trimmer.commands import COMMANDS, kind_of
 from gaussian_trimmer.options import options_of
 
 _SCRIPT = """\
@@ -51,13 +52,11 @@ class Completion:
 
 def script() -> str:
     """The script for bash, which zsh understands, too."""
-    from gaussian_trimmer import cli  # late, since the table of commands names this module
-
     cases, choices = [], dict[str, str]()
-    for name in sorted(cli.COMMANDS, key=len, reverse=True):  # those of two words first
+    for name in sorted(COMMANDS, key=len, reverse=True):  # those of two words first
         options = [
             option
-            for option in options_of(cast(Hashable, cli.kind_of(name)))
+            for option in options_of(cast(Hashable, kind_of(name)))
             if not (option.is_positional or option.is_hidden)
         ]
         flags = " ".join(flag for option in options for flag in option.flags)
@@ -69,5 +68,5 @@ def script() -> str:
         f'        {flag}) COMPREPLY=($(compgen -W "{words}" -- "$current")); return ;;'
         for flag, words in choices.items()
     ]
-    firsts = " ".join(dict.fromkeys(name.split()[0] for name in cli.COMMANDS))
+    firsts = " ".join(dict.fromkeys(name.split()[0] for name in COMMANDS))
     return _SCRIPT.format(commands=f"{firsts} --help --version", cases="\n".join(cases), choices="\n".join(lines))
