@@ -34,8 +34,9 @@ def help_on(kind: type, prog: str, *, everything: bool) -> str:
     width = min(shutil.get_terminal_size().columns, _MAX_WIDTH)
     options = [option for option in options_of(kind) if not option.is_hidden]
     groups = _by_stage(options) if everything else _common(options, kind)
-    places = [option.metavar for option in options if option.is_positional]
-    lines = [" ".join([f"usage: {prog} [-h] [OPTIONS]", *places])]
+    places = [option for option in options if option.is_positional]
+    words = [option.metavar if option.default is MISSING else f"[{option.metavar}]" for option in places]
+    lines = [" ".join([f"usage: {prog} [-h] [OPTIONS]", *words])]
     paragraphs = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
     for paragraph in paragraphs if everything else paragraphs[:1]:
         lines += ["", _wrapped(paragraph, width)]
