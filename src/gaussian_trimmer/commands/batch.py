@@ -7,7 +7,7 @@ from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from rich.console import Console
 from rich.status import Status as RichStatus
@@ -33,6 +33,11 @@ class Batch:
     options; all but scene may be left out. Results go to items/NAME in the output folder, with summary.csv and
     summary.html beside them.
     """
+
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer batch manifest.csv --output out",
+        'gaussian-trimmer batch manifest.csv --output out --options "--views 7" --no-background --shard 1/4',
+    )
 
     manifest: Annotated[Positional[Path], arg(metavar="MANIFEST")]
     """Table of items, .csv or .jsonl."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from rich.console import Console
 from tyro.conf import Positional, arg
@@ -27,6 +27,12 @@ class Convert:
     server and without the network. It cannot be read back. A file cannot be converted into itself: what the format
     does not hold would be lost.
     """
+
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer convert scene.ply scene.spz",
+        "gaussian-trimmer convert scene.ply scene.html --up z",
+        "gaussian-trimmer convert object.ply object_unity.ply --for unity --up z",
+    )
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     """File to read: .ply, .compressed.ply, .splat, .spz, .sog or the meta.json of an unbundled one, .ksplat, .glb, or a

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from tyro.conf import Positional, arg
 
@@ -55,6 +55,11 @@ class Evaluate:
     rendered alone, and of its share of the whole scene, where what stands before it hides it. Published data sets have
     commands of their own: evaluate nvos, evaluate lerf-mask and evaluate spin-nerf.
     """
+
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer evaluate scene.ply trimmed --masks test_masks --cameras sparse/0",
+        "gaussian-trimmer evaluate scene.ply object.ply --before rough.npy --masks test_masks --cameras sparse/0",
+    )
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene."""

@@ -114,7 +114,7 @@ class Trim(TrimInputs):
         looked_at = REPORT if self.pages.html else "before_after.png"
         console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
         if self.engine is not None:
-            console.print(f"{engine_files(self.engine)[0]} is the object for {self.engine}: see docs/engines.md.")
+            console.print(f"{engine_files(self.engine)[0]} is the object for {self.engine}.")
         if self.pages.export_viewer is not None:
             console.print(self.pages.sentence())
 
@@ -261,6 +261,7 @@ class Trim(TrimInputs):
             "selection_options": to_plain(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
             "photos": str(self.photos) if self.photos else None,
+            "for": self.engine,
             "exclude": [str(path) for path in self.exclude],
             "preset": self.preset,
             "segmenter_options": to_plain(used) if used else {},
