@@ -116,7 +116,7 @@ def test_inputs_that_were_found_wrong_give_a_page_without_views(result):
     wrong = replace(result, views=(), refused="The rows are in another order.")
     page = page_of(wrong)
     check_stands_alone(page)
-    assert "No view was drawn" in page.text_of("views")
+    assert "No views: the inputs were found wrong" in page.text_of("views")
     assert "Not trimmed: The rows are in another order." in page.all("p", role="alert")[0][1]
 
 
