@@ -2,7 +2,7 @@
 
 Each Gaussian has a few features, all without a unit; a weighted sum of them gives its log-odds. `learn.py` learns the
 weights from scenes with ground truth and compares the decision with the trimmer's own. What came of it, and why it does
-not decide yet: docs/experiments.md, "One learned decision".
+not decide yet: docs/decisions/rules.md.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ class Arguments:
     data: tuple[Path, ...] = (DATA / "tabletop",)
     """Benchmark scenes: folders with scene.ply and coarse/OBJECT/KIND.npy."""
     kind: str = "dilated"
-    """Which coarse selections are trimmed."""
+    """Which kinds of selection are trimmed."""
     objects: int = 200
     """Number of items."""
     engines: tuple[Literal["local", "ray"], ...] = ("local",)

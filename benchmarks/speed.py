@@ -70,7 +70,7 @@ class Arguments:
     """Numbers of Gaussians of enlarged scenes; the object and what surrounds it stay the same. Sizes below that of the
     scene itself stand for the scene itself."""
     object_sizes: tuple[int, ...] = (1_000, 4_000, 16_000, 64_000)
-    """Numbers of Gaussians of the coarse object."""
+    """Numbers of Gaussians of the selected object."""
     views: tuple[int, ...] = (1, 3, 5, 10)
     """Numbers of views."""
     resolutions: tuple[int, ...] = (256, 512, 1024)

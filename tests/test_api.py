@@ -395,14 +395,14 @@ def test_slim_results_keep_decisions_and_let_go_of_the_rest(result):
     np.testing.assert_array_equal(slim.object_mask, result.object_mask)
     np.testing.assert_array_equal(slim.object_label, result.label[: len(result.object)])
     rest = slice(len(result.object), None)
-    pruned = result.source_index[rest][result.label[rest] == RowLabel.PRUNED]
-    np.testing.assert_array_equal(slim.pruned_rows, pruned)
+    pruned = result.source_index[rest][result.label[rest] == RowLabel.REMOVED]
+    np.testing.assert_array_equal(slim.removed_rows, pruned)
     assert len(slim.masks) == len(result.views)
     for mask, view in zip(slim.masks, result.views, strict=True):
         assert mask.dtype == np.bool_
         np.testing.assert_array_equal(mask, view.mask)
     assert (slim.report, slim.refused) == (result.report, result.refused)
-    arrays = [slim.object_rows, slim.object_label, slim.pruned_rows, *(bits for _, bits in slim.packed_masks)]
+    arrays = [slim.object_rows, slim.object_label, slim.removed_rows, *(bits for _, bits in slim.packed_masks)]
     assert all(array.base is None for array in arrays)  # views would hold what they are views of
     # Five masks of 160 x 160 bits, five bytes for each row of the object, and the report.
     assert len(pickle.dumps(slim)) < 5 * 160 * 160 / 8 + 5 * len(result.object) + 4 * len(pruned) + 10_000

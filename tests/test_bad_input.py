@@ -65,7 +65,7 @@ def test_unknown_endings(ball, tmp_path, capsys):
         ("full.npy", lambda n: np.ones(n, bool), "selects all"),
         ("short.npy", lambda n: np.ones(n - 1, bool), "entries"),
         ("scores.npy", lambda n: np.linspace(0, 1, n), "--selection.threshold"),
-        ("matrix.npy", lambda n: np.ones((3, n), bool), "is no selection"),
+        ("matrix.npy", lambda n: np.ones((3, n), bool), "is not a selection"),
         ("beyond.npy", lambda n: np.array([1, 2, n]), "row numbers 0 to"),
         ("pickled.npy", lambda n: np.array([{}], object), "pickled.npy"),
     ],

@@ -96,7 +96,7 @@ def test_failures_cost_their_items_alone_and_are_tried_again_when_mended(copy):
     found = batch(copy, *rows, output="new")
     assert [name for name, outcome in found.items() if outcome.state == "done"] == ["good"]
     assert all("There is no file" in found[name].message for name in ("gone", "device", "pipe"))
-    assert "no part of the scene" in found["whole"].message
+    assert "not a part of the scene" in found["whole"].message
     again = batch(copy, *rows, output="new")
     assert not again["cut"].fresh
     assert batch(copy, *rows, output="new", retry_failed=True)["cut"].fresh

@@ -326,7 +326,7 @@ def test_nothing_there_and_too_much_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no cameras"):
         read_camera_set(tmp_path)
     (tmp_path / "scene.ply").write_text("ply")
-    with pytest.raises(InputError, match="no camera file"):
+    with pytest.raises(InputError, match="not a camera file"):
         read_camera_set(tmp_path / "scene.ply")
     (tmp_path / "cameras.bin").write_text("")
     with pytest.raises(InputError, match="holds no cameras"):

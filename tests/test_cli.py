@@ -17,6 +17,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.clock import LOG
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,32 @@ def test_trim_writes_everything(ball, tmp_path, capsys):
     assert printed.err == ""
     assert "5 of 5 accepted" in printed.out
     assert str(output) in printed.out
+
+
+def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(LOG, "handlers", [])  # what the command sets ends with the test
+    monkeypatch.setattr(LOG, "level", LOG.level)
+    folder, scene, _ = ball
+    command = ["trim", folder / "scene.ply", folder / "rough.npy", "--up", "z", *SMALL, "--json"]
+    assert run(*command, "--output", tmp_path / "out", "--log-level", "info") == 0
+    printed = capsys.readouterr()
+    told = json.loads(printed.out)
+    assert told["counts"] == report_of(tmp_path / "out")["counts"] and told["refused"] is None
+    assert told["folder"] == str(tmp_path / "out")
+    assert {"object.ply", "manifest.json"} <= set(told["files"])
+    assert all((tmp_path / "out" / name).is_file() for name in told["files"])
+    assert "INFO stage: render" in printed.err
+    np.save(tmp_path / "labels.npy", np.load(folder / "rough.npy").astype(np.uint8))
+    several = ["trim", folder / "scene.ply", "--labels", tmp_path / "labels.npy", "--up", "z", *SMALL, "--json"]
+    assert run(*several, "--output", tmp_path / "several") == 0
+    assert json.loads(capsys.readouterr().out)["objects"][0]["id"] == 1
+    selecting = ["select", folder / "scene.ply", "--sphere", 0, 0, 1, 1, "--output", tmp_path / "a.npy", "--json"]
+    assert run(*selecting) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["counts"] == {"selected": int(np.load(tmp_path / "a.npy").sum()), "scene": len(scene)}
+    assert run(*command, "--output", tmp_path / "out") == 2  # the folder is not empty
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
 
 
 def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
@@ -237,12 +264,15 @@ def test_convert_and_info(ball, tmp_path, capsys):
 def test_every_command_explains_itself_shortly_and_in_full(command, capsys):
     assert run(*command.split(), "--help") == 0
     short = capsys.readouterr().out
-    assert f"usage: gaussian-trimmer {command}" in short and short.count("\n") <= 90
+    assert f"usage: gaussian-trimmer {command}" in short and short.count("\n") <= 62
     assert run(*command.split(), "--help-all") == 0
     full = capsys.readouterr().out
     assert set(options_in(short)) <= set(options_in(full))
-    kind = cli._kind_of(command)
-    assert set(getattr(kind, "COMMON_OPTIONS", ())) <= set(options_in(short))
+    kind = cli.kind_of(command)
+    groups = getattr(kind, "COMMON_OPTIONS", {})
+    assert {flag for flags in groups.values() for flag in flags} <= set(options_in(short))
+    for example in getattr(kind, "EXAMPLES", ()):
+        assert example in " ".join(short.split())
     assert set(options_in(full)) == set(options_in(short)) or "--help-all" in short
     for text in (short, full):
         assert not re.search(r"\(default: [^()]*\) \(default:|None|│|typing|<class", " ".join(text.split()))
@@ -260,7 +290,30 @@ NEEDED = DATASETS | {
     "convert": ["a", "b"],
     "evaluate": ["a", "b", "--masks", "m", "--cameras", "c"],
     "demo": [],
+    "completion": ["bash"],
 }
+
+
+@pytest.mark.needs("bash")
+def test_the_shell_completes_commands_options_and_choices(tmp_path, capsys):
+    assert run("completion", "bash") == 0
+    script = capsys.readouterr().out
+    assert run("completion", "zsh") == 0
+    assert capsys.readouterr().out.endswith(script)
+    assert run("completion", "cmd") == 2
+    for words, wanted in [
+        (["sel"], "select"),
+        (["trim", "a.ply", "--camer"], "--cameras"),
+        (["trim", "a.ply", "--segmenter", "grab"], "grabcut"),
+        (["evaluate", "nvos", "a", "--protoc"], "--protocol"),
+        (["evaluate", "a.ply", "--befo"], "--before"),
+        (["trim", "a.ply", "scene"], None),  # names of files are the shell's
+    ]:
+        asked = " ".join(["gaussian-trimmer", *words])
+        lines = [script, f"COMP_WORDS=({asked}); COMP_CWORD={len(words)}; _gaussian_trimmer", 'echo "${COMPREPLY[@]}"']
+        done = subprocess.run(["bash", "-c", "\n".join(lines)], capture_output=True, text=True, check=True)
+        assert done.stderr == ""
+        assert wanted in done.stdout.split() if wanted else done.stdout == "\n"
 
 
 @pytest.mark.parametrize("command", [*cli.COMMANDS])

@@ -79,7 +79,7 @@ def test_examples_are_five_and_short():
     assert len(lengths) >= 5 and all(length < 40 for length in lengths.values()), lengths
 
 
-def test_every_example_is_tested_and_in_the_readme():
+def test_every_example_is_tested_and_on_the_page_about_python():
     names = sorted(path.name for path in EXAMPLES.glob("*.py"))
-    tests, readme = Path(__file__).read_text(), (EXAMPLES.parent / "README.md").read_text()
-    assert names and all(f'["{name}"]' in tests and f"examples/{name}" in readme for name in names)
+    tests, page = Path(__file__).read_text(), (EXAMPLES.parent / "docs" / "python.md").read_text()
+    assert names and all(f'["{name}"]' in tests and f"examples/{name}" in page for name in names)

@@ -80,7 +80,7 @@ def test_a_plys_kind_is_told_by_its_header(tmp_path: Path) -> None:
 
 
 def test_names(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'scene.obj' is of no known splat format; known endings: .ply"):
+    with pytest.raises(InputError, match=r"'scene.obj' is not in a known splat format; known endings: .ply"):
         formats.read(tmp_path / "scene.obj")
     with pytest.raises(InputError, match=r"\.pt\. A selection is given after its scene\.$"):
         formats.read(tmp_path / "rough.npy")

@@ -97,7 +97,7 @@ def test_crumbs_of_the_object_join_it():
     scene = SCENE.replace(sh_dc=SCENE.sh_dc.copy())
     result = trim(scene, TRUTH, config=CONFIG, segmenter=Holes(scene.means[crumbs]))
     assert result.object_mask[crumbs].all()
-    assert result.count(RowLabel.PRUNED) == 0
+    assert result.count(RowLabel.REMOVED) == 0
 
 
 class Holes:

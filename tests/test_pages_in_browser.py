@@ -76,7 +76,7 @@ def test_other_pictures_can_be_compared(browser, report):
             shown.append([image.get_attribute("data-layer") for image in visible.all()])
             names = views.locator("figure").first.locator(".name").all_text_contents()
             assert set(names) == set(shown[-1])
-        assert shown == [["rough selection", "trimmed object"], ["trimmed object", "outlines"]]
+        assert shown == [["selection", "trimmed object"], ["trimmed object", "outlines"]]
 
 
 def test_the_report_shows_hostile_names_as_text(browser, report):

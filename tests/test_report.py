@@ -44,7 +44,7 @@ def test_labels_tell_where_every_row_of_both_files_comes_from(trimmed, written):
     assert n_object == len(formats.read(written / "object.ply"))
     rows = np.concatenate([formats.read(written / f"{name}.ply").sh_dc for name in ("object", "background")])
     np.testing.assert_array_equal(rows, trimmed.scene.sh_dc[labels["source_index"]])
-    pruned = labels["source_index"][labels["label"] == LABEL_NAMES.index("pruned")]
+    pruned = labels["source_index"][labels["label"] == LABEL_NAMES.index("removed")]
     assert len(pruned)
     assert trimmed.selection[pruned].all()
 
@@ -109,4 +109,4 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
 
 
 def test_numbers_of_labels_in_files_stay_what_they_are():
-    assert LABEL_NAMES == ("kept", "pruned", "recovered", "split_inside", "split_outside", "filled", "relit")
+    assert LABEL_NAMES == ("kept", "removed", "recovered", "split_inside", "split_outside", "filled", "relit")

@@ -47,7 +47,7 @@ def test_the_page_stands_alone(page):
 def test_every_view_can_be_compared_and_has_its_pictures(page, result):
     alternatives = [attributes["alt"] for attributes, _ in page.all("img")]
     for number in range(len(result.views)):
-        for layer, times in (("rough selection", 2), ("trimmed object", 1), ("outlines", 1), ("what was done", 1)):
+        for layer, times in (("selection", 2), ("trimmed object", 1), ("outlines", 1), ("what was done", 1)):
             assert alternatives.count(f"view {number}: {layer}") == times
         for layer in ("scene", "scene without the object"):
             assert alternatives.count(f"about the object, view {number}: {layer}") == 1
@@ -73,7 +73,7 @@ def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page,
     assert [change.name for change in legend] == [*LABEL_NAMES, DROPPED, FITTED]
     assert len({change.colour for change in legend}) == len(legend)
     counts = {change.name: change.count for change in legend}
-    assert counts["pruned"] == result.count(RowLabel.PRUNED) > 0
+    assert counts["removed"] == result.count(RowLabel.REMOVED) > 0
     assert (counts[DROPPED], counts[FITTED]) == (len(result.dropped), len(result.fitted))
     for change in legend:
         assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")
@@ -116,7 +116,7 @@ def test_inputs_that_were_found_wrong_give_a_page_without_views(result):
     wrong = replace(result, views=(), refused="The rows are in another order.")
     page = page_of(wrong)
     check_stands_alone(page)
-    assert "No view was drawn" in page.text_of("views")
+    assert "No views: the inputs were found wrong" in page.text_of("views")
     assert "Not trimmed: The rows are in another order." in page.all("p", role="alert")[0][1]
 
 
@@ -180,5 +180,5 @@ def test_several_objects_have_a_section_each(ball, capsys):
         fates = ("kept", "cut", "removed", "left_out", "went_to_other_objects")
         assert counts["selected"] == sum(counts[fate] for fate in fates)
         assert entry["file"] == f"object_{entry['id']}.ply" and (ball / "out" / entry["file"]).is_file()
-        for layer in ("rough selection", "trimmed object", "scene", "scene without the object"):
+        for layer in ("selection", "trimmed object", "scene", "scene without the object"):
             assert len(page.all("img", alt=f"object {entry['id']}: {layer}")) == 1

@@ -231,7 +231,7 @@ def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
     ("options", "message"),
     [
         ([], "Say what to select"),
-        (["--grow", 2, "--list-views", "views"], "leave out what selects"),
+        (["--grow", 2, "--list-views", "views"], "leave the marks out"),
         (["--sphere", 0, 0, 0, -1], "radius is -1; it must be above zero"),
         (["--box3d", 0, 0, 0, 1, 1, -1], "below its partner"),
         (["--plane", 0, 0, 0, 1], "not all zero"),

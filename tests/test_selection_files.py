@@ -112,7 +112,7 @@ def test_opengaussian_clusters(tmp_path):
     assert select(path, object_id=(4, 2)) == [0, 1, 10, 11]
     with pytest.raises(InputError, match=r"0 \(5\), 1 \(3\), 2 \(2\), 4 \(2\)"):
         select(path)
-    with pytest.raises(InputError, match="no selection for 5 Gaussians"):
+    with pytest.raises(InputError, match="not a selection for 5 Gaussians"):
         load_selection(path, make_scene(5), SelectionOptions(object_id=(4,)))
 
 
@@ -127,7 +127,7 @@ def test_ambiguous_archive_names_the_kinds_and_can_be_forced(tmp_path):
 
 def test_options_without_use_are_refused(tmp_path):
     path = save(tmp_path / "m.npy", rows_mask(N, 2))
-    with pytest.raises(InputError, match=r"'mask', which has no use for --selection\.gamma, --selection\.object-id"):
+    with pytest.raises(InputError, match=r"'mask', which does not use --selection\.gamma, --selection\.object-id"):
         select(path, object_id=(1,), gamma=0.5)
 
 
@@ -138,7 +138,9 @@ def test_nothing_selected_is_said(tmp_path):
 
 def test_arrays_of_no_use_are_described(tmp_path):
     np.savez(tmp_path / "x.npz", a=np.zeros((3, 4), np.float32), b=np.zeros(2))
-    with pytest.raises(InputError, match=r"a: float32 \(3, 4\); b: float64 \(2,\)\) is no selection for 12 Gaussians"):
+    with pytest.raises(
+        InputError, match=r"a: float32 \(3, 4\); b: float64 \(2,\)\) is not a selection for 12 Gaussians"
+    ):
         select(tmp_path / "x.npz")
 
 
@@ -164,7 +166,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
     np.save(tmp_path / "m.npy", objects, allow_pickle=True)
     np.savez(tmp_path / "m.npz", mask=objects)
     np.savez(tmp_path / "both.npz", mask=rows_mask(N, 2), names=objects)
-    with pytest.raises(InputError, match="no NumPy array of numbers"):
+    with pytest.raises(InputError, match="not a NumPy array of numbers"):
         select(tmp_path / "m.npy")
     with pytest.raises(InputError, match="no array of numbers"):
         select(tmp_path / "m.npz")
@@ -173,7 +175,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
 
 def test_text_and_damage(tmp_path):
     (tmp_path / "m.txt").write_text("1 two")
-    with pytest.raises(InputError, match="no list of whole numbers"):
+    with pytest.raises(InputError, match="not a list of whole numbers"):
         select(tmp_path / "m.txt")
     with pytest.raises(InputError, match="type <U3"):
         select(save(tmp_path / "s.npy", ["abc"] * N))

@@ -57,7 +57,7 @@ class TestSubset:
 
     def test_whole_scene_is_no_part_of_it(self, tmp_path):
         scene = make_scene(N)
-        with pytest.raises(InputError, match="holds 12 Gaussians and the scene 12, so it is no part"):
+        with pytest.raises(InputError, match="holds 12 Gaussians and the scene 12, so it is not a part"):
             select(save_ply(tmp_path / "all.ply", scene), scene)
 
     def test_one_changed_bit_is_no_exact_match_and_said(self, tmp_path):
@@ -152,7 +152,7 @@ class TestProperty:
         assert select(path, formats.read(path), property="label", object_id=(2,)) == [2, 5, 8, 11]
         with pytest.raises(InputError, match=r"no Gaussians of object 3; .*0 \(4\), 1 \(4\), 2 \(4\)"):
             select(path, scene, property="label", object_id=(3,))
-        with pytest.raises(InputError, match=r"'opacity' of 'scene.ply' is no id"):
+        with pytest.raises(InputError, match=r"'opacity' of 'scene.ply' is not an id"):
             select(path, scene, property="opacity", object_id=(3,))
 
     def test_unknown_property_lists_the_others(self, tmp_path):

@@ -105,15 +105,15 @@ def test_a_mask_and_a_checkpoint_without_torch(tmp_path):
         (tensor(storage("FloatStorage", "x", 4), 0, (2**62,), (0,)), "expanded tensors"),
         (tensor(storage("ComplexFloatStorage", "x", 2), 0, (2,), (1,)), "type ComplexFloatStorage"),
         (Raw(named("torch._utils", "_rebuild_sparse_tensor") + b")R"), "sparse"),
-        (Raw(named("torch", "device") + b"X\3\0\0\0cpu\x85R"), "holds a device that is no selection"),
+        (Raw(named("torch", "device") + b"X\3\0\0\0cpu\x85R"), "holds a device that is not a selection"),
         ((np.zeros(3), Raw(named("os", "system") + b"X\2\0\0\0ls\x85R")), r"names os\.system.*can run code"),
         (Raw(named("builtins", "eval")), "can run code"),
-        (Raw(named("numpy", "dtype") + b"X\2\0\0\0O8\x89\x88\x87R"), "holds a dtype that is no selection"),
+        (Raw(named("numpy", "dtype") + b"X\2\0\0\0O8\x89\x88\x87R"), "holds a dtype that is not a selection"),
         (Raw(b"Nr\xff\xff\xff\x7f"), "a place in memory"),
         (Raw(b"h\7"), "damaged"),
         (Raw(b"R"), "damaged"),
         (Raw(b"}K\1K\1e"), "damaged"),
-        ("text", "holds a str that is no selection"),
+        ("text", "holds a str that is not a selection"),
     ],
 )
 def test_what_is_refused(tmp_path, value, message):

@@ -174,11 +174,11 @@ def check_parts(result, selection):
     np.testing.assert_array_equal(rest[why_rest == RowLabel.SPLIT_OUTSIDE], split[: len(result.outside_parts)])
     assert set(why_mine) <= {RowLabel.KEPT, RowLabel.RECOVERED, RowLabel.SPLIT_INSIDE}
     made_up = {RowLabel.RELIT, RowLabel.FILLED}
-    assert set(why_rest) <= {RowLabel.KEPT, RowLabel.PRUNED, RowLabel.SPLIT_OUTSIDE} | made_up
+    assert set(why_rest) <= {RowLabel.KEPT, RowLabel.REMOVED, RowLabel.SPLIT_OUTSIDE} | made_up
     np.testing.assert_array_equal(rest < 0, why_rest == RowLabel.FILLED)
     assert selection[mine[why_mine == RowLabel.KEPT]].all()
     assert not selection[mine[why_mine == RowLabel.RECOVERED]].any()
-    assert selection[rest[why_rest == RowLabel.PRUNED]].all()
+    assert selection[rest[why_rest == RowLabel.REMOVED]].all()
     assert not selection[rest[why_rest == RowLabel.KEPT]].any()
     for part, rows, why in ((result.object, mine, why_mine), (result.background, rest, why_rest)):
         untouched = why < RowLabel.SPLIT_INSIDE

@@ -36,7 +36,7 @@ from gaussian_trimmer.result import RowLabel, TrimResult
 
 FOLDER = Path(__file__).parents[1] / "images" / "stages"
 SIDE = 300
-KEPT, PRUNED, RECOVERED, OTHER = (0.25, 0.7, 0.3), (0.95, 0.2, 0.1), (0.2, 0.45, 1.0), (0.82, 0.82, 0.82)
+KEPT, REMOVED, RECOVERED, OTHER = (0.25, 0.7, 0.3), (0.95, 0.2, 0.1), (0.2, 0.45, 1.0), (0.82, 0.82, 0.82)
 BLUE, ORANGE = (0.1, 0.4, 0.9), (0.95, 0.5, 0.1)
 
 
@@ -101,9 +101,9 @@ def _augmentation(result: TrimResult) -> Picture:
 
 
 def _labels(result: TrimResult) -> Picture:
-    """How much of the picture the object contributes, by the rough labels and by the corrected ones."""
+    """How much of the picture the object contributes, by the given labels and by the corrected ones."""
     view = result.views[0].view
-    cells = [("picture", _small(view.rgb)), ("rough labels", _small(_grey(view.object_visible)))]
+    cells = [("picture", _small(view.rgb)), ("given labels", _small(_grey(view.object_visible)))]
     return row_of_pictures([*cells, ("corrected labels", _small(_grey(view.object_prior)))])
 
 
@@ -116,18 +116,18 @@ def _segmentation(result: TrimResult) -> Picture:
 
 
 def _evidence(result: TrimResult) -> Picture:
-    """What became of each Gaussian: kept, pruned or recovered."""
+    """What became of each Gaussian: kept, removed or recovered."""
     n, colours = len(result.object), np.tile(np.float32(OTHER), (len(result.scene), 1))
     for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.RECOVERED, RECOVERED)):
         colours[result.source_index[:n][result.label[:n] == label]] = colour
-    colours[result.source_index[n:][result.label[n:] == RowLabel.PRUNED]] = PRUNED
+    colours[result.source_index[n:][result.label[n:] == RowLabel.REMOVED]] = REMOVED
     cells = []
     for i in (0, 1, 2):
         camera = close_up(result.views[i], result.bounds, SIDE)
         rows = result.selection | result.object_mask
         shown = result.used_renderer.blend_values(result.scene.select(rows), camera, colours[rows])
         alpha = result.used_renderer.render(result.scene.select(rows), camera).alpha
-        cells.append((f"view {i}: kept, pruned, recovered", shown + (1 - alpha)[..., None]))
+        cells.append((f"view {i}: kept, removed, recovered", shown + (1 - alpha)[..., None]))
     return row_of_pictures(cells)
 
 

@@ -8,6 +8,7 @@ import os
 import sys
 
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.commands import COMMANDS, kind_of
 from gaussian_trimmer.errors import InputError, explained, printable
 
 TYPE_CHECKING = False
@@ -16,33 +17,6 @@ if TYPE_CHECKING:
     from typing import Any
 
 PROGRAM = "gaussian-trimmer"
-
-# Name -> module, dataclass of the options, and a line of help.
-COMMANDS = {
-    "trim": ("gaussian_trimmer.commands.trim", "Trim", "sharpen a rough selection of one object"),
-    "batch": ("gaussian_trimmer.commands.batch", "Batch", "trim many objects of many scenes, from a table"),
-    "demo": ("gaussian_trimmer.commands.demo", "Demo", "trim an object of the sample scene"),
-    "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
-    "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
-    "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
-    "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
-    "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
-    "evaluate removal": (
-        "gaussian_trimmer.commands.evaluate_removal",
-        "EvaluateRemoval",
-        "compare the scene without the object with pictures of it",
-    ),
-    "evaluate nvos": (
-        "gaussian_trimmer.commands.evaluate_dataset",
-        "Nvos",
-        "score a method on NVOS, before and after trimming",
-    ),
-    "evaluate lerf-mask": ("gaussian_trimmer.commands.evaluate_dataset", "LerfMask", "the same on LERF-Mask"),
-    "evaluate spin-nerf": ("gaussian_trimmer.commands.evaluate_dataset", "SpinNerf", "the same on SPIn-NeRF's masks"),
-    "evaluate lerf-ovs": ("gaussian_trimmer.commands.evaluate_dataset", "LerfOvs", "the same on LERF-OVS"),
-    "evaluate 3d-ovs": ("gaussian_trimmer.commands.evaluate_dataset", "Ovs3d", "the same on 3D-OVS"),
-}
-"""A command of two words goes before the command of its first word."""
 
 USER_ERROR, INTERRUPTED, STOPPED_BY = 2, 130, 128
 """Exit codes; that of a run which a signal stopped is 128 and the signal's number, as shells have it. `Command.run` may
@@ -106,7 +80,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
     elif name in COMMANDS and {"-h", "--help", "--help-all"}.intersection(arguments[used:]):
         from gaussian_trimmer.commands.help import help_on
 
-        print(help_on(_kind_of(name), f"{PROGRAM} {name}", everything="--help-all" in arguments))
+        print(help_on(kind_of(name), f"{PROGRAM} {name}", everything="--help-all" in arguments))
     elif name in COMMANDS:
         return _parse(name, arguments[used:]).run() or 0
     else:
@@ -114,24 +88,16 @@ def _dispatch(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _kind_of(name: str) -> type[Any]:
-    """The dataclass of a command."""
-    from importlib import import_module
-
-    module, attribute, _ = COMMANDS[name]
-    kind: type[Any] = getattr(import_module(module), attribute)
-    return kind
-
-
 def _parse(name: str, arguments: Sequence[str]) -> Any:
     from gaussian_trimmer.options import parse
 
-    return parse(_kind_of(name), arguments, name)
+    return parse(kind_of(name), arguments, name)
 
 
 def _overview() -> str:
     width = max(map(len, COMMANDS)) + 2
     lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
     head = f"usage: {PROGRAM} COMMAND ...\n\nSharp object boundaries for 3D Gaussian Splatting segmentations.\n"
-    tail = f"\n{PROGRAM} COMMAND --help lists the options of a command; --version prints the version."
+    tail = f"\n{PROGRAM} COMMAND --help shows the usual options of a command, --help-all every setting.\n"
+    tail += f"{PROGRAM} --version prints the version."
     return "\n".join([head, *lines, tail])

@@ -39,7 +39,7 @@ class TrimConfig:
     """Every setting of the trimmer, by stage."""
 
     up: Vector | None = None
-    """Up vector of the scene. If it is not given, it is found from the cameras, or else from the ground plane."""
+    """Which way is up. By default it is found from the cameras, or else from the ground."""
     plan: PlanConfig = field(default_factory=PlanConfig)
     context_radius: Annotated[float, Range(0, 100)] = CONTEXT_RADIUS
     """Gaussians within this many object radii of the object's centre are rendered with it as background (eq. 7); 0:
@@ -54,9 +54,9 @@ class TrimConfig:
     has sharp edges; `off`: whole Gaussians of the object keep their numbers."""
     refinement: RefineConfig = field(default_factory=RefineConfig)
     background: Literal["filled", "clean", "exact"] = "filled"
-    """The scene without the object. `filled`: what only the object hid is left out, and the flat surfaces that it stood
-    on, hung on or leaned against go on where it was, without its shadow; `clean`: nothing is made up, and holes stay;
-    `exact`: every Gaussian that is not the object's, as it was."""
+    """How the scene without the object is made. `filled`: what only the object hid is left out, and the flat surfaces
+    that it stood on, hung on or leaned against go on where it was, without its shadow; `clean`: nothing is made up, and
+    holes stay; `exact`: every Gaussian that is not the object's, as it was."""
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:

@@ -1,4 +1,4 @@
-"""The exception for what only the user can mend, and how text from strangers' files is shown."""
+"""The exception for problems in what the user gave, and how text from files is shown."""
 
 from __future__ import annotations
 

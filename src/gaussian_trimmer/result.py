@@ -29,7 +29,7 @@ class RowLabel(IntEnum):
 
     KEPT = 0
     """It is on the side that the selection put it on."""
-    PRUNED = 1
+    REMOVED = 1
     """It was selected and is now in the background."""
     RECOVERED = 2
     """It was not selected and is now in the object."""
@@ -77,7 +77,7 @@ class TrimResult(Division):
     """The Gaussians that were given."""
     up: UpVector
     bounds: Bounds
-    """Bounds of the roughly selected object, which the views frame."""
+    """Bounds of the selected object, which the views frame."""
     views: tuple[TrimmedView, ...]
     """The views that the trimmer looked from; none if the inputs were found wrong before."""
     floaters: int
@@ -93,7 +93,7 @@ class TrimResult(Division):
     segmenter_description: str
     """What the segmenter says of itself for the report: its name, or more."""
     selection: BoolArray
-    """The rough selection that was trimmed, (N,)."""
+    """The selection that was trimmed, (N,)."""
     config: TrimConfig
     """The settings that it was trimmed with."""
     used_renderer: Renderer
@@ -145,12 +145,12 @@ class TrimResult(Division):
         """What was decided, without the scene, the object's Gaussians and the renderings."""
         n_object = len(self.object)
         object_labels, rest = self.label[:n_object], slice(n_object, None)
-        pruned = self.source_index[rest][self.label[rest] == RowLabel.PRUNED]
+        removed = self.source_index[rest][self.label[rest] == RowLabel.REMOVED]
         return SlimResult(
             len(self.scene),
             self.source_index[:n_object].astype(np.int32),
             object_labels.copy(),
-            pruned.astype(np.int32),
+            removed.astype(np.int32),
             tuple((view.mask.shape, np.packbits(view.mask)) for view in self.views),
             self.report,
         )
@@ -169,7 +169,7 @@ class SlimResult:
     """Scene row of each row of the object, (M,)."""
     object_label: NDArray[np.uint8]
     """What happened to each of these rows, a `RowLabel`, (M,)."""
-    pruned_rows: NDArray[np.int32]
+    removed_rows: NDArray[np.int32]
     """Scene rows that were selected and are now in the background."""
     packed_masks: tuple[tuple[tuple[int, ...], NDArray[np.uint8]], ...]
     """Shape and bits of the mask of each view; see `masks`."""

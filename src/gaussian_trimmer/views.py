@@ -35,15 +35,15 @@ class View:
     picture: Rendering
     """The object and the Gaussians around it, over black."""
     object_alpha: FloatArray
-    """Alpha of the coarse object rendered in isolation, (H, W)."""
+    """Alpha of the selected object rendered in isolation, (H, W)."""
     object_visible: FloatArray
-    """Share of the picture that the coarse object contributes: the sum of its Gaussians' blend weights, (H, W)."""
+    """Share of the picture that the selected object contributes: the sum of its Gaussians' blend weights, (H, W)."""
     object_prior: FloatArray
     """Share of the picture that the object contributes according to the corrected labels, (H, W)."""
     box: Box
-    """Bounding box of the coarse object rendered in isolation: the prompt of eq. 6."""
+    """Bounding box of the selected object rendered in isolation: the prompt of eq. 6."""
     hidden: BoolArray | None = None
-    """Pixels of the coarse object where something clearly nearer hides it, (H, W); None: there are none."""
+    """Pixels of the selected object where something clearly nearer hides it, (H, W); None: there are none."""
 
     @property
     def rgb(self) -> FloatArray:
@@ -62,7 +62,7 @@ class View:
 
     @property
     def hidden_share(self) -> float:
-        """Share of the coarse object's silhouette, as it is in isolation, that something nearer hides."""
+        """Share of the selected object's silhouette, as it is in isolation, that something nearer hides."""
         if self.hidden is None:
             return 0.0
         return float(np.count_nonzero(self.hidden) / max(int(np.count_nonzero(self.object_alpha > HALF)), 1))

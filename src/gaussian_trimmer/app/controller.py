@@ -72,7 +72,7 @@ class Controller:
         self._look_from_camera()
         self.worker.submit(self.session.warm_up)
         n = len(now.document.scene)
-        thinned = f", {painter.shown:,} of them shown (see --most)" if painter.shown < n else ""
+        thinned = f", {painter.shown:,} of them shown (see --max-shown)" if painter.shown < n else ""
         return f"{now.document.path.name}: {n:,} Gaussians{thinned}. {now.sentence}"
 
     def stop(self) -> None:

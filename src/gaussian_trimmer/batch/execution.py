@@ -38,23 +38,23 @@ class BatchOptions:
     """How a batch is run."""
 
     workers: Annotated[int, Range(1, 100_000)] | None = None
-    """Number of worker processes; by default as many as this machine or the cluster has processors."""
+    """Number of worker processes. By default one for each processor of this machine or cluster."""
     engine: Literal["local", "ray"] = "local"
-    """Where the workers are: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])."""
+    """Where the workers run: on this machine, or on a Ray cluster (needs gaussian-trimmer[ray])."""
     address: Annotated[str | None, arg(metavar="ADDRESS")] = None
-    """Address of the Ray cluster, auto for the one that this machine is part of; by default one is started here."""
+    """Address of the Ray cluster, or auto for the one that this machine is part of. By default one is started here."""
     gpus: Annotated[float, Range(0, 1000)] = 0.0
-    """What each worker takes of the GPUs of a cluster."""
+    """GPUs for each worker of a cluster; may be a fraction."""
     shard: Annotated[tuple[_ShardNumber, _ShardNumber] | None, arg(metavar="I/N")] = None
-    """Only the scenes of the I-th of N machines, from 1."""
+    """Only this machine's share of the scenes: number I, from 1, of N machines."""
     time_limit: Annotated[float, Range(1e-3, 1e9)] | None = None
-    """Seconds that one item, with the reading of its scene, may take."""
+    """Seconds that one item may take, reading its scene included."""
     retries: Annotated[int, Range(0, 100)] = 1
-    """How many times an item is tried again, alone, whose worker has died."""
+    """How often an item whose worker died is tried again, alone."""
     retry_failed: bool = False
-    """Try those items again that failed in an earlier run."""
+    """Try again what failed in an earlier run."""
     memory: Annotated[float, Range(1e-3, 1e9)] | None = None
-    """Gigabytes that all workers on this machine may take together; by default 80 % of what is free."""
+    """Gigabytes that all workers on this machine may take together. By default 80 % of what is free."""
 
     def check(self) -> None:
         """Refuse what is not possible.

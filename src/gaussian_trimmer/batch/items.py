@@ -34,7 +34,7 @@ class Item:
     cameras: str | None = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json."""
     trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
     format: str | None = None
     """File format of object and background; that of the scene if None."""
     background: bool = True
@@ -132,7 +132,7 @@ def _check_settings(item: Item, known: set[int]) -> None:
     if item.segmenter_options is not None:
         if kind is None or not isinstance(item.segmenter_options, kind):
             given = type(item.segmenter_options).__name__
-            raise InputError(f"The segmenter '{item.segmenter}' has no use for options that are a {given}.")
+            raise InputError(f"The segmenter '{item.segmenter}' takes no options of the type {given}.")
         check_settings(item.segmenter_options, item.segmenter)
     if id(item.selection_options) not in known:
         check_settings(item.selection_options, "selection")
@@ -146,7 +146,7 @@ def _checked_name(name: str) -> str:
     if all(_is_safe(part) for part in name.split("/")):
         return name
     raise InputError(
-        f"The name '{shown(name)}' cannot be that of a folder everywhere; use letters, digits and . _ - +, and slashes "
+        f"The name '{shown(name)}' cannot name a folder on every system; use letters, digits and . _ - +, and slashes "
         "between folders."
     )
 

@@ -99,7 +99,7 @@ def _row(found: Any) -> Row:
     if not isinstance(row, dict):
         raise InputError("It is not a JSON object.")
     if row is found and (None in row or None in row.values()):
-        raise InputError("It has not as many columns as the first line.")
+        raise InputError("It does not have as many columns as the first line.")
     if unknown := [name for name in row if name not in COLUMNS]:
         raise InputError(f"'{shown(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.")
     return row
@@ -221,7 +221,7 @@ def _words(options: Any) -> tuple[str, ...]:
     try:
         words = shlex.split(options) if isinstance(options, str) else options
     except ValueError as error:
-        raise InputError(f"The options '{shown(options)}' cannot be taken apart ({error}).") from error
+        raise InputError(f"The options '{shown(options)}' cannot be split into words ({error}).") from error
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise InputError("Its options are not text; give them as on the command line.")
     return tuple(words)

@@ -25,7 +25,7 @@ class Outcome:
     views: tuple[int, int] = (0, 0)
     """How many views were accepted, of how many."""
     refused: str = ""
-    """Why the coarse selection was returned unchanged; empty if it was trimmed."""
+    """Why the selection was returned unchanged; empty if it was trimmed."""
     up_confidence: float = 0.0
     seconds: float = 0.0
     """How long the trim took, without reading the scene; 0 if another run did it."""

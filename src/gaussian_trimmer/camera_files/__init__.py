@@ -86,7 +86,7 @@ def _camera_file(path: Path) -> Path:
             return path
         if path.stem in ("cameras", "images") and path.suffix in (".bin", ".txt"):
             return _camera_file(path.parent)
-        raise InputError(f"'{path}' is no camera file; give a COLMAP folder, a transforms.json or a cameras.json.")
+        raise InputError(f"'{path}' is not a camera file; give a COLMAP folder, a transforms.json or a cameras.json.")
     if not is_folder(path):
         raise InputError(f"There is no file or folder '{path}' to read cameras from.")
     models = [

@@ -7,7 +7,7 @@ from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from rich.console import Console
 from rich.status import Status as RichStatus
@@ -27,21 +27,26 @@ _SECONDS_BETWEEN_LINES = 30.0
 
 @dataclass(frozen=True)
 class Batch:
-    """Trim many objects of many scenes, listed in MANIFEST; what an earlier run has finished is not done again.
+    """Trim many objects of many scenes, listed in MANIFEST. What an earlier run has finished is not done again.
 
     The manifest is a .csv or .jsonl with the columns scene, selection (or labels and objects), name, cameras, up and
     options; all but scene may be left out. Results go to items/NAME in the output folder, with summary.csv and
     summary.html beside them.
     """
 
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer batch manifest.csv --output out",
+        'gaussian-trimmer batch manifest.csv --output out --options "--views 7" --no-background --shard 1/4',
+    )
+
     manifest: Annotated[Positional[Path], arg(metavar="MANIFEST")]
     """Table of items, .csv or .jsonl."""
     output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
     """Folder for the results."""
     options: Annotated[str, arg(metavar="TEXT")] = ""
-    """Options of 'gaussian-trimmer trim' for all items, such as "--views 7"; those of a row come after them."""
+    """Options of 'gaussian-trimmer trim' for all items, such as "--views 7". A row's own options override them."""
     background: bool = True
-    """Write the scene without the object for every item; each is nearly as large as its scene."""
+    """Also write the scene without the object for every item. Each is nearly as large as its scene."""
     quiet: bool = False
     """Print nothing but errors."""
     how: Annotated[BatchOptions, arg(name="")] = field(default_factory=BatchOptions)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +18,9 @@ from rich.table import Table
 
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.io.manifest import earlier_results
 from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.trimming.clock import LOG
 
 _STAGES = {
     "read": "reading the files",
@@ -44,8 +48,13 @@ _DOUBTFUL_CONFIDENCE = 0.2
 """Confidence below which the up vector may well be wrong."""
 
 
-def open_console(*, quiet: bool) -> Console:
-    """The terminal, or standard output; errors are not written to it."""
+def open_console(*, quiet: bool, log_level: str | None = None) -> Console:
+    """The terminal, or standard output. Errors go elsewhere, and so does the log, which begins if it has a level."""
+    if log_level is not None:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        LOG.handlers = [handler]
+        LOG.setLevel(log_level.upper())
     return _PlainConsole(quiet=quiet, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -90,20 +99,20 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     if counts["cut"]:
         split = f", {counts['split']:,} of them split with the background" if counts["split"] else ""
         table.add_row("  cut", f"{counts['cut']:,} at the outline{split}")
-    floaters = f", of which {counts['floaters']:,} floated far off" if counts["floaters"] else ""
+    floaters = f", {counts['floaters']:,} of them far away" if counts["floaters"] else ""
     table.add_row("  removed", f"{counts['removed']:,}{floaters}")
     if counts["left_out"]:
-        table.add_row("  left out", f"{counts['left_out']:,} of both files")
-    table.add_row("recovered", f"{counts['recovered']:,} that were not selected joined the object")
+        table.add_row("  left out", f"{counts['left_out']:,}, in neither file")
+    table.add_row("recovered", f"{counts['recovered']:,} that were not selected")
     if counts["fitted"]:
         table.add_row("fitted", f"{counts['fitted']:,} at the outline")
     elif report["not_fitted"]:
         table.add_row("not fitted", report["not_fitted"])
     if counts["dropped"]:
-        table.add_row("cleaned", f"{counts['dropped']:,} Gaussians that the object hid were left out of the background")
+        table.add_row("background", f"{counts['dropped']:,} Gaussians that the object hid are left out")
     if counts["filled"]:
-        relit = f"; its shadow was taken off {counts['relit']:,}" if counts["relit"] else ""
-        table.add_row("made up", f"{counts['filled']:,} Gaussians continue the surfaces that the object hid{relit}")
+        relit = f"; {counts['relit']:,} lose its shadow" if counts["relit"] else ""
+        table.add_row("made up", f"{counts['filled']:,} Gaussians where the object stood{relit}")
     elif report["not_filled"]:
         table.add_row("not made up", report["not_filled"])
     table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
@@ -138,6 +147,13 @@ def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
         f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are tilted, "
         "another axis."
     )
+
+
+def print_json(document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
+    """Print a JSON document on standard output; results are a folder and the kind of its manifest, and are listed."""
+    if results is not None:
+        document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
+    print(json.dumps(document, allow_nan=False))
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from rich.console import Console
 from tyro.conf import Positional, arg
@@ -13,17 +14,25 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.output.engines import ENGINES, EngineName, upright
 from gaussian_trimmer.output.html.document import SUFFIXES
 
 
 @dataclass(frozen=True)
 class Convert:
-    """Convert a splat file; the endings of the names tell the formats.
+    """Convert a splat file. The endings of the names tell the formats.
 
     A target that ends with .html becomes a page that draws the Gaussians, up to a million, in any browser, without a
     server and without the network. It cannot be read back. A file cannot be converted into itself: what the format
     does not hold would be lost.
     """
+
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer convert scene.ply scene.spz",
+        "gaussian-trimmer convert scene.ply scene.html --up z",
+        "gaussian-trimmer convert object.ply object_unity.ply --for unity --up z",
+    )
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     """File to read: .ply, .compressed.ply, .splat, .spz, .sog or the meta.json of an unbundled one, .ksplat, .glb, or a
@@ -31,11 +40,13 @@ class Convert:
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """File to write, in one of these formats or .html."""
     sort: bool = False
-    """Write the rows in Morton order: smaller and more precise compressed files, but selections no longer fit."""
+    """Write the rows in Morton order. Compressed files get smaller and more precise, but selections no longer fit."""
     spz_version: Literal[3, 4] = 3
-    """Version of an .spz target: 3, which everything reads, or 4, which is a little smaller."""
+    """Version of an .spz target: 3, which every reader knows, or 4, which is a little smaller."""
+    engine: Annotated[EngineName | None, arg(name="for")] = None
+    """Turn the Gaussians so that they stand upright in this program; TARGET must have a format that it reads."""
     up: tuple[float, float, float] | None = None
-    """Up vector around which a page turns the Gaussians; if it is not given, the ground is looked for."""
+    """Which way is up in SOURCE, for --for and for pages. By default the ground is looked for."""
     overwrite: bool = False
     """Replace the target if it exists."""
     quiet: bool = False
@@ -55,35 +66,53 @@ class Convert:
         console = open_console(quiet=self.quiet)
         if source != self.source:
             console.print(f"{self.source}: reading {source}")
-        count = self._write_page(source, console) if page else self._convert(source)
+        count = self._write_page(source, console) if page else self._convert(source, console)
         before, after = (path.stat().st_size / 1e6 for path in (source, self.target))
         console.print(f"{self.target}: {count:,} Gaussians, {after:.1f} MB instead of {before:.1f} MB")
 
     def _refuse_options_of_other_formats(self, page: bool) -> None:
-        if self.up is not None and not page:
-            raise InputError("--up is for pages, which end with .html; other formats keep the scene's axes.")
+        if self.engine is not None and not any(formats.is_named(self.target.name, end) for end in self._readable()):
+            raise InputError(
+                f"{self.engine} reads {', '.join(self._readable())}; give '{self.target.name}' such an ending, or "
+                "leave --for out."
+            )
+        if self.up is not None and not page and self.engine is None:
+            raise InputError("--up is for pages, which end with .html, and for --for; else the axes stay as they are.")
         if self.sort and page:
             raise InputError("--sort is for splat files; a page sorts what it draws itself.")
         if self.spz_version != Convert.spz_version and not self._is_spz():
             raise InputError(f"'{self.target}' is not an .spz file; leave --spz-version out, or give it that ending.")
 
+    def _readable(self) -> tuple[str, ...]:
+        """Endings of the files that the program reads."""
+        return ENGINES[self.engine].reads if self.engine else ()
+
     def _is_spz(self) -> bool:
         return formats.is_named(self.target.name, ".spz")
 
-    def _convert(self, source: Path) -> int:
+    def _convert(self, source: Path, console: Console) -> int:
         options = {"version": self.spz_version} if self._is_spz() else {}
-        return len(formats.convert(source, self.target, sort=self.sort, **options))
+        change = partial(self._upright, console=console) if self.engine is not None else None
+        return len(formats.convert(source, self.target, sort=self.sort, change=change, **options))
+
+    def _upright(self, gaussians: Gaussians, console: Console) -> Gaussians:
+        assert self.engine is not None
+        return upright(gaussians, self._found_up(gaussians, console), self.engine)
 
     def _write_page(self, source: Path, console: Console) -> int:
+        from gaussian_trimmer.output.html.viewer import write_viewer
+
+        gaussians = formats.read(source)
+        write_viewer({"scene": gaussians}, self.target, self._found_up(gaussians, console))
+        return len(gaussians)
+
+    def _found_up(self, gaussians: Gaussians, console: Console) -> Float64Array:
+        """The up vector that is given, or else that of the ground; it is printed."""
         # Late, so that the other conversions do not load the trimmer.
         from gaussian_trimmer.geometry.limits import check_magnitudes
-        from gaussian_trimmer.output.html.viewer import write_viewer
         from gaussian_trimmer.planning.up_vector import find_up
 
-        given = None if self.up is None else unit_up(self.up)
-        gaussians = formats.read(source)
         check_magnitudes(gaussians)
-        up = find_up(gaussians, None, given)
+        up = find_up(gaussians, None, None if self.up is None else unit_up(self.up))
         print_up(console, up)
-        write_viewer({"scene": gaussians}, self.target, up.direction)
-        return len(gaussians)
+        return up.direction

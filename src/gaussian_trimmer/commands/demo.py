@@ -22,7 +22,7 @@ class Demo:
     """Trim an object of the sample scene that comes with the program, and say where the results are."""
 
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/demo)")] = None
-    """Folder for the results; every run replaces those in trimmed/demo."""
+    """Folder for the results. Every run replaces those in trimmed/demo."""
     overwrite: bool = False
     """Replace earlier results in the output folder. Other files in it are left alone."""
     quiet: bool = False
@@ -46,7 +46,7 @@ class Demo:
         ).run()
         console.print(
             f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"
-            f"{folder / 'before_after.png'}: rough selection, trimmed object and the scene without it in one picture.\n"
+            f"{folder / 'before_after.png'}: selection, trimmed object and the scene without it, in one picture.\n"
             f"{folder / 'object.ply'} and {folder / 'background.ply'}: for any splat viewer.\n"
             f"{folder / 'views'}: where the outline was drawn. {folder / 'report.json'}: all numbers."
         )

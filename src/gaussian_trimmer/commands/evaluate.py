@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from tyro.conf import Positional, arg
 
@@ -34,7 +34,7 @@ class RuleOptions:
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views."""
     clip: Annotated[str | None, arg(metavar="MODEL")] = None
-    """Also score how the object looks by CLIP-IQA with this CLIP model: a folder, or a name on the Hugging Face hub."""
+    """Also score the object's look by CLIP-IQA, with this CLIP model: a folder, or a name on the Hugging Face hub."""
 
     def judge(self) -> Judge:
         """A judge by these rules.
@@ -56,22 +56,27 @@ class Evaluate:
     commands of their own, such as evaluate nvos, and evaluate removal measures the scene without the object.
     """
 
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer evaluate scene.ply trimmed --masks test_masks --cameras sparse/0",
+        "gaussian-trimmer evaluate scene.ply object.ply --before rough.npy --masks test_masks --cameras sparse/0",
+    )
+
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene."""
     result: Annotated[Positional[Path], arg(metavar="RESULT")]
-    """What is measured."""
+    """What to score: a folder of `trim`, a splat file of the object, or a selection file."""
     masks: Annotated[Path, arg(metavar="DIR")]
-    """Folder of ground-truth masks; the object is bright."""
+    """Folder of ground-truth masks, in which the object is bright."""
     cameras: Annotated[Path, arg(metavar="PATH")]
     """Cameras of the masks: a COLMAP folder, transforms.json or cameras.json."""
     images: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder of the photographs of the masked views, for the extraction PSNR."""
     ignore: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks of pixels that do not count, such as those where other objects stand before this one."""
+    """Folder of masks of pixels that do not count, such as those where others stand before the object."""
     before: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Selection or object before the trim; a folder of `trim` holds it already."""
+    """Selection or object before the trim. A folder of `trim` holds it already."""
     trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
     quiet: bool = False
     """Print nothing but errors."""
     rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)

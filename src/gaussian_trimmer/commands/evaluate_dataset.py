@@ -51,7 +51,7 @@ class _EvaluateDataset:
     preset: Literal["default", "paper"] = "default"
     """Defaults of the trimmer's settings: those of this program, or those of the GaussianTrimmer paper."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
-    """What segments the object in the views."""
+    """How the object is found in the views."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
     segmenter_options: Annotated[Any, arg(name="")] = field(default_factory=SegmenterOptions)
     rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)

@@ -19,7 +19,7 @@ class Info:
     files: Positional[tuple[Path, ...]]
     """Files, or folders with cameras."""
     trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
 
     def run(self) -> None:
         """Print a paragraph on every file.

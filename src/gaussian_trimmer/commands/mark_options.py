@@ -27,52 +27,53 @@ _FILE_EFFECTS: dict[str, Effect] = {"add": "add", "subtract": "remove", "interse
 
 @dataclass(frozen=True)
 class MarkOptions:
-    """What to select, each on top of what was said before it: marks add, remove, or keep only what they mean."""
+    """What to select. Marks apply in the order given: each adds, removes, or keeps only what it means."""
 
     view: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME")] = ()
-    """The view of the clicks and boxes that follow: the name of a picture of --cameras, with or without its ending, or
-    a number. May be repeated; a single one may also follow them."""
+    """View of the clicks and boxes that follow, by the name of its picture. The ending may be left out, and a number
+    is understood. May be repeated; a single one may also follow them."""
     view_index: Annotated[UseAppendAction[tuple[int, ...]], arg(metavar="INT")] = ()
-    """The same by the view's number, from 0."""
+    """The same by its number, from 0."""
     click: Annotated[UseAppendAction[tuple[_Pixel, ...]], arg(metavar="X Y")] = ()
-    """A pixel on the object, counted from the left and the top; once something is selected, one in the middle of what
-    is missing. May be repeated, as all marks."""
+    """Pixel on the object, from the left and the top. Once something is selected, a pixel in the middle of what is
+    missing. May be repeated, as all marks."""
     remove_click: Annotated[UseAppendAction[tuple[_Pixel, ...]], arg(metavar="X Y")] = ()
-    """A pixel in the middle of what is selected and should not be."""
+    """Pixel in the middle of what is selected but should not be."""
     box: Annotated[UseAppendAction[tuple[_PixelBox, ...]], arg(metavar="X0 Y0 X1 Y1")] = ()
-    """Left, top, right and bottom of a box around the object."""
+    """Box around the object: left, top, right, bottom."""
     remove_box: Annotated[UseAppendAction[tuple[_PixelBox, ...]], arg(metavar="X0 Y0 X1 Y1")] = ()
-    """A box around what should not be selected."""
+    """Box around what should not be selected."""
     box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
-    """Everything between two corners."""
+    """Select everything inside this box."""
     remove_box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
     """Deselect everything inside this box."""
     intersect_box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
-    """Only what is between two corners."""
+    """Deselect everything outside this box."""
     sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
-    """Everything in a ball."""
+    """Select everything inside this ball."""
     remove_sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
     """Deselect everything inside this ball."""
     intersect_sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
-    """Only what is in a ball."""
+    """Deselect everything outside this ball."""
     plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
-    """Everything above a plane: points p with N . p > OFFSET. With --coordinates up, 0 0 1 H is all above height H."""
+    """Select everything above this plane: points p with N . p > OFFSET. With --coordinates up, 0 0 1 H is everything
+    above height H."""
     remove_plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
     """Deselect everything above this plane."""
     intersect_plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
-    """Only what is above a plane."""
+    """Deselect everything below this plane."""
     coordinates: Literal["scene", "up"] = "scene"
-    """Coordinates of boxes in 3D, balls and planes: the scene's own, or turned so that z is up."""
+    """Coordinates of 3D boxes, balls and planes: the scene's own, or turned so that z is up."""
     add: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
-    """Also what a selection file of any kind selects; ids of its objects stand behind a #."""
+    """Add what a selection file of any kind selects; #ID picks objects in it."""
     subtract: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
-    """Without what a selection file selects."""
+    """Take away what a selection file selects."""
     intersect: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
-    """Only what a selection file selects."""
+    """Keep only what a selection file selects."""
     grow: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
-    """Also take what lies this near, in median distances between neighbouring Gaussians of the selection."""
+    """Add what lies this near to the selection, in median distances between its neighbouring Gaussians."""
     shrink: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
-    """Leave out what lies this near to Gaussians that are not selected."""
+    """Take away what lies this near to Gaussians that are not selected."""
     given: Suppress[tuple[tuple[str, Any], ...]] = ()
     """Names and values of all views and marks, in the order in which they were given."""
 

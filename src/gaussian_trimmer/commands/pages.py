@@ -20,11 +20,11 @@ class PageOptions:
     """Pages of a trim, which open without a server and without the network."""
 
     html: bool = False
-    """Also write report.html: views before and after, what was done, and all numbers on one page."""
+    """Also write report.html, one page with views before and after and all numbers."""
     export_viewer: Annotated[Path | None, arg(metavar="FILE.html")] = None
-    """Also write the object as one page that draws it in any browser; up to a million Gaussians."""
+    """Also write a page that draws the object in any browser, up to a million Gaussians."""
     viewer_part: Part = "object"
-    """What this page shows."""
+    """What that page shows."""
 
     def wished(self) -> bool:
         """Whether there is a page to write."""

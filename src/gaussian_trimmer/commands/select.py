@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -13,7 +14,7 @@ from rich.console import Console
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
+from gaussian_trimmer.commands.console import open_console, print_json, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim import Loaded, Trim
 from gaussian_trimmer.commands.trim_settings import TrimSettings
@@ -40,7 +41,7 @@ _LISTING = "select --list-views"
 
 @dataclass(frozen=True)
 class Select(TrimSettings):
-    """Make a rough selection: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
+    """Select an object roughly: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
 
     The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
     pictures in which to find pixels. A mask belongs to the picture with the same name: IMG_7.png or IMG_7.JPG.png to
@@ -48,48 +49,41 @@ class Select(TrimSettings):
     --marks makes it again and goes on.
     """
 
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
-        "--list-views",
-        "--view",
-        "--view-index",
-        "--click",
-        "--remove-click",
-        "--box",
-        "--add",
-        "--subtract",
-        "--marks",
-        "--masks",
-        "--object-ids",
-        "--cameras",
-        "--up",
-        "--output",
-        "--overwrite",
-        "--trim",
-        "--quiet",
+    COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "find pixels": ("--list-views", "--cameras", "--up"),
+        "mark": ("--view", "--view-index", "--click", "--remove-click", "--box", "--add", "--subtract"),
+        "or take masks of the pictures": ("--masks", "--object-ids"),
+        "results": ("--marks", "--output", "--overwrite", "--trim", "--quiet"),
+    }
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer select scene.ply --list-views views",
+        "gaussian-trimmer select scene.ply --view-index 0 --click 330 200 --trim cup",
+        "gaussian-trimmer select scene.ply --marks scene_selection.json --view-index 4 --remove-click 250 350",
+        "gaussian-trimmer select scene.ply --masks masks --cameras sparse/0 --output cup.npy",
     )
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or the folder of a training."""
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
     marks: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Begin with the marks that an earlier run saved."""
+    """Begin with the marks of an earlier run."""
     list_views: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Write pictures of all views, and a page to click in, to this folder and stop."""
+    """Only write pictures of all views to this folder, with a page to click in."""
     grid: bool = False
     """Draw a grid of pixel numbers over these pictures."""
     overview: Annotated[OverviewConfig, arg(name="")] = field(default_factory=OverviewConfig)
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder of masks, or a pattern such as 'out/*/chosen_cup.png' in which * stands for the picture's name or number;
-    the object is bright. Needs --cameras."""
+    """Folder of masks in which the object is bright. Or a pattern such as 'out/*/chosen_cup.png', in which * stands for
+    the picture's name or number. Needs --cameras."""
     output: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: SCENE_selection.npy)")] = None
-    """File for the selection: .npy with booleans, or with object numbers if --object-ids is given. The marks go beside
-    it. An earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
+    """File for the selection, .npy. It has booleans, or object numbers with --object-ids; the marks go beside it. An
+    earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also trim the selection, with all settings of trim, and write the results to this folder."""
+    """Also trim, and write the results to this folder. All settings of trim can be given."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0
-    """Bias of --masks towards the background, -1 to 1."""
+    """Bias of --masks towards the background, from -1 to 1."""
     object_ids: bool = False
-    """The masks hold object numbers, 0 for the background; all objects are selected at once."""
+    """Select all objects at once, by masks that hold their numbers. 0 is the background."""
 
     @property
     def selection_path(self) -> Path:
@@ -105,7 +99,7 @@ class Select(TrimSettings):
         Raises:
             InputError: something that the user gave cannot be used, or the selection is empty.
         """
-        console = open_console(quiet=self.quiet)
+        console = open_console(quiet=self.quiet or self.json, log_level=self.log_level)
         self._check()
         if self.list_views is not None:
             self._write_views(self.list_views, console)
@@ -116,8 +110,11 @@ class Select(TrimSettings):
                 load=lambda: self._select(console)
             )
         else:
-            self._select(console)
+            made = self._select(console)
             console.print(f"Now: {self._next_command()}")
+            if self.json:
+                counts = {"selected": int(np.count_nonzero(made.selection)), "scene": len(made.scene)}
+                print_json({"selection": str(self.selection_path), "counts": counts})
         return 0
 
     def _select(self, console: Console) -> Loaded:
@@ -163,7 +160,7 @@ class Select(TrimSettings):
         check_settings(self)
         marks = self.mark_options.marks()
         if self.list_views is not None and (marks or self.masks or self.marks):
-            raise InputError("--list-views writes the views and stops; leave out what selects.")
+            raise InputError("--list-views only writes the views; leave the marks out.")
         if self.list_views is None and not marks and self.masks is None and self.marks is None:
             raise InputError(
                 "Say what to select: --click X Y, --box X0 Y0 X1 Y1, a volume, --add FILE, --masks DIR or --marks FILE."
@@ -171,7 +168,7 @@ class Select(TrimSettings):
         if self.masks is not None and self.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
         if self.object_ids and (self.masks is None or marks or self.marks):
-            raise InputError("Object numbers are lifted from --masks alone.")
+            raise InputError("Object numbers come from --masks alone; give it, and leave marks out.")
         if self.object_ids and self.trim is not None:
             raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
         if self.pages.wished() and self.trim is None:
@@ -222,7 +219,7 @@ class Select(TrimSettings):
         console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
         if 0 < len(overview.whole) < len(drawn):
             first, last = overview.whole[0], overview.whole[-1]
-            console.print(f"The whole capture is in views {first} to {last}, the part with most detail in the others.")
+            console.print(f"Views {first} to {last} show the whole capture, the others its most detailed part.")
         console.print(f"To click: open {folder / 'index.html'} in a browser.")
 
     def _command_of_views(self) -> list[str]:

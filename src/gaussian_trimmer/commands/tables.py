@@ -34,9 +34,9 @@ class TableOptions:
     """Where tables go."""
 
     format: Literal["table", "csv", "json", "latex"] = "table"
-    """How tables are printed."""
+    """How to print tables."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Folder to which all tables are also written, as .md, .csv, .json and .tex."""
+    """Also write all tables to this folder, as .md, .csv, .json and .tex."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
 

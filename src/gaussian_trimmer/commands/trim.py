@@ -17,6 +17,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import (
     announce_compiling,
     open_console,
+    print_json,
     print_refusal,
     print_summary,
     print_warnings,
@@ -31,6 +32,7 @@ from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.output.engines import engine_files, write_for_engine
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import trim_files, write_trim
@@ -64,7 +66,7 @@ class Loaded(NamedTuple):
 
     scene: Gaussians
     selection: BoolArray
-    """The rough selection, (N,)."""
+    """The selection, (N,)."""
     cameras: CameraSet | None
     marks: Marks | None = None
     """The marks that made the selection, if marks did."""
@@ -88,7 +90,7 @@ class Trim(TrimInputs):
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
-        console = open_console(quiet=self.quiet)
+        console = open_console(quiet=self.quiet or self.json, log_level=self.log_level)
         self._check_settings()
         if self.labels is not None:
             trim_labels(self, console)
@@ -101,12 +103,20 @@ class Trim(TrimInputs):
         if report["refused"]:
             print_refusal(report)
         print_summary(console, report, time.perf_counter() - start)
+        self._say_where(console)
+        print_warnings(report)
+        if self.json:
+            print_json(report, (self.folder(), RESULTS))
+        return NOTHING_TRIMMED if report["refused"] else 0
+
+    def _say_where(self, console: Console) -> None:
+        """Say where the results are."""
         looked_at = REPORT if self.pages.html else "before_after.png"
         console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
+        if self.engine is not None:
+            console.print(f"{engine_files(self.engine)[0]} is the object for {self.engine}.")
         if self.pages.export_viewer is not None:
             console.print(self.pages.sentence())
-        print_warnings(report)
-        return NOTHING_TRIMMED if report["refused"] else 0
 
     def _write(
         self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
@@ -140,6 +150,8 @@ class Trim(TrimInputs):
         if loaded.marks is not None:
             write_marks(loaded.marks, folder / MARKS)
         report = write_trim(result, folder, self.suffix(), self._inputs(), seconds, html=self.pages.html)
+        if self.engine is not None:
+            write_for_engine(result, self.engine, folder)
         self.pages.write_viewer(result, self.folder(), folder)
         return report
 
@@ -152,15 +164,17 @@ class Trim(TrimInputs):
         others = self.excluded_rows(loaded.scene)
         selection = loaded.selection & ~others
         if not selection.any():
-            raise InputError("Nothing is left of the selection: --exclude names all of it.")
+            raise InputError("Nothing is left of the selection, since --exclude takes all of it; leave a file out.")
         return selection, others if loaded.excluded is None else others | loaded.excluded
 
     def _results(self) -> AbstractContextManager[Path]:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
+        engine = engine_files(self.engine) if self.engine is not None else ()
+        pages = self.pages.names(self.folder())
         return atomic_folder(
             self.folder(),
             RESULTS,
-            names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *self.pages.names(self.folder())),
+            names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *engine, *pages),
             inputs=self._input_paths(),
             overwrite=self.overwrite,
         )
@@ -168,7 +182,7 @@ class Trim(TrimInputs):
     def _check_settings(self) -> None:
         """Refuse settings that are not possible before anything is read, also those that this run would not use."""
         if self.selection is not None and formats.has_splats(self.selection) and not _may_hold_splats(self.scene):
-            raise InputError(f"'{self.scene.name}' is no splat file; the scene comes before the selection.")
+            raise InputError(f"'{self.scene.name}' is not a splat file; the scene comes before the selection.")
         check_config(self.settings())
         check_settings(self.selection_options, "selection")
         check_settings(self.segmenter_options)
@@ -214,9 +228,7 @@ class Trim(TrimInputs):
         further = self.mark_options.marks()
         earlier = read_marks(self.selection) if self.selection is not None and is_marks_file(self.selection) else None
         if earlier is not None and (unused := sorted(self.selection_options.given())):
-            raise InputError(
-                f"'{self.selection}' holds marks, which have no use for {flag(unused[0])}; leave that out."
-            )
+            raise InputError(f"'{self.selection}' holds marks and does not use {flag(unused[0])}; leave that out.")
         if earlier is None and not further:
             return None
         if self.selection is not None and earlier is None:
@@ -249,6 +261,7 @@ class Trim(TrimInputs):
             "selection_options": to_plain(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,
             "photos": str(self.photos) if self.photos else None,
+            "for": self.engine,
             "exclude": [str(path) for path in self.exclude],
             "preset": self.preset,
             "segmenter_options": to_plain(used) if used else {},

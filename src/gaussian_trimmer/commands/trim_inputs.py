@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -27,24 +28,36 @@ from gaussian_trimmer.selection_files.trimmed import is_trimmed
 class TrimInputs(TrimSettings):
     """The inputs of a trim of one object, or of several."""
 
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (*TrimSettings.COMMON_OPTIONS, "--labels", "--objects", "--exclude")
+    COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "the scene": ("--cameras", "--up", "--photos"),
+        "several objects": ("--labels", "--exclude"),
+        "how to trim": ("--views", "--segmenter", "--background", "--preset"),
+        "results": ("--output", "--overwrite", "--format", "--for", "--html", "--quiet"),
+    }
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer trim scene.ply selection.npy --cameras sparse/0",
+        "gaussian-trimmer trim scene.ply cut.ply --up z --output cup --html",
+        "gaussian-trimmer trim scene.ply --labels labels.npy --cameras transforms.json",
+        "gaussian-trimmer trim object.ply --up -y --for unreal",
+    )
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """Splat file of the scene, or of the object alone; or the folder of a training."""
+    """Splat file of the scene, or of the object alone; or a training's folder."""
     selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
-    """Which Gaussians roughly are the object: a mask, labels, row numbers, a PLY with some of the rows, a file that a
-    segmentation method saved, or marks that were saved as .json."""
+    """Which Gaussians roughly are the object. A mask, labels, row numbers, a PLY cut out of the scene, what a
+    segmentation method saved, or marks saved as .json."""
     output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
     """Folder for the results."""
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
     """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
     labels: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Trim several objects at once, in place of SELECTION: one id a Gaussian, what a method with several objects saved,
-    or a folder of masks whose pixels are ids. There is a file object_ID for each, and one background without all."""
+    """Trim several objects at once, in place of SELECTION. FILE has an id for each Gaussian, or is what a method with
+    several objects saved, or a folder of masks whose pixels are ids. Each object becomes a file object_ID, and there is
+    one background without all of them."""
     objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
-    """Which objects of --labels; without it, all with ids above zero."""
+    """Which objects of --labels to trim; by default all whose ids are above zero."""
     exclude: Annotated[tuple[Path, ...], arg(metavar="FILE ...")] = ()
-    """Selections of other objects, such as labels.npz of an earlier trim: their Gaussians stay out of this object."""
+    """Selections of other objects, such as labels.npz of an earlier trim, whose Gaussians stay out of this one."""
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
 
     def suffix(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import progress_over_stages
+from gaussian_trimmer.commands.console import print_json, progress_over_stages
 from gaussian_trimmer.commands.trim_inputs import TrimInputs
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -71,6 +71,8 @@ def trim_labels(command: TrimInputs, console: Console) -> None:
         console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
     looked_at = REPORT if html else "objects.png"
     console.print(f"object_ID{suffix}, background{suffix}, {looked_at} and the rest are in {folder}.")
+    if command.json:
+        print_json(report, (folder, RESULTS))
 
 
 def _refuse_other_options(command: TrimInputs) -> None:
@@ -79,6 +81,8 @@ def _refuse_other_options(command: TrimInputs) -> None:
         raise InputError("--labels says what to trim; leave SELECTION and marks out.")
     if command.pages.export_viewer is not None:
         raise InputError("--export-viewer shows one object; after --labels, convert object_ID files to .html.")
+    if command.engine is not None:
+        raise InputError("--for is for one object; after --labels, convert object_ID files with convert --for.")
     if command.photos is not None:
         raise InputError("--photos is for one object; leave it out, or trim the objects of --labels one by one.")
     if hasattr(command.make_segmenter(), "own_cameras"):
@@ -92,7 +96,7 @@ def _without(excluded: BoolArray, objects: dict[int, BoolArray]) -> dict[int, Bo
     left = {number: mask & ~excluded for number, mask in objects.items()}
     for number, mask in left.items():
         if not mask.any():
-            raise InputError(f"Nothing is left of object {number}: --exclude names all of it.")
+            raise InputError(f"Nothing is left of object {number}: --exclude takes all of it; leave a file out.")
     return left
 
 

@@ -31,7 +31,7 @@ class View:
     """Training cameras: a COLMAP folder, transforms.json or cameras.json."""
     port: Annotated[int, Range(0, 65535)] = 8080
     """Port to listen at; if it is taken, the next free port; 0 picks any."""
-    most: Annotated[int, Range(1000, 100_000_000)] = MOST_SHOWN
+    max_shown: Annotated[int, Range(1000, 100_000_000)] = MOST_SHOWN
     """Show at most this many Gaussians; larger scenes are thinned, but only for display."""
     browser: bool = True
     """Open the page in this machine's browser."""
@@ -53,10 +53,10 @@ class View:
         if self.scene is not None:
             formats.format_suffix(formats.find_scene(self.scene))
         console = open_console(quiet=False)
-        with serving(self.scene, self.cameras, port=self.port, most=self.most) as app:
+        with serving(self.scene, self.cameras, port=self.port, most=self.max_shown) as app:
             console.print(app.address)
             if not self.quiet:
-                console.print("Ctrl-C ends the app.")
+                console.print("Press Ctrl-C to stop.")
             if self.browser:
                 webbrowser.open(app.address)
             wait()

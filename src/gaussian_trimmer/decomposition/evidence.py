@@ -39,7 +39,7 @@ class EvidenceConfig:
     """Weight of the corrected label relative to the share of blend weight inside the masks; 0: the masks alone
     decide."""
     recover: bool = True
-    """Allow Gaussians outside the coarse selection to join the object."""
+    """Allow Gaussians outside the selection to join the object."""
     recover_limit: Share = 0.3
     """Smallest corrected label of a Gaussian that joins, so that what is only visible through the object stays out."""
     excuse_hidden: bool = True
@@ -63,7 +63,7 @@ def classify_gaussians(
         inside: blend weight inside the masks, summed over the accepted views, (N,).
         outside: blend weight outside them, (N,).
         probability: the corrected label, (N,); it alone decides for Gaussians that no view shows.
-        coarse: the coarse selection, (N,). What is outside of it joins only if the masks show it, so that a corrected
+        coarse: the selection, (N,). What is outside of it joins only if the masks show it, so that a corrected
             label that no picture supports adds nothing.
         config: thresholds.
     """

@@ -5,7 +5,7 @@ than that, and what they show near an outline is a guess that has to be sharpene
 different sides: the share of the picture that the object's Gaussians have where the whole scene is rendered, S, is too
 small where others shine through or lie before the object's edge; the opacity of the object rendered alone, A, is too
 large where the scene hides what sticks out. Their geometric mean, in which A weighs three times as much, is made twice
-as steep (docs/experiments.md), and where one of them says nothing is there, nothing is.
+as steep (docs/decisions/fitted-outlines.md), and where one of them says nothing is there, nothing is.
 """
 
 from __future__ import annotations

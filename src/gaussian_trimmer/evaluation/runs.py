@@ -22,7 +22,7 @@ LOSS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A rough selection, and the ground truth of its object."""
+    """A selection, and the ground truth of its object."""
 
     scene: str
     """Name of the scene."""
@@ -33,7 +33,7 @@ class Task:
     gaussians: Gaussians
     """The scene, N Gaussians."""
     selection: BoolArray
-    """The rough selection, (N,)."""
+    """The selection, (N,)."""
     before: Cut
     """The object as the selection has it."""
     views: Sequence[TestView]

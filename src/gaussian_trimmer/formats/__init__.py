@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ def format_suffix(path: str | Path) -> str:
     if suffix := _known_suffix(name):
         return suffix
     hint = " A selection is given after its scene." if name.lower().endswith(_ENDINGS_OF_SELECTIONS) else ""
-    raise InputError(f"'{name}' is of no known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
+    raise InputError(f"'{name}' is not in a known splat format; known endings: {', '.join(FORMATS | READ_ONLY)}.{hint}")
 
 
 def is_named(name: str, suffix: str) -> bool:
@@ -144,18 +145,27 @@ def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, pa
         write(concatenate([gaussians.select(rows), appended]), path)
 
 
-def convert(source: str | Path, target: str | Path, *, sort: bool = False, **options: Any) -> Gaussians:
+def convert(
+    source: str | Path,
+    target: str | Path,
+    *,
+    sort: bool = False,
+    change: Callable[[Gaussians], Gaussians] | None = None,
+    **options: Any,
+) -> Gaussians:
     """Read one splat file and write another; returns what was written, before the target's format rounded it.
 
     With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and
-    a compressed PLY far more precise; selections of the source then do not fit the target. Options are those of
-    `write`.
+    a compressed PLY far more precise; selections of the source then do not fit the target. What `change` makes of the
+    Gaussians is written in their place. Options are those of `write`.
 
     Raises:
         InputError: the source cannot be read or the target cannot be written.
     """
     _writable(target)  # a wrong name is found before the work
     gaussians = read(source)
+    if change is not None:
+        gaussians = change(gaussians)
     if sort:
         from gaussian_trimmer.formats.morton import morton_order
 

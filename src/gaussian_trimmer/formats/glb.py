@@ -92,7 +92,7 @@ def read(path: Path) -> Gaussians:
 def _open(path: Path) -> _File:
     data = file_bytes(path)
     if data[:4] != b"glTF":
-        raise InputError(f"'{path}' is no .glb file: it does not begin with 'glTF'.")
+        raise InputError(f"'{path}' is not a .glb file: it does not begin with 'glTF'.")
     _, version, total, length, kind = struct.unpack_from("<IIIII", data)
     if version != 2 or kind != _JSON or total > len(data):
         raise ValueError("its first chunk is not its JSON, or it is truncated")

@@ -81,7 +81,7 @@ def find_support_plane(
 
     Args:
         positions: centres divided by the object's radius, (N, 3).
-        selection: the coarse labels, (N,).
+        selection: the given labels, (N,).
         weights: how visible each Gaussian is, (N,).
         bounds: the object's bounds; their third axis is up.
         config: what counts as a plane.

@@ -59,14 +59,27 @@ class CheckedSides:
 
         >>> some = np.arange(360) < 54
         >>> CheckedSides(some, ~some, np.ones(360, bool), (30.0,)).sentence()
-        'seen over 54 of 360 degrees; the far side was not checked'
+        'seen over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked'
         """
         if self.degrees >= _ALL_AROUND_DEGREES:
-            return "seen from all around"
+            return f"seen from all around{self._heights()}"
         if not self.degrees:
             return "seen from no side; nothing was checked"
         rest = "the far side was" if self.degrees <= 180 else f"the other {360 - self.degrees} were"
-        return f"seen over {self.degrees} of 360 degrees; {rest} not checked"
+        return f"seen over {self.degrees} of 360 degrees{self._heights()}; {rest} not checked"
+
+    def _heights(self) -> str:
+        """From which heights it was seen.
+
+        >>> everything = np.ones(360, bool)
+        >>> CheckedSides(everything, ~everything, everything, (-10.0, 5.0, 40.0))._heights()
+        ', from 10 degrees below to 40 degrees above the horizon'
+        """
+        if not self.pitches:
+            return ""
+        ends = sorted({round(self.pitches[0]), round(self.pitches[-1])})
+        words = [f"{abs(end)} degrees {'below' if end < 0 else 'above'}" for end in ends]
+        return f", from {' to '.join(words)} the horizon"
 
     def verdict(self, yaw: int) -> str:
         """Why a direction was not judged, in a few words; empty if it was."""

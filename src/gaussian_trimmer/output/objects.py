@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
@@ -28,7 +31,7 @@ from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObje
 _CELL_PIXELS = 240
 _OBJECTS_A_ROW = 2
 _MAX_DRAWN = 60
-_COLUMN_HEADINGS = ("as selected", "trimmed", "the scene without it")
+_COLUMN_HEADINGS = ("selection", "trimmed object", "the scene without it")
 
 
 def objects_files(suffix: str, *, html: bool = False) -> tuple[str, ...]:
@@ -123,7 +126,7 @@ def _counts(result: ObjectsResult, part: TrimmedObject) -> dict[str, int]:
 
 
 def draw_objects(result: ObjectsResult) -> Picture:
-    """A contact sheet: each object as it was selected, trimmed, and the scene without all objects from there."""
+    """A contact sheet: each object as it was selected, trimmed, and the scene without all objects, from two sides."""
     blocks = [_block(result, part) for part in result.objects if part.view is not None][:_MAX_DRAWN]
     if not blocks:
         return captioned("no selection could be trimmed", np.full((_CELL_PIXELS, 3 * _CELL_PIXELS, 3), 127, np.uint8))
@@ -140,5 +143,16 @@ def _block(result: ObjectsResult, part: TrimmedObject) -> Picture:
     background = concatenate([scene.select(around), result.appended])
     shown = [scene.select(part.selection), part.gaussians, background]
     state = f"not trimmed: {part.refused}" if part.refused else f"{len(part.gaussians):,} Gaussians"
-    pictures = headed(_COLUMN_HEADINGS, draw_cells(shown, camera, result.used_renderer))
+    front, back = (
+        draw_cells(shown, side, result.used_renderer) for side in (camera, _from_behind(camera, part.bounds))
+    )
+    pictures = np.vstack([headed(_COLUMN_HEADINGS, front), captioned("from the other side", back)])
     return captioned(f"object {part.id}: {state}", pictures)
+
+
+def _from_behind(camera: Camera, bounds: Bounds) -> Camera:
+    """The camera after half a turn about the upright axis through the object's centre."""
+    up, half_turn = bounds.axes[2], np.eye(4)
+    half_turn[:3, :3] = 2 * np.outer(up, up) - np.eye(3)
+    half_turn[:3, 3] = bounds.centre - half_turn[:3, :3] @ bounds.centre
+    return replace(camera, world_to_camera=camera.world_to_camera @ half_turn)

@@ -34,7 +34,7 @@ _CLOSE_UP_MARGIN = 1.2
 """Half the side of a close-up, relative to half the larger side of the object."""
 _WHOLE_OBJECT_MARGIN = 1.05
 """Distance of the frame from the outermost Gaussians of the object, relative to theirs from the middle."""
-_SMALLEST_ZOOM = 0.4
+_SMALLEST_ZOOM = 0.25
 """How much a picture may be widened for single Gaussians far from the rest."""
 _SELECTION_COLOUR: Colour = (40, 150, 255)
 _MASK_COLOUR: Colour = (255, 235, 60)
@@ -43,7 +43,9 @@ _STRIP_COLOUR: Colour = (32, 32, 32)
 _TEXT_COLOUR: Colour = (235, 235, 235)
 _LINE_HEIGHT = 26
 _FONT_SCALE = 0.5
-_MAX_COLUMNS = 6
+_RING_COLUMNS = 4
+_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES = 4.0, 65.0
+"""Pitches of the two pictures beside those of the ring that was judged."""
 _CELL_PIXELS = 320
 _GAP_PIXELS = 4
 _USUAL_PITCH_DEGREES = 20.0
@@ -52,18 +54,18 @@ _MAX_PITCH_DEGREES = 80.0
 
 
 def draw_view(view: TrimmedView, number: int) -> Picture:
-    """A virtual view as it was segmented, with the outlines of the rough selection and of the mask, and a legend."""
+    """A virtual view as it was segmented, with the outlines of the selection and of the mask, and a legend."""
     picture = draw_outlines(view)
     if view.rejected:
         _frame(picture)
     mask_colour = _REJECTED_COLOUR if view.rejected else _MASK_COLOUR
-    legend = [(f"view {number}", _TEXT_COLOUR), ("rough selection", _SELECTION_COLOUR), ("mask", mask_colour)]
+    legend = [(f"view {number}", _TEXT_COLOUR), ("selection", _SELECTION_COLOUR), ("mask", mask_colour)]
     verdict = [(f"rejected: {view.rejected}", _REJECTED_COLOUR)] if view.rejected else [("accepted", _TEXT_COLOUR)]
     return np.vstack([picture, _strip(legend, picture.shape[1]), _strip(verdict, picture.shape[1])])
 
 
 def draw_outlines(view: TrimmedView) -> Picture:
-    """A virtual view as it was segmented, with the outlines of the rough selection and of the mask below it."""
+    """A virtual view as it was segmented, with the outlines of the selection and of the mask below it."""
     picture = as_picture(view.view.rgb + (1 - view.view.alpha)[..., None] * BACKDROP)
     # The thick line below still shows where both outlines agree.
     _draw_outline(picture, view.view.object_visible > HALF, _SELECTION_COLOUR, 2)
@@ -79,20 +81,20 @@ def draw_gaussians(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> 
 
 
 def draw_before_after(result: TrimResult) -> Picture:
-    """The rough selection, the trimmed object and the scene without it, a row each, from all around.
+    """The selection, the trimmed object and the scene without it, a row each: from all around, from low and from high.
 
     Directions from which nothing was judged are framed and say why. The scene's row holds what lies around the object:
     walls farther out would stand before the camera.
     """
     sides, selection = checked_sides(result), result.selection
-    yaws, cameras = cameras_around(result, sides, _MAX_COLUMNS, _CELL_PIXELS)
-    verdicts = [sides.verdict(yaw) for yaw in yaws]
-    rough, around = result.scene.select(selection), nearby_background(result)
+    yaws, cameras = cameras_around(result, sides, _RING_COLUMNS, _CELL_PIXELS)
+    verdicts = [sides.verdict(yaw) for yaw in (*yaws, yaws[0], yaws[0])]
+    selected, around = result.scene.select(selection), nearby_background(result)
     after = "the object, not trimmed: " if result.refused else "trimmed object: "
     rows = [
-        (f"rough selection: {len(rough):,} Gaussians", rough),
+        (f"selection: {len(selected):,} Gaussians", selected),
         (f"{after}{len(result.object):,} Gaussians", result.object),
-        ("what was cut off" if selection.all() else "the scene without the object", around),
+        ("what was removed" if selection.all() else "the scene without the object", around),
     ]
     pictures = [_row(caption, gaussians, cameras, verdicts, result.used_renderer) for caption, gaussians in rows]
     width = pictures[0].shape[1]
@@ -105,6 +107,8 @@ def draw_before_after(result: TrimResult) -> Picture:
 def cameras_around(result: TrimResult, sides: CheckedSides, count: int, size: int) -> tuple[list[int], list[Camera]]:
     """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the whole object.
 
+    After the cameras of these yaws, at the height that was judged, come two of the first yaw: a low and a high one.
+
     Args:
         result: the trim.
         sides: from where it was judged.
@@ -112,13 +116,12 @@ def cameras_around(result: TrimResult, sides: CheckedSides, count: int, size: in
         size: width and height of their pictures in pixels.
     """
     pitch = float(np.median(sides.pitches)) if sides.pitches else _USUAL_PITCH_DEGREES
-    config = PlanConfig(
-        views=count,
-        size=size,
-        pitch_degrees=float(np.clip(pitch, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES)),
-        yaw_range_degrees=(sides.middle, sides.middle + 360),
-    )
-    cameras, _ = plan_cameras(result.scene.select(result.selection), result.bounds.axes[2], config)
+    pitch = float(np.clip(pitch, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES))
+    selected, cameras = result.scene.select(result.selection), list[Camera]()
+    for number, height in ((count, pitch), (1, _LOW_PITCH_DEGREES), (1, _HIGH_PITCH_DEGREES)):
+        circle = (sides.middle, sides.middle + 360)
+        config = PlanConfig(views=number, size=size, pitch_degrees=height, yaw_range_degrees=circle)
+        cameras += plan_cameras(selected, result.bounds.axes[2], config)[0]
     zoom = min(_zoom_to_whole(camera, result.object) for camera in cameras)
     return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
 
@@ -133,13 +136,12 @@ def _zoom_to_whole(camera: Camera, gaussians: Gaussians) -> float:
 
 
 def _headings(yaws: Sequence[int], verdicts: Sequence[str], width: int) -> Picture:
-    """A line over the columns: from where each looks, and why that side was not judged."""
+    """A line over the columns: from where each looks, and why that side was not judged; no view judges low and high."""
+    low, high = (f"{pitch:.0f} deg up" for pitch in (_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES))
+    places = [*(f"{yaw} deg: checked" for yaw in yaws), f"from low, {low}", f"from high, {high}"]
     words = [
-        (
-            f"{yaw} deg: {f'not checked, {verdict}' if verdict else 'checked'}",
-            _REJECTED_COLOUR if verdict else _TEXT_COLOUR,
-        )
-        for yaw, verdict in zip(yaws, verdicts, strict=True)
+        (f"{place.partition(':')[0]}: not checked, {verdict}", _REJECTED_COLOUR) if verdict else (place, _TEXT_COLOUR)
+        for place, verdict in zip(places, verdicts, strict=True)
     ]
     return _line_of_strips(words, width)
 

@@ -145,7 +145,7 @@ def count_selected(selection: BoolArray, rows: IntArray, label: NDArray[np.uint8
     """What became of the selected Gaussians, each counted once.
 
     Args:
-        selection: the rough selection, (N,).
+        selection: the selection, (N,).
         rows: scene row of each row of the object, (M,).
         label: what happened to each of these, a `RowLabel`, (M,).
         dropped: scene rows that are in neither file.

@@ -42,7 +42,7 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
 
     Args:
         scene: all N Gaussians.
-        selection: the coarse object, (N,).
+        selection: the selected object, (N,).
         bounds: its bounds.
         cameras: the training cameras, if known.
     """
@@ -70,7 +70,7 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
 
     Args:
         scene: all N Gaussians.
-        selection: the coarse object, (N,).
+        selection: the selected object, (N,).
         up: the vector, and how it is known.
     """
     if up.source not in KNOWN_SOURCES:
@@ -91,13 +91,13 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
 
 
 def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
-    """How much oftener the neighbours of a selected Gaussian are selected than any Gaussian is.
+    """How much more often the neighbours of a selected Gaussian are selected than any Gaussian is.
 
-    1 where all of them are, 0 where they are no oftener than by chance. Judged on a sample, the same every time.
+    1 where all of them are, 0 where they are no more often than by chance. Judged on a sample, the same every time.
 
     Args:
         scene: N Gaussians, not all of them selected.
-        selection: the coarse object, (N,).
+        selection: the selected object, (N,).
     """
     step = max(1, min(len(scene) // _SCENE_SAMPLE_SIZE, int(selection.sum()) // _MIN_SELECTED))
     # Every n-th of either side, so that an order of rows in which every n-th is selected does no harm.

@@ -48,10 +48,10 @@ class PlanConfig:
 def plan_cameras(
     target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), training_cameras: Sequence[Camera] = ()
 ) -> tuple[list[Camera], Bounds]:
-    """Cameras around the coarse object, ordered by yaw, and the bounds that they frame.
+    """Cameras around the selected object, ordered by yaw, and the bounds that they frame.
 
     Args:
-        target: the coarse object.
+        target: the selected object.
         up: the scene's up vector, (3,), of any length.
         config: framing, number of views and angles.
         training_cameras: training cameras, if known; those that see the object limit yaw and pitch to the range that

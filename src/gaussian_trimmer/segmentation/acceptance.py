@@ -1,4 +1,4 @@
-"""Do no harm: which masks are accepted, and when the coarse selection is returned as it was."""
+"""Do no harm: which masks are accepted, and when the selection is returned as it was."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
 
 
 def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str | None:
-    """Why the views do not suffice to change the coarse selection; None if they do."""
+    """Why the views do not suffice to change the selection; None if they do."""
     accepted = [trimmed.view for trimmed in views if not trimmed.rejected]
     if len(accepted) >= max(1.0, config.min_views * len(views)):
         hidden = float(np.mean([view.hidden_share for view in accepted]))
@@ -63,7 +63,7 @@ def excessive_loss(
     """Why an object that keeps too little of the selection is refused; None if it keeps enough.
 
     Args:
-        coarse: the coarse selection, (N,).
+        coarse: the selection, (N,).
         keep: what would be the object, (N,).
         visible: how much of each Gaussian the views show, (N,).
         alone: how much of each of the C selected ones they would show if there was nothing else, (C,).

@@ -1,9 +1,9 @@
-"""Correcting the coarse labels in 3D, before any picture is segmented.
+"""Correcting the given labels in 3D, before any picture is segmented.
 
 A rough selection is mostly right; where it is wrong, Gaussians that lie close to each other and have similar colours
 carry different labels. This stage is mean-field inference in a conditional random field (CRF) over the visible
 Gaussians. The label of a Gaussian follows from three things: the labels of its neighbours in the joint space of
-position and colour, the colours that are typical of the object and of its surroundings, and its own coarse label, which
+position and colour, the colours that are typical of the object and of its surroundings, and its own given label, which
 is trusted more the farther it lies from the boundary of the selection. All views share the result, so the masks drawn
 from it agree with each other, and no edge has to be found in a picture that the Gaussians already determine.
 
@@ -46,7 +46,7 @@ _CHANCE_ACCURACY = 0.5
 _FULL_ACCURACY_GAIN = 0.45
 """Accuracy beyond chance from which on their weight is full."""
 _MAX_DISTANCES = 1.5
-"""Number of boundary distances from which on trust in the coarse label no longer grows."""
+"""Number of boundary distances from which on trust in the given label no longer grows."""
 _NEIGHBOURS_TO_OWN = 2
 """Weight of the visible neighbours' probability, relative to its own label, for a hidden Gaussian."""
 
@@ -56,10 +56,10 @@ _Width = Annotated[float, Range(1e-3, 100)]
 
 @dataclass(frozen=True)
 class LabelCrfConfig:
-    """How the coarse labels are corrected by comparing Gaussians of similar position and colour."""
+    """How the given labels are corrected by comparing Gaussians of similar position and colour."""
 
     enabled: bool = True
-    """Correct the labels; if off, the coarse selection alone predicts where the object is in the views."""
+    """Correct the labels; if off, the selection alone predicts where the object is in the views."""
     passes: Annotated[int, Range(1, 100)] = 2
     """Number of rounds; each starts from the labels that the one before has corrected."""
     iterations: Annotated[int, Range(1, 1000)] = 5
@@ -77,9 +77,9 @@ class LabelCrfConfig:
     colour: Weight = 1.3
     """Weight of the colour models' log-likelihood ratio where they separate object and surroundings well."""
     trust: Weight = 1.0
-    """Weight of the coarse label at the boundary of the selection."""
+    """Weight of the given label at the boundary of the selection."""
     interior_trust: Weight = 2.0
-    """Weight that the coarse label gains away from the boundary: times the squared distance from it, measured in
+    """Weight that the given label gains away from the boundary: times the squared distance from it, measured in
     boundary distances, up to 1.5 of them."""
     boundary_distance: _Width = 0.12
     """Unit of that distance, relative to the object's radius."""
@@ -96,13 +96,13 @@ def correct_labels(
     """Probability that each Gaussian belongs to the object, (N,).
 
     Args:
-        gaussians: the coarse object and the Gaussians around it.
-        selection: the coarse labels, (N,).
+        gaussians: the selected object and the Gaussians around it.
+        selection: the given labels, (N,).
         visible: blend weight of each Gaussian summed over the views, in pixels of five views of 512 x 512, (N,).
         bounds: the object's robust bounds.
         config: weights of the terms.
 
-    Gaussians that no view shows take a third of their probability from their coarse label and the rest from the visible
+    Gaussians that no view shows take a third of their probability from their given label and the rest from the visible
     Gaussians around them. Otherwise what lies hidden inside an object would stay behind as a ghost of it, and what lies
     hidden in the table below would come along with it.
     """

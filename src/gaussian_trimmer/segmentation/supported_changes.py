@@ -6,7 +6,7 @@ corrected labels are compared region by region, and where they differ the new ou
 the old one, or the labels must be certain.
 
 The three weights below are a logistic regression of whether a region's change was right, over 5,800 regions in views of
-30 objects with six kinds of error; they hold when each scene is left out in turn (docs/experiments.md).
+30 objects with six kinds of error; they hold when each scene is left out in turn (docs/decisions/masks-from-labels.md).
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class Pick:
     """The selection that a click or a box stands for."""
 
     selection: BoolArray
-    """The rough selection, (N,)."""
+    """The selection, (N,)."""
     kind: Literal["piece", "part"]
     """Whether it is a `piece` that stands on a plane, or a `part` that stands on nothing."""
 

@@ -144,7 +144,7 @@ class MarkInterpreter:
             case Shrink():
                 mask = shrunk(means, state.mask, mark.spacings)
                 return replace(state, mask=mask), f"shrunk by {mark.spacings:g} spacings"
-        raise InputError(f"Mark {number} is a {type(mark).__name__}, which is no mark.")
+        raise InputError(f"Mark {number} is a {type(mark).__name__}, which is not a mark.")
 
     def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)

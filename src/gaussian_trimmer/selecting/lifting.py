@@ -1,4 +1,4 @@
-"""Coarse selections from masks of posed pictures, for scenes that no segmentation method was run on.
+"""Selections from masks of posed pictures, for scenes that no segmentation method was run on.
 
 N Gaussians, V views, H x W pixels. Masks are boolean or coverage 0..255, cut at half; the masks of several objects
 may be one image of object numbers a view. The cameras must be those of the masks' own, undistorted pictures.

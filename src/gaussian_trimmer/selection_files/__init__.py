@@ -51,7 +51,7 @@ def load_selection(
     select, understood = KINDS[name]
     if unused := sorted(options.given() - set(understood)):
         raise InputError(
-            f"'{path.name}' is read as a selection of the kind '{name}', which has no use for "
+            f"'{path.name}' is read as a selection of the kind '{name}', which does not use "
             f"{', '.join(map(flag, unused))}; leave that out or choose another kind with {flag('kind')}."
         )
     selection = select(file, gaussians, options)
@@ -70,6 +70,6 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
         )
     if not kinds:
         raise InputError(
-            f"'{file.path.name}' with {file.content} is no selection for {n} Gaussians with these options."
+            f"'{file.path.name}' with {file.content} is not a selection for {n} Gaussians with these options."
         )
     return kinds[0]

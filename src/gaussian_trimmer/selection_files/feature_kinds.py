@@ -125,7 +125,9 @@ def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: Select
     """
     name = file.path.name
     if file.checkpoint is None or file.checkpoint.extra is None:
-        raise InputError(f"'{name}' is no checkpoint that holds a selection, as those of plain 3D Gaussian Splatting.")
+        raise InputError(
+            f"'{name}' is not a checkpoint that holds a selection, as those of plain 3D Gaussian Splatting."
+        )
     if file.checkpoint.features is not None:
         raise InputError(
             f"'{name}' holds identity features; add {flag('classifier')} classifier.pth and {flag('object_id')}, or "

@@ -37,7 +37,7 @@ def read_numbers(path: Path) -> NDArray[Any]:
     try:
         return np.array([_whole(word) for word in _words(text)], np.int64)
     except (ValueError, OverflowError) as error:
-        raise InputError(f"'{path}' is no list of whole numbers: {shown(str(error))}.") from error
+        raise InputError(f"'{path}' is not a list of whole numbers: {shown(str(error))}.") from error
 
 
 def read_json(path: Path) -> NDArray[Any]:
@@ -49,7 +49,7 @@ def read_json(path: Path) -> NDArray[Any]:
     try:
         value = json.loads(_text(file_bytes(path, _MAX_BYTES), path))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"'{path}' is no JSON that can be read: {shown(str(error))}.") from error
+        raise InputError(f"'{path}' is not readable JSON: {shown(str(error))}.") from error
     if isinstance(value, dict):
         lists = [entry for entry in value.values() if isinstance(entry, list)]
         value = lists[0] if len(lists) == 1 else None
@@ -61,7 +61,7 @@ def read_json(path: Path) -> NDArray[Any]:
             return np.array([_whole(str(entry)) for entry in value], np.int64)
     except (ValueError, OverflowError):
         pass
-    raise InputError(f"'{path}' is no list of whole numbers or booleans; give row numbers as [0, 5, 7].")
+    raise InputError(f"'{path}' is not a list of whole numbers or booleans; give row numbers as [0, 5, 7].")
 
 
 def _text(data: bytes, path: Path) -> str:
@@ -70,7 +70,7 @@ def _text(data: bytes, path: Path) -> str:
     try:
         return data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"'{path}' is no list of whole numbers, or its text is damaged.") from error
+        raise InputError(f"'{path}' is not a list of whole numbers, or its text is damaged.") from error
 
 
 def _words(text: str) -> list[str]:

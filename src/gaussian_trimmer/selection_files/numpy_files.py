@@ -28,7 +28,7 @@ def read_npy(path: Path) -> NDArray[Any]:
             array: NDArray[Any] = np.lib.format.read_array(file)
     except _DAMAGE as error:
         raise InputError(
-            f"'{path}' is damaged or no NumPy array of numbers ({shown(str(error))}); save it again with NumPy."
+            f"'{path}' is damaged, or is not a NumPy array of numbers ({shown(str(error))}); save it again with NumPy."
         ) from error
     if not _is_number(array):
         raise InputError(f"'{path}' holds values of type {array.dtype.str:.20}; booleans or numbers are needed.")

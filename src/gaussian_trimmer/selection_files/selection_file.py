@@ -140,8 +140,8 @@ def _open(path: Path, n: int | None) -> SelectionFile:
     if suffix == ".json":
         return SelectionFile(path, {"": read_json(path)}, is_list=True)
     raise InputError(
-        f"'{path.name}' is no known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks of "
-        "images are no selection: lift them to the scene with 'gaussian-trimmer select'.)"
+        f"'{path.name}' is not a known selection file; known endings: {', '.join((*SUFFIXES, *FORMATS))}. (Masks "
+        "of images are not a selection: lift them to the scene with 'gaussian-trimmer select'.)"
     )
 
 
@@ -159,6 +159,6 @@ def _read_torch(path: Path) -> SelectionFile:
         if tensors:
             return SelectionFile(path, torch_files.as_arrays(file, tensors))
     raise InputError(
-        f"'{path}' holds a {torch_files.type_name(value)} that is no selection; a tensor, a dict of tensors or a "
+        f"'{path}' holds a {torch_files.type_name(value)} that is not a selection; a tensor, a dict of tensors or a "
         "training checkpoint is needed."
     )

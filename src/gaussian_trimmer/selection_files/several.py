@@ -1,4 +1,4 @@
-"""Several objects from one file: the rough selection of each id, whatever kind of file holds them."""
+"""Several objects from one file: the selection of each id, whatever kind of file holds them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAX_OBJECTS = 10_000
 def load_objects(
     path: str | Path, gaussians: Gaussians, ids: Sequence[int] = (), options: SelectionOptions | None = None
 ) -> dict[int, BoolArray]:
-    """The rough selection (N,) of each object in a file, by its id.
+    """The selection (N,) of each object in a file, by its id.
 
     Args:
         path: one id a Gaussian in an array, `labels.npz` of a trim, or what a method with several objects saved.

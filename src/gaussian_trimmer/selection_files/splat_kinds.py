@@ -33,8 +33,8 @@ def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionO
     if len(file.rows) >= len(gaussians):
         hint = f"{flag('classifier')} or {flag('query_row')}" if file.has_features else flag("property")
         raise InputError(
-            f"'{file.path.name}' holds {len(file.rows)} Gaussians and the scene {len(gaussians)}, so it is no part of "
-            f"the scene; to select by what its Gaussians carry, use {hint}."
+            f"'{file.path.name}' holds {len(file.rows)} Gaussians and the scene {len(gaussians)}, so it is not a part "
+            f"of the scene; to select by what its Gaussians carry, use {hint}."
         )
     found, notes = match_changed_rows(file.rows, gaussians, file.path)
     file.notes.extend(notes)
@@ -59,8 +59,8 @@ def select_property(file: SelectionFile, gaussians: Gaussians, options: Selectio
     if options.object_id:
         if not ((values == np.rint(values)) & (np.abs(values) <= _LARGEST_ID)).all():
             raise InputError(
-                f"The property '{name}' of '{file.path.name}' is no id: it has values that are not whole, or huge; use "
-                f"{flag('threshold')} instead of {flag('object_id')}."
+                f"The property '{name}' of '{file.path.name}' is not an id: it has values that are not whole, or huge; "
+                f"use {flag('threshold')} instead of {flag('object_id')}."
             )
         chosen = select_ids(values.astype(np.int64), options.object_id, file.path)
     else:

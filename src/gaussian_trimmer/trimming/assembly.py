@@ -80,7 +80,7 @@ def assemble(
     labels = [
         np.where(selection[inside], RowLabel.KEPT, RowLabel.RECOVERED),
         np.full(len(split), RowLabel.SPLIT_INSIDE),
-        np.where(selection[outside], RowLabel.PRUNED, RowLabel.KEPT),
+        np.where(selection[outside], RowLabel.REMOVED, RowLabel.KEPT),
         np.full(len(outer), RowLabel.SPLIT_OUTSIDE),
     ]
     return Assembly(

@@ -32,9 +32,9 @@ class TrimmedObject:
     fitted: IntArray
     """Which of these rows were fitted to the object's outline, ascending."""
     selection: BoolArray
-    """The rough selection, (N,)."""
+    """The selection, (N,)."""
     bounds: Bounds
-    """Bounds of the rough object."""
+    """Bounds of the selected object."""
     view: TrimmedView | None
     """A view of it, an accepted one if there is one; None if the selection was refused before any was planned."""
     refused: str | None
@@ -112,7 +112,7 @@ class ObjectsResult:
         """What happened to each of these rows, a `RowLabel`."""
         selected = np.any([part.selection for part in self.objects], axis=0)[self.background_rows]
         labels = [part.label for part in self.objects]
-        labels.append(np.where(selected, RowLabel.PRUNED, RowLabel.KEPT))
+        labels.append(np.where(selected, RowLabel.REMOVED, RowLabel.KEPT))
         labels.append(np.full(len(self.outside_source), RowLabel.SPLIT_OUTSIDE))
         labels += [np.full(len(self.relit), RowLabel.RELIT), np.full(len(self.filled), RowLabel.FILLED)]
         return np.concatenate(labels).astype(np.uint8)

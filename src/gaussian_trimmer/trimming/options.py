@@ -28,15 +28,15 @@ class TrimOptions:
     """How an object is trimmed."""
 
     trust_paths: bool = False
-    """Open pictures outside its folder that a transforms.json names, if it does not say their size."""
+    """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
     format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
-    """File format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
+    """Format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
     preset: Literal["default", "paper"] = "default"
-    """Defaults of all settings below: those of this program, or those of the GaussianTrimmer paper."""
+    """Defaults of all settings: this program's, or those of the GaussianTrimmer paper."""
     views: Annotated[int | None, arg(metavar="INT")] = None
-    """Number of virtual views; short for --plan.views."""
+    """Number of virtual views. Short for --plan.views."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
-    """What segments the object in the views."""
+    """How the object is found in the views."""
     renderer: Annotated[str, arg(metavar="{" + ",".join(RENDERER_CHOICES) + "}")] = DEFAULT_RENDERER
     """What renders the views; auto is numba, on the CPU. gsplat (GPU) is used only if you ask for it."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)

@@ -65,7 +65,6 @@ class _Claim:
         return members
 
 
-# The arguments are those of `trim`, by the same names.
 @dataclass(frozen=True, eq=False)
 class _Rest:
     """The scene of N Gaussians without all objects."""
@@ -91,6 +90,7 @@ class _Rest:
         return np.flatnonzero(self.nobodys & ~self.dropped & (self.gain > 1))
 
 
+# The arguments are those of `trim`, by the same names.
 def trim_objects(
     scene: Gaussians,
     objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike],
@@ -108,7 +108,7 @@ def trim_objects(
 
     Args:
         scene: all N Gaussians.
-        objects: the rough selections, each as `trim` takes it, by the objects' ids or names, or in a list. They may
+        objects: the selections, each as `trim` takes it, by the objects' ids or names, or in a list. They may
             overlap. What marks removed from one stays out of that one.
         config: settings of all stages.
         renderer: a renderer, or the name of one.

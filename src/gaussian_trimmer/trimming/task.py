@@ -55,7 +55,7 @@ class Task:
 
     scene: Gaussians
     selection: BoolArray
-    """The rough object, (N,)."""
+    """The selected object, (N,)."""
     excluded: BoolArray
     """Which Gaussians may not join the object unless they are selected, (N,)."""
     config: TrimConfig

@@ -89,7 +89,7 @@ def trim(
 
     Args:
         scene: all N Gaussians; the object alone also works, without background augmentation.
-        selection: the rough object: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
+        selection: the object, roughly: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
             the object's rows, from 0, each once.
         config: settings of all stages.
         renderer: a renderer, or the name of one.

@@ -10,15 +10,15 @@ from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.output.report import LABEL_NAMES
 from gaussian_trimmer.result import RowLabel, TrimResult
 
-DROPPED, FITTED = "dropped", "fitted"
+DROPPED, FITTED = "left_out", "fitted"
 _COLOURS_AND_MEANINGS = {
     "kept": ("#9a9a9a", "in the object as it was selected"),
-    "pruned": ("#d55e00", "was selected, and is now in the background"),
+    "removed": ("#d55e00", "was selected, and is now in the background"),
     "recovered": ("#00a070", "was not selected, and is now in the object"),
     "split_inside": ("#2a78d0", "a part of a Gaussian that was cut; it lies in the object"),
     "split_outside": ("#56b4e9", "a part of a Gaussian that was cut; it lies in the background"),
     "filled": ("#f0e442", "new: continues what the object stood on or leaned against"),
-    "relit": ("#b8860b", "in the background, brighter: the object's shadow was taken off it"),
+    "relit": ("#b8860b", "in the background, brighter: the object's shadow is gone"),
     DROPPED: ("#c45fb0", "only the object hid it, or a new one took its place; in neither file"),
     FITTED: ("#e69f00", "adjusted to the outline (also counted above); shown in this colour if kept"),
 }

@@ -22,15 +22,15 @@ _MOST_PIXELS = 512
 _MOST_VIEWS = 12
 _TRAINING_CAMERAS = 2
 """Number of those from which the whole scene is shown."""
-SELECTION, OBJECT, OUTLINES = "rough selection", "trimmed object", "outlines"
+SELECTION, OBJECT, OUTLINES = "selection", "trimmed object", "outlines"
 CHANGES, SCENE, REST = "what was done", "scene", "scene without the object"
 VIEW_PAIRINGS = (
-    Pairing("before and after", SELECTION, OBJECT, "The rough selection and the trimmed object, each alone."),
+    Pairing("before and after", SELECTION, OBJECT, "The selection and the trimmed object, each alone."),
     Pairing(
         "where the views put the edge",
         OBJECT,
         OUTLINES,
-        "The view as it was segmented: orange is the outline of the rough selection, light blue that of the mask, red "
+        "The view as it was segmented: orange is the outline of the selection, light blue that of the mask, red "
         "that of a mask that was rejected.",
     ),
 )

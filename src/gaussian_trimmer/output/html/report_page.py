@@ -38,7 +38,7 @@ _NO_TRUTH = (
     "A trim does not know where it is wrong. If you have masks of the object, <code>gaussian-trimmer evaluate SCENE "
     "RESULT --masks DIR --cameras PATH</code> measures the trim."
 )
-_NO_VIEW = "<p>No view was drawn: the inputs were found wrong before.</p>"
+_NO_VIEW = "<p>No views: the inputs were found wrong before any was drawn.</p>"
 _OBJECT_PAIRINGS = (Pairing("before and after", SELECTION, OBJECT), *BACKGROUND_PAIRINGS)
 
 
@@ -133,7 +133,7 @@ def _views(result: TrimResult, figures: Sequence[Figure]) -> str:
 
 def _background(result: TrimResult) -> str:
     if len(result.source_index) == len(result.object):
-        return "<p>Nothing is left: the file held the object alone, and nothing of it was cut off.</p>"
+        return "<p>Nothing is left: the file held the object alone, and nothing of it was removed.</p>"
     figures = background_figures(result)
     return comparison("background-pairing", figures, BACKGROUND_PAIRINGS) if figures else _NO_VIEW
 
@@ -142,7 +142,7 @@ def _changes(result: TrimResult, report: Mapping[str, Any], figures: Sequence[Fi
     """What the colours mean, how many rows of the files have them, and where they are."""
     lines = "".join(map(_legend_row, legend_of(result)))
     floaters = report["counts"]["floaters"]
-    far = f" {floaters:,} of those that were removed float far off, outside the pictures." if floaters else ""
+    far = f" {floaters:,} of those that were removed lie far away, outside the pictures." if floaters else ""
     return (
         f"<p>The untouched rest of the scene is left out, since it would hide much.{far}</p>"
         f"<table><tbody>{lines}</tbody></table>"
@@ -177,7 +177,7 @@ def _numbers(report: Mapping[str, Any]) -> str:
     ]
     defaults = dict(_flat(asdict(TrimConfig())))
     settings = [(name, value) for name, value in _flat(report["configuration"]) if value != defaults.get(name)]
-    changed = _table(settings) if settings else "<p>All are the default.</p>"
+    changed = _table(settings) if settings else "<p>None: all are the defaults.</p>"
     return f"{_counts_and_times(report)}<h3>Inputs</h3>{_table(facts)}<h3>Settings that were changed</h3>{changed}"
 
 

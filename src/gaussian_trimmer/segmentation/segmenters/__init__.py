@@ -15,7 +15,7 @@ MaskSource = Literal["labels", "renderings", "photographs", "given"]
 
 
 class Segmenter(Protocol):
-    """Finds the object in every view, starting from where the coarse object is.
+    """Finds the object in every view, starting from where the selected object is.
 
     Four further methods are optional. `describe() -> str` is a line for the report, in place of the name.
     `own_cameras(cameras: CameraSet | None) -> list[Camera]` names the cameras whose pictures the segmenter has masks

@@ -50,8 +50,8 @@ class SamConfig:
     model: str = ""
     """Folder with the encoder and the decoder of a SAM, MobileSAM or SAM 2 as ONNX files."""
     prompt: Literal["expected", "box", "follow"] = "expected"
-    """`expected`: box and silhouette as the corrected labels expect them; `box`: the bounding box of the coarse object
-    alone, eq. 6 of the paper, in each view; `follow`: that box in the first view, and in each further one what the
+    """`expected`: box and silhouette as the corrected labels expect them; `box`: the selected object's bounding
+    box, eq. 6 of the paper, in each view; `follow`: that box in the first view, and in each further one what the
     masks before it say of the Gaussians that both show, as the paper follows the object from view to view."""
     points: Annotated[int, Range(0, 16)] = 0
     """With `expected`, number of points inside the silhouette, and as many outside of it."""
@@ -161,7 +161,7 @@ class SamSegmenter:
         return np.asarray(found.logits[int(np.argmax(fits))])
 
     def _followed(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[FloatArray]:
-        """The mask of each view as logits, (H, W): the first by the coarse object's box, the others by those before.
+        """The mask of each view as logits, (H, W): the first by the selected object's box, the others by those before.
 
         A mask that is accepted gives each Gaussian the weight that it has inside and outside of it. A further view is
         prompted with the shares that follow, and by the labels where it shows what no earlier view has shown.

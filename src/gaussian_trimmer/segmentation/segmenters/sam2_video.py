@@ -41,7 +41,7 @@ class Sam2Config:
     prompting: Literal["video", "per-view"] = "video"
     """Prompt the first view and track the object through the others, or prompt every view for itself."""
     prompt: Literal["box", "mask"] = "box"
-    """Prompt with the coarse object's bounding box, or with its visible silhouette."""
+    """Prompt with the selected object's bounding box, or with its visible silhouette."""
     device: str = "auto"
     """Where the model runs: cuda, mps, cpu, or auto for the first of these that is there."""
     dtype: Literal["auto", "bfloat16", "float16", "float32"] = "auto"
@@ -102,8 +102,8 @@ class Sam2Segmenter:
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
         """One mask (H, W) for each view. Views are taken in order of yaw, as the frames of a video.
 
-        A view without a prompt, because the coarse object is not visible in it, gets an empty mask; so do all views of
-        a video whose first view has none.
+        A view without a prompt, because the selected object is not visible in it, gets an empty mask; so do all
+        views of a video whose first view has none.
 
         Eq. 6 of GaussianTrimmer for the first view, and the tracking that follows it.
         """
@@ -181,7 +181,7 @@ class Sam2Segmenter:
         return (centres * scale - 0.5)[None, None]
 
     def _silhouette(self, view: View) -> Tensor:
-        """Where the coarse object is visible, one or zero, in the model's square, (1, 1, S, S)."""
+        """Where the selected object is visible, one or zero, in the model's square, (1, 1, S, S)."""
         visible = self._torch.from_numpy((view.object_visible > _MIN_VISIBLE_SHARE).astype(np.float32)).to(self._device)
         return (self._resized(visible[None, None], (self._side, self._side)) >= 0.5).float()
 

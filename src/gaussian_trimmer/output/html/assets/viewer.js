@@ -152,7 +152,7 @@ const unit = a => scaled(a, 1 / Math.hypot(...a));
 function begin() {
   gl = canvas.getContext("webgl2", { antialias: false, alpha: true, premultipliedAlpha: true, depth: false });
   if (!gl) {
-    say("This browser has no WebGL 2, which the page draws with; another browser or newer graphics drivers have it.");
+    say("This page needs WebGL 2, which this browser lacks; try another browser, or newer graphics drivers.");
     return;
   }
   const program = gl.createProgram();
@@ -361,7 +361,7 @@ for (const choice of document.querySelectorAll("input[name=part]")) {
 }
 canvas.addEventListener("webglcontextlost", event => {
   event.preventDefault();
-  say("The graphics driver was lost; the picture comes back when it does.");
+  say("The graphics driver stopped; the picture returns when it does.");
 });
 canvas.addEventListener("webglcontextrestored", () => {
   say("");
