@@ -55,11 +55,11 @@ def test_latex_escapes_what_it_would_obey_and_shows_intervals():
     assert lines[5] == r"view & IoU (\%) & fidelity (dB) & note \\"
     assert lines[7] == r"a\_1.png & $90.00$ $\to$ $95.12$ & $60.00$ & x, y \\"
     assert lines[8] == r"mean & -- $\to$ $95.00$ & -- & R\&D \\"
-    rows = [["~\\^<\n", Interval(-1.0, -2.0, 0.5), Interval(1.0, None, None)]]
+    rows = [["[~\\^<\n", Interval(-1.0, -2.0, 0.5), Interval(1.0, None, None)]]
     sure = ScoreTable("two\nlines", ["method", "gain", "n"], rows)
     text = FORMATS["latex"](sure)
     assert text.startswith("% two lines\n") and "\n\n" not in text
-    head = r"\textasciitilde{}\textbackslash{}\textasciicircum{}$<$"
+    head = r"{[}\textasciitilde{}\textbackslash{}\textasciicircum{}$<$"
     assert head + r"  & $-1.00$ $[-2.00, 0.50]$ & $1.00$ \\" in text
 
 

@@ -102,8 +102,8 @@ PROTOCOLS: Mapping[str, Mapping[str, Protocol]] = {
         ),
     },
 }  # fmt: skip
-"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; COB-GS
-and SA3D take a quarter, and Inria's code, on which SAGA builds, reduces what is wider than 1600 to that."""
+"""Data set -> name -> protocol of a published code. LLFF's pictures are 4032 pixels wide; COB-GS and SA3D take a
+quarter, and Inria's code, on which SAGA builds, reduces what is wider than 1600 pixels to that."""
 OWN_RULES = Protocol("this program's")
 
 

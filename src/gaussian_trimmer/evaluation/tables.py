@@ -33,9 +33,9 @@ class Interval:
 _LATEX: Mapping[str, str] = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}",
-    "<": "$<$", ">": "$>$",
+    "<": "$<$", ">": "$>$", "[": "{[}",
 }  # fmt: skip
-"""Character that LaTeX would obey or not show -> how it is written."""
+"""Character that LaTeX would obey or not show -> how it is written; after a line's end a bracket is an option."""
 
 Cell = str | float | int | Change | Interval | None
 _PARTS: Mapping[type, tuple[str, ...]] = {Change: ("before", "after"), Interval: ("mean", "low", "high")}
