@@ -9,7 +9,7 @@ from command_line import SMALL, run, save_ball
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
-from gaussian_trimmer.planning.diagnosis import neighbour_agreement
+from gaussian_trimmer.planning.diagnosis import neighbour_agreement, selection_warning
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -74,6 +74,13 @@ def test_training_cameras_that_see_the_object_and_cameras_of_tests_are_taken():
 def test_a_selection_of_most_of_the_scene_is_doubted(selection, warning):
     assert any(warning in text for text in trim(SCENE, selection, config=CONFIG).warnings)
     assert trim(SCENE, TRUTH, config=CONFIG).warnings == ()
+
+
+def test_a_capture_of_little_but_the_object_is_not_doubted():
+    scene, selection = SCENE, TRUTH | (np.linalg.norm(SCENE.means - toy.CENTRE, axis=1) < 1.5)
+    some = selection | (np.arange(len(scene)) % 4 == 0)
+    assert selection[some].mean() > 0.5
+    assert selection_warning(scene.select(some), selection[some]) is None
 
 
 @pytest.mark.parametrize("up", ["x", (0, 1, 0.5), "-z"])

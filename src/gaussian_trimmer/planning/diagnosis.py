@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
@@ -49,8 +49,11 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
     return _lost_places(scene, selection) or _scatter(scene, selection) or _blind_cameras(cameras, bounds)
 
 
-def selection_warning(selection: BoolArray) -> str | None:
-    """What speaks against a selection (N,) of most of a scene, a sentence; None if nothing does."""
+def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
+    """What speaks against a selection (N,) of most of a scene, a sentence; None if nothing does.
+
+    A capture of little but the object is mostly selected, too, but then what is left lies around it.
+    """
     share = float(selection.mean())
     if share <= _MOST_OF_SCENE:
         return None
@@ -59,10 +62,17 @@ def selection_warning(selection: BoolArray) -> str | None:
             "The selection holds the whole scene, so nothing is left to tell the object from; if there is more in it "
             "than the object, select the object alone."
         )
+    if _spread(scene.means[~selection]) > _spread(scene.means[selection]):
+        return None
     return (
         f"The selection holds {100 * share:.0f} % of the scene's Gaussians; if it is inverted, select what it leaves "
         "out instead."
     )
+
+
+def _spread(means: FloatArray) -> float:
+    """Median distance of points (N, 3) from their middle."""
+    return float(np.median(np.linalg.norm(means - np.median(means, axis=0), axis=1)))
 
 
 def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | None:

@@ -167,7 +167,7 @@ def _plan(task: Task) -> Decision:
         doubt = task.known_up.warning
     else:
         doubt = None if wrong else up_warning(task.scene, task.selection, up)
-    found = (selection_warning(task.selection), doubt)
+    found = (selection_warning(task.scene, task.selection), doubt)
     return Decision(scope, up, tuple(warning for warning in found if warning), refused=wrong)
 
 
