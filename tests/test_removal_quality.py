@@ -1,0 +1,28 @@
+"""The table goes on where its objects stood, as pictures of it without them show."""
+
+import numpy as np
+import pytest
+from benchmark_data import OWN, open_scene
+
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import only_training
+from gaussian_trimmer.evaluation.removal import RemovalFolders, likeness, views_without
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.trimming.trim import trim
+
+OBJECTS = "fern", "lighthouse", "mug", "robot"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_scene_without_an_object_is_what_pictures_without_it_show(name):
+    folder, renderer = OWN / "tabletop", get_renderer("numba")
+    scene = open_scene(folder)
+    cameras = read_camera_set(scene.cameras_file)
+    others = tuple(folder / "masks" / other for other in OBJECTS if other != name)
+    folders = RemovalFolders(folder / "removed" / name, folder / "masks" / name, ignore=others)
+    _, views = views_without(cameras.pinhole_cameras(), folders, 6)
+    result = trim(scene.gaussians, scene.coarse(name, "dilated"), cameras=only_training(cameras), up=scene.up)
+    scores = [likeness(renderer.render(result.background, view.camera).rgb, view) for view in views]
+    assert len(scores) == 4
+    assert np.mean([score.psnr for score in scores]) > 24
