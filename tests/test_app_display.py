@@ -9,8 +9,9 @@ import pytest
 import toy
 
 from gaussian_trimmer.app.display import Painter, Showing, shown_rows
-from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
+from gaussian_trimmer.app.documents import Document, up_of
 from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.snapshots import first_snapshot
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.config import BoundaryConfig, SplitConfig, TrimConfig

@@ -16,10 +16,29 @@ class Worker:
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
         self._cancelled, self.busy = threading.Event(), False
+        self._submitted, self._yielding = 0, False
 
     def submit(self, job: Job) -> None:
-        """Do a job after those that were submitted before."""
+        """Do a job after those that were submitted before, which stops one that gives way."""
+        self._submitted += 1
+        if self._yielding:
+            self.cancel()
         self._thread.submit(self._do, job)
+
+    def submit_if_idle(self, job: Job) -> None:
+        """Do a job that gives way: it is dropped if another one is submitted before it begins, or cancelled after."""
+        expected = self._submitted
+
+        def unless_others_came() -> None:
+            if self._submitted != expected:
+                return
+            self._yielding = True
+            try:
+                job()
+            finally:
+                self._yielding = False
+
+        self._thread.submit(self._do, unless_others_came)
 
     def cancel(self) -> None:
         """Ask the present job to stop; later ones are done."""
