@@ -20,6 +20,7 @@ from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, WITHOU
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.worker import Worker
 from gaussian_trimmer.errors import InputError
@@ -54,7 +55,8 @@ class Controller:
         self.worker = Worker()
         self._rest: threading.Timer | None = None
         self.files = Files(session, self.panels, state, self._stages, self.worker.cancelled)
-        self.tools = Tools(server, session, self.panels, self._view, self.do, self._follow)
+        self._given_up: Snapshot | None = None
+        self.tools = Tools(server, session, self.panels, self._view, self.do)
         self._presenter.refresh()
         self._connect()
         bind_keys(server.gui, self)
@@ -76,7 +78,14 @@ class Controller:
 
     def do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
         """Have something done in the worker's thread, and show what comes of it."""
-        self.worker.submit(lambda: self._job(name, work, client))
+
+        def job() -> None:
+            if self.worker.gave_way:
+                self._given_up = None
+            self._job(name, work, client)
+            self._follow(client)
+
+        self.worker.submit(job)
 
     def trim(self, *, joined: bool = False) -> str:
         """Trim the active object and show it; returns the result in a sentence.
@@ -151,19 +160,21 @@ class Controller:
             self._complain(text, client)
 
     def _follow(self, client: Any) -> None:
-        """Trim again, since a mark has corrected what was trimmed; another mark in the meantime goes first."""
-
-        def job() -> None:
-            if self.session.now.object.result is None and self.session.now.object.n_selected:
-                self._job("Cutting out again", again, client)
+        """If a mark has corrected what was trimmed, trim again; whatever else is done goes first."""
+        now = self.session.glance()
+        if now is None or now is self._given_up or self.panels.when.value == "Before":
+            return
+        if now.object.earlier is None or not now.object.n_selected:
+            return
 
         def again() -> str:
+            self._given_up = self.session.now  # unless it is to give way, it is tried once
             try:
                 return self.trim(joined=True)
             except Cancelled:
                 return self.session.now.sentence
 
-        self.worker.submit_if_idle(job)
+        self.worker.submit_if_idle(lambda: self._job("Cutting out again", again, client))
 
     def _opened(self, work: Callable[[], str], client: Any) -> str:
         """Open something, and look at it if it is another scene."""

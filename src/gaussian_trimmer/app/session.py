@@ -11,7 +11,15 @@ import numpy as np
 
 from gaussian_trimmer.app.documents import Document, Progress, TrimChoices, open_document, up_of
 from gaussian_trimmer.app.saving import Target, save_all, save_one
-from gaussian_trimmer.app.snapshots import PALETTE, Colour, MarkedObject, Snapshot, contrasting, first_snapshot
+from gaussian_trimmer.app.snapshots import (
+    PALETTE,
+    Colour,
+    MarkedObject,
+    Snapshot,
+    contrasting,
+    first_snapshot,
+    free_colours,
+)
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.planning.up_vector import UpVector
@@ -251,7 +259,7 @@ class Session:
         """Add an object and make it the active one."""
         now = self.now
         number = 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
-        added = MarkedObject(number, f"object {number}", PALETTE[(number - 1) % len(PALETTE)], now.nothing())
+        added = MarkedObject(number, f"object {number}", free_colours(now)[0], now.nothing())
         self._step(replace(now, objects=(*now.objects, added), active=len(now.objects), last="new object"))
         return added
 

@@ -197,12 +197,16 @@ class Snapshot:
         return replace(self, up=up, basis=basis).understood_anew(self.last)
 
 
+def free_colours(now: Snapshot) -> list[Colour]:
+    """The colours of the palette that no marked object has; all if there are none."""
+    taken = {part.colour for part in now.objects if part.marks}
+    return [colour for colour in PALETTE if colour not in taken] or list(PALETTE)
+
+
 def contrasting(now: Snapshot, selected: BoolArray) -> Colour:
-    """The colour of the palette that no other object has and that is farthest from that of some Gaussians, (N,)."""
+    """The colour of the palette that no object has and that is farthest from that of some Gaussians, (N,)."""
     own = np.median(np.clip(0.5 + SH_C0 * now.document.scene.sh_dc[selected], 0, 1), axis=0) * 255
-    others = {part.colour for place, part in enumerate(now.objects) if place != now.active and part.marks}
-    free = [colour for colour in PALETTE if colour not in others] or list(PALETTE)
-    return max(free, key=lambda colour: float(np.linalg.norm(own - colour)))
+    return max(free_colours(now), key=lambda colour: float(np.linalg.norm(own - colour)))
 
 
 def first_snapshot(document: Document, up: UpVector) -> Snapshot:

@@ -54,11 +54,8 @@ _BRUSH_STEP = 1.25
 class Tools:
     """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
-    def __init__(
-        self, server: Any, session: Session, panels: Panels, view: SceneView, do: Do, marked: Callable[[Any], None]
-    ) -> None:
-        """Listen to the 3D view and the tools' controls; `marked` is called after a trim got out of date."""
-        self._session, self._panels, self._view, self._do, self._marked = session, panels, view, do, marked
+    def __init__(self, server: Any, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
+        self._session, self._panels, self._view, self._do = session, panels, view, do
         self._corners: list[Point] = []
         self._channel = GestureChannel(server.gui, self.heard)
         panels.tool.on_click(lambda event: self.choose(panels.tool.value, event.client))
@@ -126,8 +123,6 @@ class Tools:
             panels.look_at(
                 panels.part.value, "After" if follows else "Before", CHANGES if follows or alone else OBJECTS
             )
-            if follows:
-                self._marked(client)
             return sentence
 
         self._do(name, job, client)

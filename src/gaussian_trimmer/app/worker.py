@@ -17,11 +17,14 @@ class Worker:
         self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
         self._cancelled, self.busy = threading.Event(), False
         self._submitted, self._yielding = 0, False
+        self.gave_way = False
+        """Whether the last job that gives way was stopped by another one."""
 
     def submit(self, job: Job) -> None:
         """Do a job after those that were submitted before, which stops one that gives way."""
         self._submitted += 1
         if self._yielding:
+            self.gave_way = True
             self.cancel()
         self._thread.submit(self._do, job)
 
@@ -32,7 +35,7 @@ class Worker:
         def unless_others_came() -> None:
             if self._submitted != expected:
                 return
-            self._yielding = True
+            self._yielding, self.gave_way = True, False
             try:
                 job()
             finally:
