@@ -63,7 +63,7 @@ def test_marks_among_some_change_no_others(session):
     session.mark(BALL)
     before = session.now.object.selected.mask
     upper = session.document.scene.means[:, 2] > 1
-    session.mark(Sphere((0.0, 0.0, 1.0), 0.9, effect="remove"), among=upper)
+    session.mark(Sphere((0.0, 0.0, 1.0), 1.2, effect="remove"), among=upper)
     after = session.now.object.selected.mask
     assert np.array_equal(after[~upper], before[~upper])
     assert after[upper].sum() < before[upper].sum()
@@ -108,7 +108,7 @@ def test_the_first_mark_gives_a_colour_that_stands_out(session):
 
 
 def test_a_project_brings_objects_and_marks_back(session, ball, tmp_path):
-    session.set_up((0.0, 0.1, 1.0))
+    session.set_up((0.0, 0.0, 2.0))
     session.mark(click_on_ball(session))
     session.mark(TOP)
     session.describe_object("ball", (1, 2, 3))
