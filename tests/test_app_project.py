@@ -10,6 +10,7 @@ import toy
 from command_line import save_ball
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.app.marking import touches
 from gaussian_trimmer.app.project import autosave_path, is_project, read_project, restored, write_project
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import PALETTE
@@ -69,6 +70,13 @@ def test_marks_among_some_change_no_others(session):
     assert after[upper].sum() < before[upper].sum()
     with pytest.raises(InputError, match="changes nothing that is shown"):
         session.mark(BALL, among=np.zeros(len(before), np.bool_))
+
+
+def test_what_lies_far_away_does_not_touch():
+    means = np.array([[0, 0, 0], [0, 0, 1], [0, 0.1, 0], [0, 3, 0]], np.float32)
+    selected = np.array([True, True, False, False])
+    assert touches(means, selected, np.array([False, False, True, True]))
+    assert not touches(means, selected, np.array([False, False, False, True]))
 
 
 def test_inverting_twice_is_nothing(session):

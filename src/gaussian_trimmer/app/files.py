@@ -24,7 +24,7 @@ from gaussian_trimmer.app.project import (
     write_project,
 )
 from gaussian_trimmer.app.saving import Target
-from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.session import Session, stopping
 from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
@@ -45,7 +45,8 @@ class Files:
     def __init__(self, session: Session, panels: Panels, state: Path, stages: Stages, cancelled: Callable[[], bool]):
         """Work for a session; what the app itself keeps goes to the folder `state`."""
         self._session, self._panels, self._state = session, panels, state
-        self._stages, self._cancelled = stages, cancelled
+        self._stages: Stages = lambda number, prefix: stopping(stages(number, prefix), cancelled)
+        self._cancelled = cancelled
         self._kept: Snapshot | None = None
 
     def open(self) -> str:
@@ -59,8 +60,12 @@ class Files:
         self._session.open(path, path_of(panels.camera_path.value), self._stages(4, ""))
         panels.start_afresh()
         self._kept = self._session.now
-        kept = self._autosave
-        return self._restore(kept) if kept.is_file() else self._session.now.sentence
+        if not self._autosave.is_file():
+            return self._session.now.sentence
+        try:
+            return self._restore(self._autosave)
+        except InputError as error:  # or cancelled
+            return f"{self._session.now.sentence} The work of last time is not back: {error}"
 
     def open_project(self, path: Path) -> str:
         """Go on with a project: in the open scene if it is the project's, else in the scene that it names."""

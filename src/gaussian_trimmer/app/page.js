@@ -6,6 +6,7 @@
   const CLOSE_PIXELS = 12; // so near its first corner, a polygon closes
   const TWICE_MILLISECONDS = 400; // a second click at the same place within this time is the first one again
   const MOST_PLACES = 1500;
+  document.title = "GaussianTrimmer";
   window.gaussianTrimmerPage?.abort();
   const page = (window.gaussianTrimmerPage = new AbortController());
   const listen = (type, act) => window.addEventListener(type, act, { capture: true, signal: page.signal });

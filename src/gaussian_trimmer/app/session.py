@@ -7,24 +7,20 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from gaussian_trimmer.app.documents import Document, Progress, TrimChoices, open_document, up_of
+from gaussian_trimmer.app.marking import after_marks
 from gaussian_trimmer.app.saving import Target, save_all, save_one
 from gaussian_trimmer.app.snapshots import (
-    PALETTE,
     Colour,
     MarkedObject,
     Snapshot,
-    contrasting,
     first_snapshot,
     free_colours,
 )
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.selecting.interpretation import SelectionState
-from gaussian_trimmer.selecting.marks import Click, Effect, FromFile, Mark, Point, Rows
+from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Point, Rows
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
@@ -116,28 +112,9 @@ class Session:
         Raises:
             InputError: a mark is not possible, it changes nothing, or after it nothing is selected.
         """
-        now, before = self.now, self.now.object
-        selected = now.applied(before.selected, marks)
-        way = selected.interpretations[-1]
-        kept = now.locked if among is None else now.locked | ~among
-        undone: tuple[tuple[Effect, BoolArray], ...] = (
-            ("remove", selected.mask & ~before.selected.mask & kept),
-            ("add", before.selected.mask & ~selected.mask & kept),
-        )
-        for effect, rows in undone:
-            if rows.any():
-                marks = (*marks, Rows(pack_rows(rows), "what is not shown stays", effect))
-                selected = now.applied(selected, marks[-1:])
-        if not selected.mask.any():
-            raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
-        change = _change(before.selected, selected)
-        if not change:
-            raise InputError(f"This mark changes nothing that is shown, so it was not made: {way}.")
-        marked = before.marked(before.marks + marks, selected, further=True)
-        if not before.marks and before.colour in PALETTE:
-            marked = replace(marked, colour=contrasting(now, selected.mask))
-        self._step(now.with_object(marked, f"mark ({way})"))
-        return f"{change} {way}. {self.now.object.n_selected:,} Gaussians selected."
+        after, sentence = after_marks(self.now, marks, among)
+        self._step(after)
+        return sentence
 
     def invert(self) -> str:
         """Select what is not selected, but what is locked, and nothing else; returns what changed.
@@ -244,7 +221,7 @@ class Session:
             config=choices.config(now.up),
             renderer=document.renderer,
             cameras=document.cameras,
-            progress=_stopping(progress, cancelled),
+            progress=stopping(progress, cancelled),
         )
         if cancelled():
             raise Cancelled
@@ -319,7 +296,7 @@ class Session:
             InputError: no object is marked, or the files cannot be written.
             Cancelled: `cancelled` said so; nothing has been written.
         """
-        return save_all(self.now, target, _stopping(progress, cancelled))
+        return save_all(self.now, target, stopping(progress, cancelled))
 
     def _step(self, after: Snapshot) -> None:
         """Go on to another state; what was undone before cannot be redone."""
@@ -327,18 +304,7 @@ class Session:
         self._history, self._place = history, len(history) - 1
 
 
-def _change(before: SelectionState, after: SelectionState) -> str:
-    """What a mark changed, in a sentence; empty if nothing."""
-    added, removed = (int(np.count_nonzero(part)) for part in (after.mask & ~before.mask, before.mask & ~after.mask))
-    if added and removed:
-        return f"Added {added:,} and removed {removed:,}:"
-    if added or removed:
-        return f"Added {added:,}:" if added else f"Removed {removed:,}:"
-    kept_out = int(np.count_nonzero(after.excluded & ~before.excluded))
-    return f"Removed nothing that is selected; the trim will leave out {kept_out:,}:" if kept_out else ""
-
-
-def _stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
+def stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
     """What to call at each stage, which raises `Cancelled` if the user wants to stop."""
 
     def stage(name: str) -> None:
