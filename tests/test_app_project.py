@@ -73,7 +73,7 @@ def test_marks_among_some_change_no_others(session):
 
 
 def test_what_lies_far_away_does_not_touch():
-    means = np.array([[0, 0, 0], [0, 0, 1], [0, 0.1, 0], [0, 3, 0]], np.float32)
+    means = np.array([[0, 0, 0], [0, 0, 1], [0, 0.05, 0], [0, 3, 0]], np.float32)
     selected = np.array([True, True, False, False])
     assert touches(means, selected, np.array([False, False, True, True]))
     assert not touches(means, selected, np.array([False, False, False, True]))

@@ -47,7 +47,6 @@ _HINTS = {
     BOX3D: "Move the box by its arrows, set its size, then apply it.",
     POINTS: "Click three points on the ground.",
 }
-_STATUS_STYLE = "height:4.2em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
 _WELCOME = "Cut one object out of a splat scene. Open a scene, or press 'Open' for the sample that is filled in."
 HELP = """
 | key | |
@@ -167,7 +166,7 @@ class Panels:
 
     def show_tool(self, tool: str) -> None:
         """Show the controls and the hint of a tool."""
-        self.tool.value, self.hint.content = tool, _HINTS[tool]
+        self.tool.value, self.hint.content = tool, _text(_HINTS[tool], 2.8)
         self.brush.visible = tool == BRUSH
         self.reach.visible = tool in (LASSO, POLYGON, BRUSH)
         self.box_size.visible = self.box_apply.visible = tool == BOX3D
@@ -180,14 +179,14 @@ class Panels:
         """Show a text, and a bar below it, in a room whose size does not change."""
         width = 0 if share is None else 100 * share
         self.status.content = (
-            f'<div style="{_STATUS_STYLE}">{html.escape(text)}</div><div style="height:4px;margin:0.2em 0.9em">'
-            f'<div style="height:4px;background:#2f9e44;width:{width:.0f}%"></div></div>'
+            f'{_text(text, 4.2)}<div style="height:4px;margin:0.2em 0.9em"><div'
+            f' style="height:4px;background:#2f9e44;width:{width:.0f}%"></div></div>'
         )
 
     def _make_tools(self, gui: Any) -> None:
         self.tool = Choice(gui, "Tool", TOOLS)
         self.effect = Choice(gui, "Mode", tuple(EFFECTS))
-        self.hint = gui.add_markdown(_HINTS[LOOK])
+        self.hint = gui.add_html(_text(_HINTS[LOOK], 2.8))
         self.brush = gui.add_slider("Brush radius", 3, 200, 1, 24, visible=False)
         self.reach = Choice(gui, "Reach", ("Surface", THROUGH), visible=False)
         self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
@@ -206,12 +205,12 @@ class Panels:
         self.path = gui.add_text("Scene", path, hint="A splat file on this computer, or the folder of a training.")
         self.camera_path = gui.add_text("Cameras", camera_path, hint="COLMAP folder, transforms.json or cameras.json.")
         self.open = gui.add_button("Open", icon="folder-open")
-        self.use_cameras = gui.add_button("Use these cameras with the open scene", icon="camera")
-        self.save_project = gui.add_button("Download the project", icon="download")
+        self.use_cameras = gui.add_button("Use these cameras with the open scene", icon="camera", color="gray")
+        self.save_project = gui.add_button("Download the project", icon="download", color="gray")
         gui.add_divider()
         self.up_text = gui.add_markdown("")
         self.up = gui.add_button_group("Up is", UPS)
-        self.three_points = gui.add_button("Up by three clicks on the ground", icon="dots")
+        self.three_points = gui.add_button("Up by three clicks on the ground", icon="dots", color="gray")
 
     def _make_objects(self, gui: Any) -> None:
         self.counts = gui.add_markdown("")
@@ -221,7 +220,7 @@ class Panels:
         self.kept = Switches(gui, "It is", ("Hidden", "Locked"))
         self.objects = gui.add_button_group("Objects", ("New", "Delete", "Show all"))
         self.selection_path = gui.add_text("Selection", "", hint="A selection file of any kind, or saved marks.")
-        self.load = gui.add_button("Replace the marks by this file", icon="file-import")
+        self.load = gui.add_button("Replace the marks by this file", icon="file-import", color="gray")
 
     def _make_options(self, gui: Any) -> None:
         options = (_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CONTINUE_SURFACE)
@@ -240,6 +239,12 @@ class Panels:
         self.save = gui.add_button("Save in this folder", icon="device-floppy")
         self.save_all = gui.add_button("Cut out and save all objects", icon="stack-2")
         self.command = gui.add_text("The same by command", "", multiline=True, visible=False)
+
+
+def _text(text: str, height: float) -> str:
+    """A text in a room of a height in lines' widths, so that what stands below does not move with its length."""
+    style = f"height:{height}em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
+    return f'<div style="{style}">{html.escape(text)}</div>'
 
 
 def label(number: int, name: str) -> str:
