@@ -72,7 +72,8 @@ def around(tab, point, size):
 
 def marked(tab, lighthouse):
     """Mark the lighthouse by a click."""
-    tab.switch("Click")
+    if tab.app.controller.panels.tool.value != "Click":
+        tab.switch("Click")
     tab.wait("Click on the object")
     tab.until_said(lambda: click(tab, lighthouse), "an object that stands on a surface")
 
@@ -176,8 +177,8 @@ def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthous
     tab.switch("Box")
     tab.wait("Drag a box")
     size = size_in_pixels(tab, lighthouse)
-    corners = around(tab, lighthouse, 1.1 * size)
-    drag(tab, corners[0], corners[2])
+    x, y = tab.place(lighthouse)
+    drag(tab, (x - 0.6 * size, y - 1.1 * size), (x + 0.6 * size, y + 1.1 * size))
     tab.wait("Gaussians selected")
     by_box = session.now.object.n_selected
 
