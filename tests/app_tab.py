@@ -5,7 +5,7 @@ from io import BytesIO
 
 import numpy as np
 
-PATIENCE = 60
+PATIENCE = 200
 """Seconds: software rendering on a busy machine is slow."""
 LOST = 40
 """Seconds after which what got no answer never arrived."""
