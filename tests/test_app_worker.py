@@ -54,6 +54,8 @@ def test_stopping_ends_the_present_job_and_drops_the_others():
     worker.submit(lambda: seen.append("never"))
     assert begun.wait(10)
     worker.stop()
+    for submit in (worker.submit, worker.submit_if_idle):
+        submit(lambda: seen.append("after the end"))
     assert not worker.busy and not seen
 
 
