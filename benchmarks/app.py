@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -58,7 +59,8 @@ def main() -> None:
     print(
         f"{'object':10s} {'click':>7s} {'box':>7s} {'again':>7s} {'brush':>7s} {'box 3d':>7s} {'app':>7s} {'trim':>7s}"
     )
-    with serving(arguments.scene / "scene.ply", arguments.scene / "cameras.json", port=0) as app:
+    paths = arguments.scene / "scene.ply", arguments.scene / "cameras.json"
+    with TemporaryDirectory() as state, serving(*paths, port=0, state=Path(state)) as app:
         _wait(app.controller)
         for name in names:
             marks = _marks(app.controller, arguments.scene, name)

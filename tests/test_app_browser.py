@@ -1,5 +1,6 @@
 """The app in a real browser. One short way through it is in every run; the others take minutes and are slow."""
 
+import base64
 import shlex
 
 import numpy as np
@@ -42,15 +43,11 @@ def lighthouse():
 
 
 @pytest.fixture
-def app():
+def app(tmp_path):
     from gaussian_trimmer.app.serving import serving
 
-    with serving(sample.SCENE, sample.CAMERAS, port=0, most=SHOWN) as running:
+    with serving(sample.SCENE, sample.CAMERAS, port=0, most=SHOWN, state=tmp_path / "state") as running:
         yield running
-
-
-def orange(colour):
-    return colour[0] > 1.4 * colour[2] and colour[0] > 90
 
 
 def click(tab, point, **options):
@@ -58,10 +55,25 @@ def click(tab, point, **options):
     tab.page.mouse.click(x, y, **options)
 
 
+def drag(tab, *places):
+    """Press at the first place of the page, move over the others, and let go."""
+    tab.page.mouse.move(*places[0])
+    tab.page.mouse.down()
+    for place in places[1:]:
+        tab.page.mouse.move(*place, steps=4)
+    tab.page.mouse.up()
+
+
+def around(tab, point, size):
+    """The corners of a square around a point, in pixels of the page."""
+    x, y = tab.place(point)
+    return [(x - size, y - size), (x + size, y - size), (x + size, y + size), (x - size, y + size)]
+
+
 def marked(tab, lighthouse):
     """Mark the lighthouse by a click."""
-    tab.panel("Mark")
-    tab.page.keyboard.press("c")
+    if tab.app.controller.panels.tool.value != "Click":
+        tab.switch("Click")
     tab.wait("Click on the object")
     tab.until_said(lambda: click(tab, lighthouse), "an object that stands on a surface")
 
@@ -70,63 +82,83 @@ def finish(app):
     until(lambda: not app.controller.worker.busy, "the program to finish")
 
 
+def size_in_pixels(tab, lighthouse):
+    return abs(tab.place(lighthouse + UP)[1] - tab.place(lighthouse)[1])
+
+
 @pytest.mark.smoke
-def test_a_click_and_a_trim(browser, app, lighthouse):
-    tab = Tab(browser, app, *SMALL)
-    tab.wait("59,472 Gaussians")
-    marked(tab, lighthouse)
-    tab.page.keyboard.press("t")
-    tab.wait("views accepted")
-    assert len(app.controller.session.now.object.result.object) > 1000
-    assert tab.errors == []
+def test_who_sees_the_app_for_the_first_time_cuts_the_sample_out(browser, lighthouse, tmp_path):
+    """Only with what the page itself says: open, click, cut out, and download."""
+    from gaussian_trimmer.app.serving import serving
+
+    with serving(None, None, port=0, most=SHOWN, state=tmp_path) as app:
+        tab = Tab(browser, app, *SMALL)
+        tab.wait("Cut one object out of a splat scene.")
+        tab.press("Open")
+        tab.wait("and click on the object that you want")
+        marked(tab, lighthouse)
+        tab.press("Cut out")
+        tab.wait("views accepted")
+        assert app.controller.panels.showing.part == "object"
+        tab.panel("Save")
+        with tab.page.expect_download() as download:
+            tab.page.get_by_role("button", name="Object", exact=True).click()
+        download.value.save_as(tmp_path / "object.ply")
+        assert len(formats.read(tmp_path / "object.ply")) == len(app.controller.session.now.object.result.object)
+        assert tab.errors == []
 
 
 @pytest.mark.slow
-def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeypatch):
-    panels = app.controller.panels
+def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app, lighthouse, tmp_path, monkeypatch):
+    panels, session = app.controller.panels, app.controller.session
     tab = Tab(browser, app, *LAPTOP)
     tab.wait("59,472 Gaussians")
     before = tab.until_colour(lighthouse, lambda colour: colour.max() > 100)  # once it has faded in
-    assert not orange(before) or before[1] < 80  # red and white, not orange
     marked(tab, lighthouse)
     tinted = tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() > 25)
-    assert tinted[0] > tinted[2] + 60
 
-    for key, tool in (("x", "the box"), ("b", "the brush")):  # hides nothing behind it
-        tab.page.keyboard.press(key)
-        until(lambda key=key: panels.tool.value == {"x": "3D box", "b": "Brush"}[key], tool)
-        finish(app)
-        tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() < 40)
-    tab.page.keyboard.press("Escape")
+    tab.page.keyboard.press("x")  # the box hides nothing behind it
+    until(lambda: panels.tool.value == "3D box", "the box")
+    finish(app)
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() < 40)
 
     tab.page.keyboard.press("t")
     tab.wait("views accepted")
-    tab.page.keyboard.press("3")  # the background alone
-    tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() > 40)
-    tab.page.keyboard.press("2")  # the object alone, in its own colours
-    tab.until_colour(lighthouse, lambda colour: 60 < colour[0] < colour[2] + 60)
-    tab.page.keyboard.press("v")
-    tab.until_colour(lighthouse, lambda colour: colour[0] > colour[2] + 60)
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() < 60)  # in its own colours
+    beside = lighthouse + np.array([0.4, 0, 0])
+    tab.until_colour(beside, lambda colour: colour.max() < 10)
+    tab.switch("White")
+    tab.until_colour(beside, lambda colour: colour.min() > 245)
 
-    tab.panel("Trim")
-    for option, value in (("Before", "After"), ("Before", "After")):  # keys work after a button was pressed
-        tab.switch(option)
-        until(lambda option=option: panels.when.value == option, option)
-        tab.page.keyboard.press("Space")
-        until(lambda value=value: panels.when.value == value, value)
-    tab.switch("Virtual cameras")
-    tab.page.keyboard.press("1")
-    until(lambda: panels.part.value == "Both", "both parts")
+    first = session.now.object.result
+    tab.switch("Brush")
+    tab.wait("Paint.")
+    x, y = tab.place(lighthouse)
+    tab.page.mouse.move(x, y)
+    assert float(tab.page.locator("#gesture-overlay circle").first.get_attribute("r")) == panels.brush.value
+    tab.page.keyboard.down("Control")
+    drag(tab, (x - 30, y), (x + 30, y))
+    tab.page.keyboard.up("Control")
+    until(lambda: session.now.object.result not in (None, first), "the corrected object")
+    assert len(session.now.object.result.object) < len(first.object)
+    assert panels.showing.part == "object"
 
-    tab.page.keyboard.press("Control+z")
-    tab.wait("Undone: trim.")
-    assert app.controller.session.now.object.result is None
+    tab.switch("Scene without it")
+    tab.until_colour(beside, lambda colour: colour.min() < 200)
+    tab.page.keyboard.press("Space")  # keys work after a button was pressed
+    until(lambda: panels.when.value == "Before", "the scene before")
+    tab.page.reload()
+    tab.wait("Scene without it")
+    (tab.client,) = until(lambda: list(app.server.get_clients()), "the page to come back")
+    assert session.now.object.result is not None  # nothing is lost
+
+    tab.until_said(lambda: tab.page.keyboard.press("Control+z"), "Undone: mark (brush).")
+    assert session.now.object.result is first
     tab.page.keyboard.press("Control+Shift+z")
-    tab.wait("Done again: trim.")
-
+    tab.wait("Done again: mark (brush).")
     tab.panel("Save")
     tab.write("Folder", str(tmp_path / "by app"))
-    tab.press("Save the object")
+    tab.press("Save in this folder")
     tab.wait("Saved in")
     command = tab.page.locator("textarea").first.input_value()
     monkeypatch.chdir(tmp_path)
@@ -138,43 +170,42 @@ def test_from_opening_to_saved_files(browser, app, lighthouse, tmp_path, monkeyp
 
 
 @pytest.mark.slow
-def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
+def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthouse):
     session = app.controller.session
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
-    tab.panel("Mark")
-    tab.page.keyboard.press("r")
+    tab.switch("Box")
     tab.wait("Drag a box")
+    size = size_in_pixels(tab, lighthouse)
     x, y = tab.place(lighthouse)
-    corner = abs(tab.place(lighthouse + UP)[1] - y)
-    tab.page.mouse.move(x - 0.6 * corner, y - 1.1 * corner)
-    tab.page.mouse.down()
-    tab.page.mouse.move(x, y, steps=4)
-    tab.page.mouse.move(x + 0.6 * corner, y + corner, steps=4)
-    tab.page.mouse.up()
+    drag(tab, (x - 0.6 * size, y - 1.1 * size), (x + 0.6 * size, y + 1.1 * size))
     tab.wait("Gaussians selected")
     by_box = session.now.object.n_selected
 
-    beside = np.array([lighthouse[0] + 0.3, lighthouse[1], 0])
-    tab.switch("Brush")
-    tab.wait("Click on a surface")
-    finish(app)
-    tab.until_said(lambda: click(tab, beside), "a sphere.")
-    until(lambda: session.now.object.n_selected > by_box, "what the brush adds")
-    with_brush = session.now.object.n_selected
+    tab.switch("Lasso")
+    tab.wait("Draw around")
     tab.page.keyboard.down("Control")
-    x, y = tab.place(beside)
-    tab.page.mouse.click(x, y + 20)
+    drag(tab, *around(tab, lighthouse, 0.2 * size))
     tab.page.keyboard.up("Control")
-    until(lambda: session.now.object.n_selected < with_brush, "what the brush removes")
+    until(lambda: session.now.object.n_selected < by_box, "what the lasso removes")
+    by_lasso = session.now.object.n_selected
 
+    tab.switch("Polygon")
+    tab.wait("Click corners")
+    for corner in around(tab, lighthouse, 0.3 * size):
+        tab.page.mouse.click(*corner)
+    tab.page.keyboard.press("Enter")
+    until(lambda: session.now.object.n_selected > by_lasso, "what the polygon adds")
+    assert [type(mark).__name__ for mark in session.now.object.marks] == ["Box", "Rows", "Rows"]
+
+    tab.press("Grow")
+    tab.wait("grown by")
     tab.page.keyboard.press("x")
     tab.wait("Move the box")
     finish(app)
     tab.press("Apply the box")
-    until(lambda: isinstance(session.now.object.marks[-1], Box3D), "the box in space")
+    until(lambda: any(isinstance(mark, Box3D) for mark in session.now.object.marks), "the box in space")
 
-    tab.panel("Scene")
     tab.press("Up by three clicks on the ground")
     tab.wait("Click three points on the ground.")
     for step, said in (([0.1, 0.0], "2 more"), ([0.4, 0.1], "1 more"), ([0.3, -0.3], "Up is")):
@@ -186,6 +217,37 @@ def test_boxes_brush_and_up_by_points(browser, app, lighthouse):
     camera = app.server.get_clients()[tab.client].camera
     until(lambda: camera.up_direction[2] < -0.98, "the view to turn")
     assert tab.errors == []
+
+
+DROP = """([name, data]) => {
+    const bytes = Uint8Array.from(atob(data), (character) => character.charCodeAt(0));
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([bytes], name));
+    window.dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, cancelable: true }));
+}"""
+
+
+@pytest.mark.slow
+def test_files_are_dropped_and_work_is_back_after_the_program_ended(browser, tmp_path):
+    from gaussian_trimmer.app.serving import serving
+
+    def drop(tab, path):
+        data = base64.b64encode(path.read_bytes()).decode()
+        tab.page.evaluate(DROP, [path.name, data])
+
+    for said in ("and click on the object that you want", "Your work is back"):
+        with serving(None, None, port=0, most=SHOWN, state=tmp_path) as app:
+            tab = Tab(browser, app, *SMALL)
+            tab.wait("Cut one object out of a splat scene.")
+            drop(tab, sample.SCENE)
+            tab.wait(said)
+            finish(app)
+            if "back" not in said:
+                drop(tab, sample.SELECTION)
+                tab.wait("Gaussians selected")
+                n = app.controller.session.now.object.n_selected
+            assert app.controller.session.now.object.n_selected in (0, n)
+    assert n == np.load(sample.SELECTION).sum()
 
 
 @pytest.mark.slow
@@ -200,17 +262,13 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     tab.page.keyboard.press("t")
     tab.wait("Nothing is selected; mark an object first.")
     tab.panel("Save")
-    tab.press("Save the object")
+    tab.press("Save in this folder")
     tab.wait("has not been trimmed since it was marked")
 
     other = Tab(browser, app, *SMALL)
     other.wait("All tabs show and change the same scene.")
     marked(other, lighthouse)
     tab.wait("an object that stands on a surface")
-    tab.panel("Scene")
-    tab.press("Open")  # asks first
-    tab.press("Keep working here")
-    assert app.controller.session.now.has_work
 
     lost = set(app.server.get_clients())
     app.server._websock_server.disconnect_all_clients()
@@ -224,10 +282,10 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
 
 
 @pytest.mark.slow
-def test_the_page_says_that_the_program_has_ended(browser):
+def test_the_page_says_that_the_program_has_ended(browser, tmp_path):
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, port=0) as app:
+    with serving(None, None, port=0, state=tmp_path) as app:
         tab = Tab(browser, app, *SMALL)
-        tab.wait("Open a scene.")
+        tab.wait("Cut one object out")
     tab.wait("The program has ended")

@@ -1,6 +1,8 @@
 """Tests of controls and tools with a running server, to which no browser is connected."""
 
+import io
 import threading
+import zipfile
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +10,10 @@ import pytest
 import toy
 from command_line import save_ball
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.app import panels as controls
+from gaussian_trimmer.app.display import Showing, shown_rows
+from gaussian_trimmer.app.gestures import Gesture
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
@@ -27,16 +32,18 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def app():
+def app(tmp_path_factory):
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, port=0) as running:
+    with serving(None, None, port=0, state=tmp_path_factory.mktemp("state")) as running:
         yield running.controller
 
 
 @pytest.fixture
 def controller(app, folder):
     open_scene(app, folder / "scene.ply", folder / "cameras.json")
+    if app.session.now.has_work:
+        do(app, lambda: app.step("Undo"))  # the work of the test before
     return app
 
 
@@ -46,9 +53,7 @@ def open_scene(controller, path, camera_path=""):
 
 
 def finish(controller):
-    done = threading.Event()
-    controller.worker.submit(done.set)
-    assert done.wait(100)
+    controller.worker._thread.submit(lambda: None).result(100)  # without stopping what gives way
 
 
 def do(controller, act):
@@ -65,14 +70,36 @@ def client(controller, eye=(0.0, -8.0, 4.0)):
     return SimpleNamespace(camera=camera, add_notification=lambda *arguments, **options: None)
 
 
-def test_opening_starts_afresh(controller, folder):
+def gesture(tool, *places, effect=None):
+    return Gesture(tool, places, effect)
+
+
+def do_gesture(controller, *arguments, **options):
+    given = gesture(*arguments, **options)
+    controller.panels.tool.value = given.tool
+    controller.tools.heard(given, client(controller))
+    finish(controller)
+    finish(controller)  # the trim that follows
+
+
+def select_ball(controller, *marks):
+    do(controller, lambda: controller.session.mark(BALL, *marks))
+
+
+def test_opening_starts_afresh_but_for_the_work_that_was_kept(controller, folder):
     panels = controller.panels
-    panels.part.value, panels.when.value, panels.tool.value = "Object", "After", controls.CLICK
+    select_ball(controller)
+    panels.part.value, panels.when.value, panels.tool.value = controls.OBJECT, "After", controls.CLICK
     panels.show_command("of an earlier scene")
     open_scene(controller, folder / "scene.ply")
-    assert (panels.part.value, panels.when.value, panels.tool.value) == ("Both", "Before", controls.LOOK)
+    assert (panels.part.value, panels.when.value, panels.tool.value) == (controls.EVERYTHING, "Before", controls.LOOK)
     assert not panels.command.visible
-    assert "press C and click" in panels.status_text
+    assert "Your work is back" in panels.status_text
+    assert controller.session.now.object.marks == (BALL,)
+    do(controller, lambda: controller.step("Undo"))
+    assert not controller.session.now.has_work
+    open_scene(controller, folder / "scene.ply")
+    assert "click on the object" in panels.status_text
 
 
 def test_the_box_in_space_is_of_lines_and_around_the_selection(controller):
@@ -108,41 +135,190 @@ def test_up_turns_the_view(controller):
     assert np.allclose(server.initial_camera.up, (0, 0, 1))
 
 
-def test_the_object_alone_is_shown_in_its_own_colours_until_it_is_marked(controller):
-    panels, tools = controller.panels, controller.tools
-    do(controller, lambda: tools._mark(BALL))
-    assert panels.overlays[controls.TINT]
-    do(controller, lambda: controller.show_part("Object"))
-    assert not panels.overlays[controls.TINT]
-    do(controller, controller.trim)
-    assert panels.when.value == "After" and not panels.overlays[controls.TINT]
-    do(controller, lambda: tools._mark(TINY))
-    assert panels.overlays[controls.TINT]
-    do(controller, lambda: controller.show_part("Object"))
-    do(controller, controller._toggle_tint)
-    assert panels.overlays[controls.TINT]
+def test_cutting_out_shows_the_object_alone_in_its_own_colours(controller):
+    panels = controller.panels
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    assert panels.showing == Showing("object", "after", "own")
+    do(controller, lambda: controller.show_part(controls.WITHOUT))
+    assert panels.showing == Showing("background", "after", "own")
+    do(controller, lambda: controller.show_part(controls.EVERYTHING))
+    assert panels.showing == Showing("both", "after", "objects")
+    do(controller, lambda: controller.step("Undo"))
+    assert panels.showing == Showing("both", "before", "objects")
+
+
+def test_the_scene_without_the_object_is_one_button_away(controller):
+    select_ball(controller)
+    do(controller, lambda: controller.show_part(controls.WITHOUT))
+    assert controller.session.now.object.result is not None
+    assert controller.panels.showing == Showing("background", "after", "own")
+
+
+def test_a_correction_of_what_was_cut_out_is_cut_out_again_and_is_one_step(controller):
+    session, panels = controller.session, controller.panels
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    before = session.now
+    panels.brush.value = 20
+    do_gesture(controller, controls.BRUSH, (0.5, 0.45), (0.55, 0.45), effect="remove")
+    assert session.now.object.n_selected < before.object.n_selected
+    assert session.now.object.result is not None
+    assert not (session.now.object.result.object_mask & session.now.object.selected.excluded).any()
+    assert panels.showing == Showing("object", "after", "own")
+    do(controller, lambda: controller.step("Undo"))
+    assert session.now is before
+
+
+def test_marks_made_meanwhile_go_before_the_trim_that_follows(controller):
+    session, panels = controller.session, controller.panels
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    panels.tool.value = controls.BRUSH
+    blocked = threading.Event()
+    controller.worker.submit(lambda: blocked.wait(50))
+    tab = client(controller)
+    for x in (0.42, 0.58):
+        controller.tools.heard(gesture(controls.BRUSH, (x, 0.45), effect="remove"), tab)
+    blocked.set()
+    finish(controller)
+    finish(controller)
+    assert len(session.now.object.marks) == 3
+    assert session.now.object.result is not None
+    do(controller, lambda: controller.step("Undo"))
+    assert session.now.object.earlier is not None  # of the first stroke, which was not trimmed
+
+
+def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(controller):
+    session = controller.session
+    line = ((0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7))
+    numbers = {}
+    for tool in (controls.LASSO, controls.POLYGON):
+        for reach in ("Surface", controls.THROUGH):
+            controller.panels.reach.value = reach
+            do_gesture(controller, tool, *line)
+            numbers[tool, reach] = session.now.object.n_selected
+            assert session.now.object.marks[-1].tool == tool.lower()
+            do(controller, lambda: controller.step("Undo"))
+    controller.panels.reach.value = "Surface"
+    assert numbers[controls.LASSO, "Surface"] == numbers[controls.POLYGON, "Surface"]
+    assert 0 < numbers[controls.LASSO, "Surface"] <= numbers[controls.LASSO, controls.THROUGH]
+
+
+def test_marks_reach_nothing_that_is_not_shown(controller):
+    session, panels = controller.session, controller.panels
+    select_ball(controller)
+    before = session.now.object.selected.mask
+    panels.look_at(controls.OBJECT, "Before", controls.OWN)
+    panels.reach.value, panels.effect.value = controls.THROUGH, "Add"
+    do_gesture(controller, controls.LASSO, (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+    assert "changes nothing that is shown" in panels.status_text
+    do(controller, lambda: controller.tools._mark(Sphere((0, 0, 1), 9.0)))
+    assert np.array_equal(session.now.object.selected.mask, before)
+    panels.reach.value = "Surface"
+
+
+def test_keys_of_the_page_change_the_brush(controller):
+    controller.panels.brush.value = 24
+    controller.tools.heard(Gesture("]", (), None), client(controller))
+    assert controller.panels.brush.value == 30
+    controller.tools.heard(Gesture("[", (), None), client(controller))
+    assert controller.panels.brush.value == 24
+
+
+def test_a_name_is_the_objects_as_soon_as_it_is_entered(controller):
+    controller.panels.name.value = " my  ball "
+    controller._describe()
+    finish(controller)
+    assert controller.session.now.object.name == "my ball"
+    assert controller.panels.name.value == " my  ball "  # somebody may go on typing
+    controller.panels.name.value = ""
+    controller._describe()
+    finish(controller)
+    assert controller.session.now.object.name == "my ball"
+
+
+def test_files_from_the_browser_are_taken_for_what_they_are(controller, folder, tmp_path):
+    session, files = controller.session, controller.files
+    mask = np.linalg.norm(session.document.scene.means - toy.CENTRE, axis=1) < 1.2
+    np.save(tmp_path / "ball.npy", mask)
+    do(controller, lambda: files.received("../ball.npy", (tmp_path / "ball.npy").read_bytes()))
+    assert np.array_equal(session.now.object.selected.mask, mask)
+    sent = []
+    tab = SimpleNamespace(send_file_download=lambda name, data, save_immediately: sent.append((name, data)))
+    do(controller, lambda: files.download_project(tab))
+    do(controller, lambda: controller.step("Clear"))
+    do(controller, lambda: files.received(*sent[0]))
+    assert np.array_equal(session.now.object.selected.mask, mask)
+    do(controller, lambda: files.received("cameras.json", (folder / "cameras.json").read_bytes()))
+    assert "has these cameras now" in controller.panels.status_text
+    scene = (folder / "scene.ply").read_bytes()
+    do(controller, lambda: files.received("other.ply", scene, as_scene=True))
+    assert session.document.path.name == "other.ply"
+    assert np.array_equal(session.now.object.selected.mask, mask)  # the work on what the scene holds, wherever it lies
+    do(controller, lambda: files.received("nonsense.npy", b"nothing"))
+    assert "nonsense.npy" in controller.panels.status_text
+
+
+def test_results_are_downloaded(controller, tmp_path):
+    sent = {}
+    tab = SimpleNamespace(
+        add_notification=lambda *arguments, **options: None,
+        send_file_download=lambda name, data, save_immediately: sent.update({name: data}),
+    )
+    do(controller, lambda: controller.files.download(controls.OBJECT, tab))
+    assert "press 'Cut out' first" in controller.panels.status_text
+    select_ball(controller)
+    do(controller, lambda: controller.session.describe_object("my ball", (1, 2, 3)))
+    do(controller, controller.cut_out)
+    for what in controls.DOWNLOADS:
+        do(controller, lambda what=what: controller.files.download(what, tab))
+    assert set(sent) == {"my_ball.ply", "without_my_ball.ply", "my_ball.zip", "my_ball.html"}
+    (tmp_path / "object.ply").write_bytes(sent["my_ball.ply"])
+    assert len(formats.read(tmp_path / "object.ply")) == len(controller.session.now.object.result.object)
+    with zipfile.ZipFile(io.BytesIO(sent["my_ball.zip"])) as archive:
+        assert {"my_ball/object.ply", "my_ball/report.json", "my_ball/selection.json"} <= set(archive.namelist())
+    controller.panels.placed[controls.UPRIGHT] = True
+    do(controller, lambda: controller.files.download(controls.OBJECT, tab))
+    controller.panels.placed[controls.UPRIGHT] = False
+    (tmp_path / "upright.ply").write_bytes(sent["my_ball.ply"])
+    means = formats.read(tmp_path / "upright.ply").means
+    assert abs(np.quantile(means[:, 1], 0.01)) < 0.01 and np.median(means[:, 1]) > 0.5
+
+
+def test_what_is_hidden_is_not_shown_and_not_marked(controller):
+    session = controller.session
+    select_ball(controller)
+    ball = session.now.object.selected.mask
+    do(controller, controller.hide)
+    assert not (shown_rows(session.now, controller.panels.showing) & ball).any()
+    do(controller, lambda: controller.change_objects("New"))
+    do(controller, lambda: session.mark(Sphere((0, 0, 1), 9.0)))
+    assert not (session.now.object.selected.mask & ball).any()
+    do(controller, lambda: controller.change_objects("Show all"))
+    assert shown_rows(session.now, controller.panels.showing).all()
 
 
 def test_sentences_about_a_trim_go_with_it(controller, tmp_path):
     panels = controller.panels
-    do(controller, lambda: controller.tools._mark(BALL))
-    do(controller, controller.trim)
+    select_ball(controller)
+    do(controller, controller.cut_out)
     assert "views accepted" in panels.summary.content
     panels.folder.value = str(tmp_path / "out")
-    do(controller, controller._save)
+    do(controller, controller.files.save)
     assert str(tmp_path / "out" / "selection.json") in panels.command.value and panels.command.visible
     do(controller, lambda: controller.step("Undo"))
     assert panels.summary.content == ""
     panels.folder.value = str(tmp_path / "all")
-    do(controller, controller._save_all)
+    do(controller, controller.files.save_all)
     assert (tmp_path / "all" / "object_1.ply").is_file()
     assert not panels.command.visible
 
 
-def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder):
+def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder, tmp_path):
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, port=0) as app:
+    with serving(None, None, port=0, state=tmp_path) as app:
         controller = app.controller
         controller.tools.choose(controls.POINTS, None)
         finish(controller)
@@ -153,4 +329,4 @@ def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder):
         assert controller.panels.status_text == "Click three points on the ground."
         controller.tools.choose(controls.CLICK, None)
         finish(controller)
-        assert "press C and click" in controller.panels.status_text
+        assert "click on the object" in controller.panels.status_text

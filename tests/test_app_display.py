@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.display import Painter, Showing, shown_rows
-from gaussian_trimmer.app.documents import Document, first_snapshot, up_of
+from gaussian_trimmer.app.detail import thinned
+from gaussian_trimmer.app.display import Painter, Showing, changed_rows, shown_rows
+from gaussian_trimmer.app.documents import Document, up_of
 from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.snapshots import first_snapshot
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.config import BoundaryConfig, SplitConfig, TrimConfig
@@ -49,7 +51,7 @@ def tinted(splats, plain):
 
 
 def test_before_the_objects_have_their_colours_and_nothing_else(session, painter):
-    now, plain = session.now, painter.paint(session.now, Showing(tint=False))
+    now, plain = session.now, painter.paint(session.now, Showing(colours="own"))
     shown = painter.paint(now, Showing())
     assert len(shown) == len(session.document.scene)
     owner = np.any([part.selected.mask for part in now.objects], axis=0)
@@ -76,7 +78,7 @@ def test_parts_are_the_object_and_the_rest(session, painter):
 def test_after_the_active_object_is_what_was_trimmed(session, painter):
     session.activate(1)
     try:
-        splats = painter.paint(session.now, Showing("object", "after", tint=False))
+        splats = painter.paint(session.now, Showing("object", "after", "own"))
         trimmed = session.now.object.result.object
         centres = painter.frame.to_scene(splats.centres.astype(np.float64))
         assert np.allclose(np.sort(centres, axis=0), np.sort(trimmed.means, axis=0), atol=1e-5)
@@ -110,15 +112,82 @@ def test_split_parts_and_filled_gaussians_are_shown():
 def test_large_scenes_are_thinned_for_display_only(session):
     n = len(session.document.scene)
     few = Painter(session.document.scene, n // 4)
-    assert few.shown == n // 4 == len(few._whole.covariances)
-    shown = few.paint(session.now, Showing(tint=False))
-    whole = Painter(session.document.scene, n).paint(session.now, Showing(tint=False))
-    assert len(shown) == n // 4
+    shown = few.paint(session.now, Showing(colours="own"))
+    whole = Painter(session.document.scene, n).paint(session.now, Showing(colours="own"))
+    assert len(shown) == pytest.approx(n / 4, rel=0.1)
     assert np.trace(shown.covariances, axis1=1, axis2=2).mean() > 3 * np.trace(
         whole.covariances, axis1=1, axis2=2
     ).mean()  # fmt: skip
     object_ = few.paint(session.now, Showing("object"))
     assert len(object_) == min(session.now.object.n_selected, n // 4)  # the object keeps all that there is room for
+
+
+def test_what_is_near_the_eye_is_shown_in_full(session, painter):
+    scene = session.document.scene
+    eye = browser(painter.frame, eye=(0.0, -1.6, 1.0)).camera  # before the ball
+    rows, growth = thinned(scene.means, np.ones(len(scene), np.bool_), len(scene) // 3, eye)
+    assert len(rows) == pytest.approx(len(scene) / 3, rel=0.15)
+    pixels, depths = eye.project(scene.means.astype(np.float64))
+    near = (depths > 0) & (depths < 1.0) & ((pixels >= 0) & (pixels < (eye.width, eye.height))).all(axis=1)
+    kept = np.isin(np.arange(len(scene)), rows)
+    assert kept[near].mean() > 0.9 > 2 * kept[~near].mean()
+    assert (growth[near[rows]] < 1.5).all()
+    assert growth.sum() == pytest.approx(len(scene), rel=0.3)  # areas are covered as before
+    again, _ = thinned(scene.means, np.ones(len(scene), np.bool_), len(scene) // 3, eye)
+    assert np.array_equal(rows, again)
+
+
+def test_colours_are_those_that_the_eye_sees(session):
+    scene = session.document.scene
+    rest = np.zeros((len(scene), 3, 3), np.float32)
+    rest[:, 0, 2] = -0.5  # redder towards one side of x
+    painter = Painter(scene.replace(sh_rest=rest), 10**6)
+    assert painter.depends_on_eye and not Painter(scene, 10**6).depends_on_eye
+    now = session.now
+    left, right = (
+        painter.paint(now, Showing(colours="own"), browser(painter.frame, eye=(x, 0.1, 1.0)).camera)
+        .colours[:, 0]
+        .mean()
+        for x in (-9.0, 9.0)
+    )
+    assert abs(left - right) > 0.1
+
+
+def test_changes_have_their_colours(session, painter):
+    session.activate(1)
+    try:
+        now = session.now
+        result = now.object.result
+        added, removed, cut, relit = changed_rows(now.object)
+        assert np.array_equal(removed, result.selection & ~result.object_mask) and removed.any()
+        shown = painter.paint(now, Showing("object", "after", "changes"))
+        plain = painter.paint(now, Showing("object", "after", "own"))
+        assert len(shown) == len(plain) + (removed & ~cut).sum()  # what was removed is seen, too
+        red = shown.colours[removed[np.maximum(shown.rows, 0)]]
+        assert (red[:, 0] > red[:, 2] + 0.2).all()
+        without = painter.paint(now, Showing("background", "after", "changes"))
+        made_up = without.colours[without.rows == -1]
+        assert len(made_up) == len(result.filled)
+        assert (made_up[:, 2] < made_up[:, 0]).all()  # yellow
+        assert not added.any() or (added & result.object_mask).any()
+        assert relit.sum() == len(result.relit)
+    finally:
+        session.activate(2)
+
+
+def test_after_further_marks_the_trim_is_seen_with_them(session):
+    session.activate(1)
+    before = session.now.object.after
+    top = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
+    session.mark(top)
+    part = session.now.object
+    try:
+        inside = np.linalg.norm(session.document.scene.means - np.array(top.centre), axis=1) <= top.radius
+        assert part.result is None and np.array_equal(part.after, before & ~inside)
+        assert np.array_equal(changed_rows(part)[1], before & inside)
+    finally:
+        session.undo()
+        session.activate(2)
 
 
 def test_the_frame_makes_any_scene_a_few_units_large():

@@ -54,4 +54,29 @@ def test_stopping_ends_the_present_job_and_drops_the_others():
     worker.submit(lambda: seen.append("never"))
     assert begun.wait(10)
     worker.stop()
+    for submit in (worker.submit, worker.submit_if_idle):
+        submit(lambda: seen.append("after the end"))
     assert not worker.busy and not seen
+
+
+def test_a_job_that_gives_way_is_dropped_or_cancelled_by_later_ones():
+    begun, go_on, seen, worker = threading.Event(), threading.Event(), [], Worker()
+    worker.submit(lambda: go_on.wait(10))
+    worker.submit_if_idle(lambda: seen.append("dropped"))
+    worker.submit(lambda: seen.append("first"))
+    go_on.set()
+    finish(worker)
+
+    def long():
+        begun.set()
+        while not worker.cancelled():
+            threading.Event().wait(0.01)
+        seen.append("cancelled")
+
+    worker.submit_if_idle(long)
+    assert begun.wait(10)
+    worker.submit(lambda: seen.append("second"))
+    worker.submit_if_idle(lambda: seen.append("done"))
+    worker._thread.submit(go_on.clear).result(10)
+    worker.stop()
+    assert seen == ["first", "cancelled", "second", "done"]

@@ -10,8 +10,9 @@ import toy
 import gaussian_trimmer as gt
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.selecting.marks import Box, Box3D, Click, FromFile, Grow, Plane, Shrink, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks import Box, Box3D, Click, FromFile, Grow, Plane, Rows, Shrink, Sphere, Viewpoint
 from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import grown, shrunk
 from gaussian_trimmer.selection_files import SelectionOptions
 
@@ -198,3 +199,23 @@ def test_marks_that_cannot_be():
         gt.select(SCENE, [Sphere((99.0, 99.0, 99.0), 0.1)])
     with pytest.raises(InputError, match="no view 40"):
         gt.select(SCENE, [Click(1, 1, 40)])
+
+
+def test_rows_select_themselves_and_nothing_else(tmp_path):
+    some = np.random.default_rng(0).random(len(SCENE)) < 0.3
+    mark = Rows(pack_rows(some), "lasso")
+    assert np.array_equal(selected(mark).mask, some)
+    taken = selected(mark, Rows(pack_rows(TRUTH), "brush", "remove"))
+    assert np.array_equal(taken.mask, some & ~TRUTH)
+    taken.save_marks(tmp_path / "rows.json")
+    assert np.array_equal(gt.select(SCENE, tmp_path / "rows.json").mask, taken.mask)
+
+
+@pytest.mark.parametrize(
+    "packed",
+    ["", "%%%", "aGVsbG8=", pack_rows(np.ones(len(SCENE) + 8, bool)), pack_rows(np.ones(5, bool)),
+     pack_rows(np.zeros(1 << 26, bool))],
+)  # fmt: skip
+def test_rows_of_other_scenes_and_nonsense_are_refused(packed):
+    with pytest.raises(InputError, match="rows"):
+        selected(Rows(packed, "lasso"))

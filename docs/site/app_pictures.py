@@ -21,13 +21,12 @@ from app_tab import Tab, until  # noqa: E402
 from browser import chromium  # noqa: E402
 
 from gaussian_trimmer import formats, sample  # noqa: E402
-from gaussian_trimmer.app.panels import VIEWS  # noqa: E402
 from gaussian_trimmer.app.serving import serving  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images" / "app"
 SIZE = (1280, 720)
 QUALITY = 85
-SHOWN = 30_000
+SHOWN = 25_000
 DRAWING = 12_000
 """Milliseconds that software rendering may take until what is shown is drawn."""
 
@@ -40,42 +39,44 @@ def main() -> None:
         for path in (sample.SCENE, sample.CAMERAS):
             shutil.copy(path, folder)
         os.chdir(folder)  # so that the pictures show no machine's paths
-        walk(browser, lighthouse)
+        walk(browser, lighthouse, Path(folder) / "state")
         os.chdir(ROOT)
 
 
-def walk(browser: Any, lighthouse: Any) -> None:
-    """From opening to the trimmed object."""
-    with serving(Path(sample.SCENE.name), Path(sample.CAMERAS.name), port=0, most=SHOWN) as app:
+def walk(browser: Any, lighthouse: Any, state: Path) -> None:
+    """From opening to the scene without the object."""
+    with serving(Path(sample.SCENE.name), Path(sample.CAMERAS.name), port=0, most=SHOWN, state=state) as app:
         tab = Tab(browser, app, *SIZE)
         tab.wait("59,472 Gaussians")
         for close in tab.page.locator(".mantine-Notification-closeButton").all():
             close.click()  # that rendering is in software
-        tab.page.wait_for_timeout(DRAWING)
         save(tab, "open")
 
-        tab.panel("Mark")
-        tab.page.keyboard.press("c")
+        tab.switch("Click")
         tab.wait("Click on the object")
         tab.page.mouse.click(*tab.place(lighthouse))
         tab.wait("an object that stands on a surface")
-        tab.page.wait_for_timeout(DRAWING)
         save(tab, "marked")
 
-        tab.panel("Trim")
-        tab.page.keyboard.press("t")
+        tab.press("Cut out")
         tab.wait("views accepted")
-        controller = app.controller
-        controller.panels.overlays[VIEWS] = True
-        controller.show_part("Object")
-        controller.do("Looking", lambda: controller.focus(app.server.get_clients()[tab.client]))
-        until(lambda: not controller.worker.busy, "the object alone")
-        tab.page.wait_for_timeout(DRAWING)
-        save(tab, "trimmed")
+        tab.page.keyboard.press("f")
+        tab.switch("Checker")
+        tab.switch("Brush")
+        x, y = tab.place(lighthouse)
+        tab.page.mouse.move(x, y)
+        save(tab, "cut_out")
+
+        tab.switch("Scene without it")
+        tab.switch("Changes")
+        tab.wait("views accepted")
+        save(tab, "without")
 
 
 def save(tab: Tab, name: str) -> None:
-    """Write what the page shows."""
+    """Write what the page shows, once it is drawn."""
+    until(lambda: not tab.app.controller.worker.busy, "the program to finish")
+    tab.page.wait_for_timeout(DRAWING)
     picture = tab.picture(0, 0, *SIZE)[..., ::-1]
     assert cv2.imwrite(str(FOLDER / f"{name}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 

@@ -11,10 +11,21 @@ _ON_SIGN, _OFF_SIGN = "\u25cf ", "\u25cb "
 class Switches:
     """Buttons each of which is on or off, as their labels show."""
 
-    def __init__(self, gui: Any, label: str, options: Sequence[str], on: Iterable[str] = ()) -> None:
+    def __init__(
+        self, gui: Any, label: str, options: Sequence[str], on: Iterable[str] = (), *, visible: bool = True
+    ) -> None:
         self.options, self._on, self._clicked = tuple(options), set(on), list[Callable[[Any], None]]()
-        self._group = gui.add_button_group(label, self._labels())
+        self._group = gui.add_button_group(label, self._labels(), visible=visible)
         self._group.on_click(self._click)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the buttons are shown."""
+        return bool(self._group.visible)
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._group.visible = visible
 
     def __getitem__(self, option: str) -> bool:
         return option in self._on
@@ -46,8 +57,8 @@ class Switches:
 class Choice(Switches):
     """Buttons of which one is on."""
 
-    def __init__(self, gui: Any, label: str, options: Sequence[str]) -> None:
-        super().__init__(gui, label, options, options[:1])
+    def __init__(self, gui: Any, label: str, options: Sequence[str], *, visible: bool = True) -> None:
+        super().__init__(gui, label, options, options[:1], visible=visible)
 
     @property
     def value(self) -> str:

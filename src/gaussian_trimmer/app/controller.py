@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import traceback
 from collections.abc import Callable
 from functools import partial
@@ -11,11 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.panels import PARTS, TINT, Panels
+from gaussian_trimmer.app.files import Files, path_of
+from gaussian_trimmer.app.keys import bind_keys
+from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, WITHOUT, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.worker import Worker
 from gaussian_trimmer.errors import InputError
@@ -25,58 +30,45 @@ from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 _STAGES_OF_A_TRIM = 12
 """About as many stages as a trim has, for the progress bar."""
 _AXIS_DIRECTIONS: dict[str, Point] = {
-    "+X": (1.0, 0.0, 0.0),
-    "-X": (-1.0, 0.0, 0.0),
-    "+Y": (0.0, 1.0, 0.0),
-    "-Y": (0.0, -1.0, 0.0),
-    "+Z": (0.0, 0.0, 1.0),
-    "-Z": (0.0, 0.0, -1.0),
+    f"{sign}{name}": point_of(factor * axis)
+    for name, axis in zip("XYZ", np.eye(3), strict=True)
+    for sign, factor in (("+", 1.0), ("-", -1.0))
 }
 _VIEW_DISTANCE_RADII = 3.0
 """Distance from which something is looked at, in its radius."""
-_BRUSH_STEP = 1.25
-_TOOL_KEYS = {
-    "escape": controls.LOOK,
-    "C": controls.CLICK,
-    "R": controls.BOX,
-    "X": controls.BOX3D,
-    "B": controls.BRUSH,
-}
-_PROGRAM_ENDED = "The program has ended. Nothing on this page works any more; start 'gaussian-trimmer view' again."
+_REST_SECONDS = 0.4
+"""How long a view has to rest until it is refined."""
+_PROGRAM_ENDED = (
+    "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
+    "marked is kept, and is back when you open the scene."
+)
 
 
 class Controller:
     """Connects controls, session and 3D view. Everything that takes time is done in one worker's thread."""
 
-    def __init__(self, server: Any, session: Session, most: int, path: str, camera_path: str) -> None:
+    def __init__(self, server: Any, session: Session, most: int, state: Path, path: str, camera_path: str) -> None:
         self._server, self.session = server, session
         self.panels = Panels(server.gui, path, camera_path)
         self._view = SceneView(server)
         self._presenter = Presenter(session, self.panels, self._view, most)
         self.worker = Worker()
+        self._rest: threading.Timer | None = None
+        self.files = Files(session, self.panels, state, self._stages, self.worker.cancelled)
+        self._given_up: Snapshot | None = None
         self.tools = Tools(server, session, self.panels, self._view, self.do)
+        self._presenter.refresh()
         self._connect()
-        self._bind_keys()
+        bind_keys(server.gui, self)
 
     def open(self, client: Any = None) -> str:
-        """Open the scene that the panel names, with its cameras; returns what it is."""
-        panels = self.panels
-        if not panels.path.value.strip():
-            raise InputError("Give the path of a splat file first.")
-        cameras = _path(panels.camera_path.value) if panels.camera_path.value.strip() else None
-        self.session.open(_path(panels.path.value), cameras, self._stages(4, ""))
-        panels.busy("Preparing the display", 0.75)
-        now, painter = self.session.now, self._presenter.painter()
-        panels.start_afresh(now.document.path)
-        self.tools.begin(controls.LOOK, client)
-        self._look_from_camera()
-        self.worker.submit(self.session.warm_up)
-        n = len(now.document.scene)
-        thinned = f", {painter.shown:,} of them shown (see --max-shown)" if painter.shown < n else ""
-        return f"{now.document.path.name}: {n:,} Gaussians{thinned}. {now.sentence}"
+        """Open the scene that the panel names, with its cameras; returns what to do with it."""
+        return self._opened(self.files.open, client)
 
     def stop(self) -> None:
         """End the worker, and say so in all tabs."""
+        if self._rest is not None:
+            self._rest.cancel()
         self.worker.stop()
         self.panels.busy("", 0)
         self.panels.say(_PROGRAM_ENDED)
@@ -88,39 +80,37 @@ class Controller:
         """Have something done in the worker's thread, and show what comes of it."""
 
         def job() -> None:
-            self.panels.busy(name, 0)
-            text, wrong = "", True
-            try:
-                try:
-                    text = work()
-                finally:
-                    self._presenter.refresh()
-                wrong = False
-            except InputError as error:
-                text = str(error)
-            except Exception as error:
-                traceback.print_exc(file=sys.stderr)
-                text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
-            self.panels.busy("", 0)
-            self.panels.say(text)
-            if wrong:
-                self._complain(text, client)
+            if self.worker.gave_way:
+                self._given_up = None
+            self._job(name, work, client)
+            self._follow(client)
 
         self.worker.submit(job)
 
-    def trim(self) -> str:
-        """Trim the active object; returns the result in a sentence."""
+    def trim(self, *, joined: bool = False) -> str:
+        """Trim the active object and show it; returns the result in a sentence.
+
+        Args:
+            joined: the trim belongs to the step before.
+        """
         panels = self.panels
         sentence = self.session.trim(
-            panels.choices, self._stages(_STAGES_OF_A_TRIM, "Trimming: "), self.worker.cancelled
+            panels.choices, self._stages(_STAGES_OF_A_TRIM, "Cutting out: "), self.worker.cancelled, joined=joined
         )
-        panels.when.value, panels.overlays[TINT] = "After", panels.part.value == "Both"
+        panels.look_at(panels.part.value, "After", OWN)
         return sentence
 
-    def focus(self, client: Any) -> str:
+    def cut_out(self) -> str:
+        """Trim the active object and show it alone."""
+        sentence = self.trim()
+        self.panels.part.value = OBJECT
+        return sentence
+
+    def focus(self, client: Any, *, whole: bool = False) -> str:
         """Let a tab look at the selection, or at the scene if nothing is selected, from where it looks now."""
         now, means = self.session.now, self.session.document.scene.means
-        points = (means[now.object.selected.mask] if now.object.n_selected else means).astype(np.float64)
+        rows = now.object.selected.mask
+        points = (means if whole or not rows.any() else means[rows]).astype(np.float64)
         centre = np.median(points, axis=0)
         radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
         eye = centre - _VIEW_DISTANCE_RADII * radius * self.tools.viewpoint(client).camera.forward
@@ -138,10 +128,69 @@ class Controller:
         return done
 
     def show_part(self, part: str) -> str:
-        """Show the object, the background or both: alone without a tint, which would hide what is wrong at the edge."""
-        self.panels.part.value = part
-        self.panels.overlays[TINT] = part == "Both"
-        return self.panels.status_text
+        """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet.
+
+        Alone they have their own colours: a tint would hide what is wrong at the edge.
+        """
+        panels = self.panels
+        panels.part.value = part
+        if part == WITHOUT and self.session.now.object.n_selected and self.session.now.object.trimmed is None:
+            return self.trim()
+        panels.colours.value = OBJECTS if part == EVERYTHING else OWN
+        return panels.status_text
+
+    def _job(self, name: str, work: Callable[[], str], client: Any) -> None:
+        self.panels.busy(name, 0)
+        text, wrong = "", True
+        try:
+            try:
+                text = work()
+            finally:
+                self._presenter.refresh()
+            self.files.keep()
+            wrong = False
+        except InputError as error:
+            text = str(error)
+        except Exception as error:
+            traceback.print_exc(file=sys.stderr)
+            text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
+        self.panels.busy("", 0)
+        self.panels.say(text)
+        if wrong:
+            self._complain(text, client)
+
+    def _follow(self, client: Any) -> None:
+        """If a mark has corrected what was trimmed, trim again; whatever else is done goes first."""
+        now = self.session.glance()
+        if now is None or now is self._given_up or self.panels.when.value == "Before":
+            return
+        if now.object.earlier is None or not now.object.n_selected:
+            return
+
+        def again() -> str:
+            self._given_up = self.session.now  # unless it is to give way, it is tried once
+            try:
+                return self.trim(joined=True)
+            except Cancelled:
+                return self.session.now.sentence
+
+        self.worker.submit_if_idle(lambda: self._job("Cutting out again", again, client))
+
+    def _opened(self, work: Callable[[], str], client: Any) -> str:
+        """Open something, and look at it if it is another scene."""
+        before = self.session.glance()
+        sentence = work()
+        document = self.session.document
+        if before is None or document.scene is not before.document.scene:
+            self.panels.busy("Preparing the display", 0.75)
+            painter = self._presenter.painter()
+            self.tools.begin(controls.LOOK, client)
+            self._look_from_camera()
+            self.worker.submit_if_idle(self.session.warm_up)
+            n = len(document.scene)
+            room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
+            sentence = f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
+        return sentence
 
     def _complain(self, text: str, client: Any) -> None:
         """Show a message in the tab that it concerns, or in all."""
@@ -149,55 +198,52 @@ class Controller:
             tab.add_notification("Not done", text, color="red", auto_close_seconds=12.0)
 
     def _connect(self) -> None:
-        panels = self.panels
+        panels, files = self.panels, self.files
 
         def connect(control: Any, name: str, work: Callable[[], str]) -> None:
             control.on_click(lambda event: self.do(name, work, event.client))
 
-        connect(panels.use_cameras, "Reading the cameras", self._use_cameras)
+        def connect_with_tab(control: Any, name: str, work: Callable[[Any], str]) -> None:
+            control.on_click(lambda event: self.do(name, lambda: work(event.client), event.client))
+
+        connect_with_tab(panels.open, "Opening", self.open)
+        connect(panels.use_cameras, "Reading the cameras", files.use_cameras)
+        connect_with_tab(panels.save_project, "Saving", files.download_project)
         connect(panels.up, "Turning", lambda: self._set_up(panels.up.value))
         connect(panels.history, "Stepping", lambda: self.step(panels.history.value))
-        connect(panels.load, "Loading", self._load)
-        connect(panels.objects, "Changing", lambda: self._change_object(panels.objects.value))
+        connect(panels.load, "Loading", lambda: files.load(path_of(panels.selection_path.value)))
+        connect(panels.objects, "Changing", lambda: self.change_objects(panels.objects.value))
+        connect(panels.kept, "Changing", self._keep)
         connect(panels.active, "Choosing", self._activate)
-        connect(panels.trim, "Trimming", self.trim)
-        connect(panels.save, "Saving", self._save)
-        connect(panels.save_all, "Saving", self._save_all)
+        connect(panels.cut_out, "Cutting out", self.cut_out)
+        connect(panels.save, "Saving", files.save)
+        connect(panels.save_all, "Saving", files.save_all)
+        connect_with_tab(panels.download, "Saving", lambda client: files.download(panels.download.value, client))
         connect(panels.part, "Showing", lambda: self.show_part(panels.part.value))
-        connect(panels.when, "Showing", lambda: panels.status_text)
-        connect(panels.overlays, "Showing", lambda: panels.status_text)
-        panels.open.on_click(lambda event: self._ask_to_open(event.client))
+        for choice in (panels.when, panels.colours, panels.backdrop, panels.overlays):
+            connect(choice, "Showing", lambda: panels.status_text)
+        for control in (panels.name, panels.colour):
+            control.on_update(lambda event: self._describe() if event.client is not None else None)
+        panels.upload.on_upload(lambda event: self._receive(event.target.value, event.client))
         panels.cancel.on_click(lambda event: self.worker.cancel())
         self._server.on_client_connect(self._welcome)
 
-    def _bind_keys(self) -> None:
-        """Bind all keys, those of SuperSplat where it has a habit; Ctrl+K lists them, as the panel's last tab does."""
-
-        def bind(label: str, key: str, work: Callable[[], str], modifier: str | None = None) -> None:
-            command = self._server.gui.add_command(label, hotkey=key, modifier=modifier)
-            command.on_trigger(lambda event: self.do(label, work, event.client))
-
-        for key, tool in _TOOL_KEYS.items():
-            command = self._server.gui.add_command(f"Tool: {tool}", hotkey=key)
-            command.on_trigger(lambda event, tool=tool: self.tools.choose(tool, event.client))
-        bind("Undo", "Z", lambda: self.step("Undo"), "cmd/ctrl")
-        bind("Redo", "Z", lambda: self.step("Redo"), "cmd/ctrl+shift")
-        bind("Clear the selection", "A", lambda: self.step("Clear"), "cmd/ctrl+shift")
-        bind("Trim", "T", self.trim)
-        focus = self._server.gui.add_command("Look at the selection", hotkey="F")
-        focus.on_trigger(lambda event: self.do("Looking", lambda: self.focus(event.client), event.client))
-        bind("Larger brush", "pageup", lambda: self._grow_brush(_BRUSH_STEP))
-        bind("Smaller brush", "pagedown", lambda: self._grow_brush(1 / _BRUSH_STEP))
-        for key, part in zip("123", PARTS, strict=True):
-            bind(f"Show: {part}", key, partial(self.show_part, part))
-        bind("Before / after", "space", self._turn_around)
-        bind("Tint on / off", "V", self._toggle_tint)
-
     def _welcome(self, client: Any) -> None:
-        """Tell a second tab that it is one."""
+        """Tell a second tab that it is one, and refine what a tab sees when its view rests."""
+        client.camera.on_update(lambda camera: self._moved(client))
         if len(self._server.get_clients()) > 1:
             text = "All tabs show and change the same scene."
             client.add_notification("Open in several tabs", text, auto_close_seconds=8.0)
+
+    def _moved(self, client: Any) -> None:
+        if self._rest is not None:
+            self._rest.cancel()
+        look = partial(
+            self.worker.submit_if_idle, lambda: self._presenter.look_from(self.tools.viewpoint(client).camera)
+        )
+        self._rest = threading.Timer(_REST_SECONDS, look)
+        self._rest.daemon = True
+        self._rest.start()
 
     def _stages(self, number: int, prefix: str) -> Callable[[str], None]:
         """What to call at each of about so many stages, to show the progress."""
@@ -206,48 +252,38 @@ class Controller:
 
     def _show_object(self) -> None:
         """Show the active object as it is now: trimmed, or selected; where nothing is selected, the scene."""
-        part = self.session.now.object
-        self.panels.when.value = "After" if part.result is not None else "Before"
+        part, panels = self.session.now.object, self.panels
         if not part.n_selected:
-            self.panels.look_at_whole()
+            panels.look_at(EVERYTHING, "Before", OBJECTS)
+        elif part.trimmed is not None:
+            panels.when.value = "After"
+        else:
+            panels.look_at(EVERYTHING if panels.part.value == WITHOUT else panels.part.value, "Before", OBJECTS)
 
-    def _turn_around(self) -> str:
-        self.panels.when.value = "Before" if self.panels.when.value == "After" else "After"
+    def choose_next(self, choice: Any) -> str:
+        """Take the next option of a choice."""
+        choice.value = choice.options[(choice.options.index(choice.value) + 1) % len(choice.options)]
         return self.panels.status_text
 
-    def _toggle_tint(self) -> str:
-        self.panels.overlays[TINT] = not self.panels.overlays[TINT]
-        return self.panels.status_text
+    def _receive(self, file: Any, client: Any) -> None:
+        """Take a file that was dropped or chosen; ask what splats are if a scene is open."""
 
-    def _grow_brush(self, factor: float) -> str:
-        brush = self.panels.brush
-        brush.value = min(max(brush.value * factor, brush.min), brush.max)
-        return self.panels.status_text
+        def take(as_scene: bool | None) -> None:
+            work = partial(self.files.received, file.name, file.content, as_scene=as_scene)
+            self.do("Reading the file", lambda: self._opened(work, client), client)
 
-    def _ask_to_open(self, client: Any) -> None:
-        """Open what the panel names; if marks would be lost, ask first."""
-        now = self.session.glance()
-        if now is None or not now.has_work:
-            self.do("Opening", lambda: self.open(client), client)
+        if self.session.glance() is None or not any(file.name.lower().endswith(end) for end in formats.FORMATS):
+            take(None)
             return
-        question = client.gui.add_modal("Open another scene?")
+        question = client.gui.add_modal(f"What is {file.name}?")
 
-        def answer(accepted: bool) -> None:
+        def answer(as_scene: bool) -> None:
             question.close()
-            if accepted:
-                self.do("Opening", lambda: self.open(client), client)
+            take(as_scene)
 
         with question:
-            client.gui.add_markdown(controls.ABOUT_OPENING)
-            client.gui.add_button("Open and lose the marks", color="red").on_click(lambda event: answer(True))
-            client.gui.add_button("Keep working here").on_click(lambda event: answer(False))
-
-    def _use_cameras(self) -> str:
-        if not self.panels.camera_path.value.strip():
-            raise InputError("Give the path of the cameras first.")
-        self.session.use_cameras(_path(self.panels.camera_path.value))
-        self._show_object()
-        return "The scene has these cameras now; your marks are kept, and understood with them."
+            client.gui.add_button("A scene to open").on_click(lambda event: answer(True))
+            client.gui.add_button("A selection of the open scene").on_click(lambda event: answer(False))
 
     def _set_up(self, name: str) -> str:
         up = self.session.set_up(_AXIS_DIRECTIONS.get(name))
@@ -255,40 +291,38 @@ class Controller:
         self._look_from_camera()
         return controls.describe_up(up)
 
-    def _load(self) -> str:
-        if not self.panels.selection_path.value.strip():
-            raise InputError("Give the path of a selection file first.")
-        how = self.session.load(_path(self.panels.selection_path.value))
-        self.panels.when.value, self.panels.overlays[TINT] = "Before", True
-        return f"{self.session.now.object.n_selected:,} Gaussians selected: {how}."
-
-    def _change_object(self, name: str) -> str:
-        if name == "New":
-            self.session.add_object()
-        elif name == "Delete":
-            self.session.remove_object()
-        else:
-            red, green, blue = self.panels.colour.value
-            self.session.describe_object(self.panels.name.value, (int(red), int(green), int(blue)))
-            return self.session.now.sentence
+    def change_objects(self, name: str) -> str:
+        """Add an object, delete the active one, or show all."""
+        session = self.session
+        {"New": session.add_object, "Delete": session.remove_object, "Show all": session.show_all}[name]()
         self._show_object()
+        return session.now.sentence
+
+    def _keep(self) -> str:
+        kept = self.panels.kept
+        self.session.keep_object(hidden=kept["Hidden"], locked=kept["Locked"])
         return self.session.now.sentence
+
+    def hide(self) -> str:
+        """Hide the active object, or show it again."""
+        self.panels.kept["Hidden"] = not self.panels.kept["Hidden"]
+        return self._keep()
+
+    def _describe(self) -> None:
+        """Give the active object the name and colour that somebody has just entered, if they can be given."""
+
+        def work() -> str:
+            red, green, blue = self.panels.colour.value
+            if self.panels.name.value.strip():
+                self.session.describe_object(self.panels.name.value, (int(red), int(green), int(blue)))
+            return self.session.now.sentence
+
+        self.do("Naming", work)
 
     def _activate(self) -> str:
         self.session.activate(int(self.panels.active.value.partition(":")[0]))
         self._show_object()
         return self.session.now.sentence
-
-    def _save(self) -> str:
-        target = self.panels.target
-        self.panels.show_command(self.session.save(target))
-        return f"Saved in {target.folder}."
-
-    def _save_all(self) -> str:
-        target, stages = self.panels.target, self._stages(2 * len(self.session.now.objects), "Trimming ")
-        saved = self.session.save_objects(target, stages, self.worker.cancelled)
-        self.panels.show_command("")
-        return f"{saved} saved in {target.folder}."
 
     def _look_from_camera(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
@@ -302,7 +336,3 @@ class Controller:
         self._view.show_up(up)
         for client in (None, *self._server.get_clients().values()):
             self._view.look(client, point_of(camera.centre), point_of(camera.centre + depth * camera.forward))
-
-
-def _path(text: str) -> Path:
-    return Path(text.strip()).expanduser()

@@ -9,16 +9,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.app.documents import MarkedObject, Snapshot
+from gaussian_trimmer.app.detail import thinned
+from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.rendering.reference import view_colours
 from gaussian_trimmer.result import RowLabel
 
 Part = Literal["both", "object", "background"]
 When = Literal["before", "after"]
+Colouring = Literal["own", "objects", "changes"]
 
 _TINT_SHARE = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
+REMOVED, ADDED, CUT, MADE_UP = (222, 60, 40), (20, 180, 100), (60, 130, 230), (245, 225, 60)
+"""Colours of changes."""
+_MADE_UP, _PART_OUTSIDE = -1, -2
+"""In place of a row of the scene: of a Gaussian that is new, and of the outer part of a split one."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +36,13 @@ class Showing:
     part: Part = "both"
     when: When = "before"
     """What is selected, or what was trimmed; an object that has not been trimmed is shown as it is selected."""
-    tint: bool = True
-    """Tint the objects in their colours."""
+    colours: Colouring = "objects"
+    """Those of the scene, the objects tinted, or what was changed tinted: by the trim, or else by the last mark."""
 
 
 @dataclass(frozen=True, eq=False)
 class Splats:
-    """M Gaussians as a viewer draws them, without view-dependent colours."""
+    """M Gaussians as a viewer draws them, from one side."""
 
     centres: FloatArray
     """In the viewer's coordinates, (M, 3)."""
@@ -45,92 +53,98 @@ class Splats:
     opacities: FloatArray
     """(M, 1)."""
     rows: IntArray
-    """Rows of the scene that they come from, -1 for none, (M,)."""
+    """Rows of the scene that they come from, below zero for none, (M,)."""
 
     def __len__(self) -> int:
         return len(self.centres)
-
-    def select(self, on: BoolArray) -> Splats:
-        """Those that are on, (M,)."""
-        return Splats(*(getattr(self, field.name)[on] for field in fields(self)))
 
 
 class Painter:
     """Draws states of one scene. What it keeps is bounded by the number of Gaussians that are shown at most."""
 
     def __init__(self, scene: Gaussians, most: int) -> None:
-        """Prepare the whole scene, thinned if it has more Gaussians than `most`."""
+        """Prepare a scene, which is thinned if it has more Gaussians than `most`."""
         self.scene = scene
         self.frame = Frame.around(scene.means)
-        self._most = most
-        self._rows, self._growth = thinned(np.ones(len(scene), np.bool_), most)
-        self._whole = self._splats_of(scene.select(self._rows), self._rows, self._growth)
+        self.most = most
+        self._last: tuple[IntArray, FloatArray, Splats] | None = None
 
     @property
-    def shown(self) -> int:
-        """Number of Gaussians of the scene that are shown at once."""
-        return len(self._rows)
+    def depends_on_eye(self) -> bool:
+        """Whether the scene looks different from elsewhere, by its colours or by what there is room for."""
+        return self.scene.sh_degree > 0 or len(self.scene) > self.most
 
-    def paint(self, now: Snapshot, showing: Showing) -> Splats:
+    def paint(self, now: Snapshot, showing: Showing, eye: Camera | None = None) -> Splats:
         """The Gaussians to show of a state, in their colours.
 
         Args:
             now: the state.
             showing: what of it is to be seen.
+            eye: the camera that it is shown to; what is near it is not thinned.
         """
         after = showing.when == "after"
-        splats = self._splats(shown_rows(now, showing) & ~_replaced_rows(now, after))
+        visible = shown_rows(now, showing) & ~_replaced_rows(now, after)
+        splats = self._splats(visible, eye)
         if after:
-            splats = _joined([splats, *self._replacements(now, showing.part)])
-        colours, owner = splats.colours.copy(), np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
-        if showing.tint:
-            for place, marked in enumerate(now.objects):
-                mine = owner == place
-                colours[mine] = (1 - _TINT_SHARE) * colours[mine] + _TINT_SHARE * np.array(
-                    marked.colour, np.float32
-                ) / 255
+            splats = _joined([splats, *self._replacements(now, showing.part, eye)])
+        if showing.colours == "objects":
+            owner = np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
+            tints = [(owner == place, marked.colour) for place, marked in enumerate(now.objects)]
+        else:
+            tints = list(_changes(now, splats)) if showing.colours == "changes" else []
+        colours = splats.colours.copy()
+        for mine, colour in tints:
+            colours[mine] = (1 - _TINT_SHARE) * colours[mine] + _TINT_SHARE * np.array(colour, np.float32) / 255
         return replace(splats, colours=colours)
 
-    def _splats(self, visible: BoolArray) -> Splats:
+    def _splats(self, visible: BoolArray, eye: Camera | None) -> Splats:
         """What is shown of the visible Gaussians of the scene, (N,)."""
-        if self._growth == 1 or visible.all():
-            return self._whole.select(visible[self._rows])
-        rows, growth = thinned(visible, self._most)
-        return self._splats_of(self.scene.select(rows), rows, growth)
+        rows, growth = thinned(self.scene.means, visible, self.most, eye)
+        if self._last is None or not np.array_equal(rows, self._last[0]) or not np.array_equal(growth, self._last[1]):
+            self._last = rows, growth, self._splats_of(self.scene.select(rows), rows, None, growth)
+        shown = self._last[2]
+        return shown if eye is None else replace(shown, colours=_colours(self.scene.select(rows), eye))
 
-    def _replacements(self, now: Snapshot, part: Part) -> Iterator[Splats]:
+    def _replacements(self, now: Snapshot, part: Part, eye: Camera | None) -> Iterator[Splats]:
         """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
         for place, marked in enumerate(now.objects):
-            result = marked.result
-            if result is None:
+            result = marked.trimmed
+            if result is None or marked.hidden:
                 continue
             if part == "both" or (part == "object" and place == now.active):
-                rows = _changed_rows(marked)
-                yield self._splats_of(result.object.select(rows), result.source_index[rows])
+                rows = _new_rows(marked)
+                yield self._splats_of(result.object.select(rows), result.source_index[rows], eye)
             if part != "object":
-                yield self._splats_of(result.appended, np.full(len(result.appended), -1))
+                first = len(result.source_index) - len(result.appended)
+                labels, sources = result.label[first:], result.source_index[first:]
+                rows = np.where(labels == RowLabel.RELIT, sources, _PART_OUTSIDE)
+                rows[labels == RowLabel.FILLED] = _MADE_UP
+                yield self._splats_of(result.appended, rows, eye)
 
-    def _splats_of(self, gaussians: Gaussians, rows: IntArray, growth: float = 1.0) -> Splats:
-        """Gaussians from rows of the scene as a viewer draws them, their variances larger by a factor."""
+    def _splats_of(
+        self, gaussians: Gaussians, rows: IntArray, eye: Camera | None, growth: FloatArray | None = None
+    ) -> Splats:
+        """Gaussians from rows of the scene as a viewer draws them, their variances larger by factors (M,)."""
+        scale = self.frame.scale**2 * (1 if growth is None else growth[:, None, None])
         return Splats(
             self.frame.to_viewer(gaussians.means).astype(np.float32),
-            (gaussians.covariances() * (growth * self.frame.scale**2)).astype(np.float32),
-            np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32),
+            (gaussians.covariances() * scale).astype(np.float32),
+            _colours(gaussians, eye),
             gaussians.opacities[:, None].astype(np.float32),
             rows,
         )
 
 
-def thinned(visible: BoolArray, most: int) -> tuple[IntArray, float]:
-    """Rows of at most `most` of the visible Gaussians (N,), and by how much variances grow to cover for the others.
-
-    The rows are drawn at random, the same every time. Surfaces stay closed where areas grow as numbers shrink.
-    """
-    rows = np.flatnonzero(visible)
-    if len(rows) <= most:
-        return rows, 1.0
-    chosen = np.random.default_rng(0).choice(len(rows), most, replace=False)
-    return rows[np.sort(chosen)], len(rows) / most
+def _changes(now: Snapshot, splats: Splats) -> Iterator[tuple[BoolArray, tuple[int, int, int]]]:
+    """Which of the splats were changed, (M,), and in which colours they are shown."""
+    real = splats.rows >= 0
+    yield splats.rows == _MADE_UP, MADE_UP
+    for marked in now.objects:
+        added, removed, cut, relit = (real & rows[splats.rows] for rows in changed_rows(marked))
+        yield relit, MADE_UP
+        yield cut, CUT
+        yield removed, REMOVED
+        yield added, ADDED
 
 
 def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
@@ -138,13 +152,41 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     after = showing.when == "after"
     owner = _owners(now, after)
     if showing.part == "object":
-        return np.asarray(owner == now.active)
+        removed = changed_rows(now.object)[1] if showing.colours == "changes" else False
+        return np.asarray((owner == now.active) | removed)
     dropped = np.zeros(len(owner), np.bool_)
-    for part in now.objects:
-        if after and part.result is not None:
-            dropped[part.result.dropped] = True
-            dropped[part.result.source_index[part.result.label == RowLabel.RELIT]] = True
+    for place, part in enumerate(now.objects):
+        if part.hidden:
+            dropped |= owner == place
+        elif after and part.trimmed is not None:
+            dropped[part.trimmed.dropped] = True
+            dropped[part.trimmed.source_index[part.trimmed.label == RowLabel.RELIT]] = True
     return ~dropped & (owner < 0) if showing.part == "background" else ~dropped
+
+
+def markable_rows(now: Snapshot, showing: Showing) -> BoolArray:
+    """Which Gaussians a mark can change, (N,): those that are shown, and what is selected with the object shown alone.
+
+    The latter are those that its trim has removed.
+    """
+    shown = shown_rows(now, showing)
+    return shown | now.object.selected.mask if showing.part == "object" else shown
+
+
+def changed_rows(part: MarkedObject) -> tuple[BoolArray, BoolArray, BoolArray, BoolArray]:
+    """Rows of the scene that were added, removed, cut to the outline, and freed from the object's shadow, (N,) each.
+
+    By the trim or, where there is none, by the last mark.
+    """
+    result, mask = part.trimmed, part.selected.mask
+    cut, relit = np.zeros(len(mask), np.bool_), np.zeros(len(mask), np.bool_)
+    if result is None:
+        before = mask if part.before is None else part.before.mask
+        return mask & ~before, before & ~mask, cut, relit
+    cut[result.source_index[_new_rows(part)]] = True
+    relit[result.source_index[result.label == RowLabel.RELIT]] = True
+    had, has = (result.selection, part.after) if part.result is not None else (result.object_mask, part.after)
+    return has & ~had, had & ~has, cut, relit
 
 
 def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
@@ -153,24 +195,33 @@ def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
     order = [place for place in range(len(now.objects)) if place != now.active] + [now.active]
     for place in order:
         part = now.objects[place]
-        owner[part.result.object_mask if after and part.result is not None else part.selected.mask] = place
+        owner[part.after if after else part.selected.mask] = place
     return owner
 
 
-def _changed_rows(part: MarkedObject) -> IntArray:
+def _new_rows(part: MarkedObject) -> IntArray:
     """Rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
-    assert part.result is not None
-    labels = part.result.label[: len(part.result.object)]
-    return np.union1d(np.flatnonzero(labels == RowLabel.SPLIT_INSIDE), part.result.fitted)
+    result = part.trimmed
+    assert result is not None
+    labels = result.label[: len(result.object)]
+    rows = np.union1d(np.flatnonzero(labels == RowLabel.SPLIT_INSIDE), result.fitted)
+    return rows if part.result is not None else rows[part.after[result.source_index[rows]]]
 
 
 def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
     """Gaussians of the scene in whose place a trim has others, (N,)."""
     replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
-        if after and part.result is not None:
-            replaced[part.result.source_index[_changed_rows(part)]] = True
+        if after and part.trimmed is not None and not part.hidden:
+            replaced[part.trimmed.source_index[_new_rows(part)]] = True
     return replaced
+
+
+def _colours(gaussians: Gaussians, eye: Camera | None) -> FloatArray:
+    """Colours towards an eye, or the mean over all sides, (M, 3)."""
+    if eye is None or gaussians.sh_degree == 0:
+        return np.asarray(np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1), np.float32)
+    return np.asarray(np.clip(view_colours(gaussians, eye), 0, 1), np.float32)
 
 
 def _joined(parts: list[Splats]) -> Splats:

@@ -1,54 +1,72 @@
-"""The controls beside the 3D view. They hold what is asked for; `controller.py` does it."""
+"""The controls beside the 3D view. They hold what is asked for; others do it."""
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from typing import Any, cast
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.buttons import Choice, Switches
-from gaussian_trimmer.app.display import Part, Showing, When
-from gaussian_trimmer.app.documents import Snapshot, TrimChoices
+from gaussian_trimmer.app.display import Colouring, Part, Showing, When
+from gaussian_trimmer.app.documents import TrimChoices
 from gaussian_trimmer.app.saving import Target
+from gaussian_trimmer.app.snapshots import Colour, Snapshot
 from gaussian_trimmer.planning.up_vector import UpVector
 
-TOOLS = ("Look", "Click", "Box", "3D box", "Brush", "Up by 3 points")
-LOOK, CLICK, BOX, BOX3D, BRUSH, POINTS = TOOLS
+TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "3D box")
+LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
+POINTS = "Up by 3 points"
 EFFECTS = {"Add": "add", "Remove": "remove", "Keep only": "intersect"}
-PARTS = {"Both": "both", "Object": "object", "Background": "background"}
+EVERYTHING, OBJECT, WITHOUT = "Everything", "Object", "Scene without it"
+PARTS = {EVERYTHING: "both", OBJECT: "object", WITHOUT: "background"}
 WHENS = {"Before": "before", "After": "after"}
+OWN, OBJECTS, CHANGES = "Own", "Objects", "Changes"
+COLOURS = {OWN: "own", OBJECTS: "objects", CHANGES: "changes"}
+BACKDROPS: dict[str, Colour | None] = {
+    "Black": (0, 0, 0),
+    "Grey": (119, 119, 119),
+    "White": (255, 255, 255),
+    "Checker": None,
+}
+THROUGH = "Through"
 UPS = ("Automatic", "+X", "-X", "+Y", "-Y", "+Z", "-Z")
 AS_SCENE = "as the scene"
-TINT, VIEWS, ARROW = "Tint", "Virtual cameras", "Up arrow"
+VIEWS, ARROW = "Virtual cameras", "Up arrow"
+UPRIGHT = "Upright at the origin"
+DOWNLOADS = (OBJECT, WITHOUT, "Everything", "Web page")
 _TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
 _CLEAN_BACKGROUND, _CONTINUE_SURFACE = "Clean the background", "Continue the surface"
 _HINTS = {
-    LOOK: "Drag to turn, right-drag to move, use the wheel to zoom.",
+    LOOK: "Drag to turn, right-drag to move, wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",
-    BOX: "Drag a box around the object. Ctrl-drag removes.",
+    BOX: "Drag a box around the object. Ctrl removes, Alt turns the view.",
+    LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
+    POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
+    BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
     BOX3D: "Move the box by its arrows, set its size, then apply it.",
-    BRUSH: "Click on a surface to add what is near it; Ctrl-click removes. Drag the ball to paint along the surface.",
     POINTS: "Click three points on the ground.",
 }
-ABOUT_OPENING = (
-    "Everything that you have marked and trimmed in this scene will be lost for good. To only add cameras, choose *Use "
-    "these cameras with the open scene*: that keeps your marks."
-)
+_WELCOME = "Cut one object out of a splat scene. Open a scene, or press 'Open' for the sample that is filled in."
 HELP = """
 | key | |
 |---|---|
-| Esc / C / R / X / B | look, click, box, 3D box, brush |
+| Esc C R L P B X | look, click, box, lasso, polygon, brush, 3D box |
 | Shift, Ctrl, Ctrl+Shift | add, remove, keep only, whatever the panel says |
+| Alt | turn the view while a tool is chosen |
+| [ and ] | smaller, larger brush |
+| G, Shift+G, I | grow, shrink, invert the selection |
 | Ctrl+Z, Ctrl+Shift+Z | undo, redo |
 | Ctrl+Shift+A | clear the selection |
-| Page Up, Page Down | larger, smaller brush |
-| F | look at the selection, or at the whole scene |
-| T | trim |
-| 1 2 3 | both, object, background |
+| T | cut out |
+| 1 2 3 | everything, the object, the scene without it |
 | Space | before / after |
-| V | tint on / off |
+| V | colours: own, objects, changes |
+| H, U | hide the object, show all again |
+| F, Home | look at the selection, at the whole scene |
 
-Page Up and Page Down stand in for SuperSplat's `[` and `]`, which viser cannot bind.
+Changes are green where something was added, red where it was removed, blue where the outline was cut, yellow where
+something is made up.
 """
 
 
@@ -56,22 +74,26 @@ class Panels:
     """All controls, made once and shared by all tabs."""
 
     def __init__(self, gui: Any, path: str, camera_path: str) -> None:
-        self.status_text = "Open a scene."
+        self.status_text = _WELCOME
         """The sentence at the top while nothing is going on."""
-        self.status = gui.add_markdown(self.status_text)
-        self.progress = gui.add_progress_bar(0, visible=False, animated=True)
-        self.cancel = gui.add_button("Cancel", color="red", visible=False)
+        self._offered = ""
+        self.status = gui.add_html("")
+        self._make_tools(gui)
+        self.cut_out = gui.add_button("Cut out", icon="cut", color="green", hint="Trim the object and show it alone.")
+        self._make_views(gui)
+        self.history = gui.add_button_group("History", ("Undo", "Redo", "Clear"))
+        self.cancel = gui.add_button("Cancel", color="red", disabled=True)
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Scene"):
-            self._make_scene(gui, path, camera_path)
-        with tabs.add_tab("Mark"):
-            self._make_marks(gui)
-        with tabs.add_tab("Trim"):
-            self._make_trim(gui)
-        with tabs.add_tab("Save"):
-            self._make_save(gui)
-        with tabs.add_tab("Keys"):
-            gui.add_markdown(HELP)
+        for name, make in (
+            ("File", lambda: self._make_files(gui, path, camera_path)),
+            ("Objects", lambda: self._make_objects(gui)),
+            ("Options", lambda: self._make_options(gui)),
+            ("Save", lambda: self._make_save(gui)),
+            ("Keys", lambda: gui.add_markdown(HELP)),
+        ):
+            with tabs.add_tab(name):
+                make()
+        self.say(_WELCOME)
 
     @property
     def choices(self) -> TrimChoices:
@@ -85,113 +107,154 @@ class Panels:
     def target(self) -> Target:
         """Where to save, and how."""
         folder = Path(self.folder.value.strip() or "trimmed").expanduser().absolute()
-        format = None if self.format.value == AS_SCENE else self.format.value
-        return Target(folder, format, self.existing.value == "Replace")
+        return Target(folder, self.ending, self.existing.value == "Replace")
+
+    @property
+    def ending(self) -> str | None:
+        """The format of splat files; None: that of the scene."""
+        return None if self.format.value == AS_SCENE else self.format.value
 
     @property
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
         part, when = cast("Part", PARTS[self.part.value]), cast("When", WHENS[self.when.value])
-        return Showing(part, when, self.overlays[TINT])
+        return Showing(part, when, cast("Colouring", COLOURS[self.colours.value]))
 
-    def look_at_whole(self) -> None:
-        """Show the whole scene before the trim, as marking begins."""
-        self.part.value, self.when.value, self.overlays[TINT] = "Both", "Before", True
+    def look_at(self, part: str, when: str, colours: str) -> None:
+        """Show something else."""
+        self.part.value, self.when.value, self.colours.value = part, when, colours
 
-    def start_afresh(self, path: Path) -> None:
+    def start_afresh(self) -> None:
         """Show what belongs to a scene that was just opened."""
-        self.look_at_whole()
+        self.look_at(EVERYTHING, "Before", OBJECTS)
         self.show_tool(LOOK)
         self.show_command("")
-        self.folder.value = str(Path("trimmed") / path.name.split(".")[0])
 
     def say(self, text: str) -> None:
         """Show a sentence at the top."""
         self.status_text = text
-        self.status.content = escaped(text)
+        self._show_status(text)
 
     def busy(self, doing: str, share: float) -> None:
         """Show what is being done, and how far it is, 0 to 1; nothing if it is empty."""
-        self.progress.visible = self.cancel.visible = bool(doing)
-        self.progress.value = 100 * share
+        self.cancel.disabled = not doing
         if doing:
-            self.status.content = escaped(f"{doing} ...")
+            self._show_status(f"{doing} ...", share)
 
     def refresh(self, now: Snapshot) -> None:
         """Show the names, numbers and settings of a state."""
-        names = [label(part.id, part.name) for part in now.objects]
+        part = now.object
+        names = [label(each.id, each.name) for each in now.objects]
         self.active.offer(names, names[now.active])
-        self.name.value, self.colour.value = now.object.name, now.object.colour
+        if " ".join(self.name.value.split()) != part.name:  # otherwise somebody may be typing it
+            self.name.value = part.name
+        self.colour.value = part.colour
+        self.kept["Hidden"], self.kept["Locked"] = part.hidden, part.locked
         rows = [
-            f"| {escaped(part.name)} | {len(part.marks)} | {part.n_selected:,} | "
-            f"{f'{len(part.result.object):,}' if part.result else '-'} |"
-            for part in now.objects
+            f"| {escaped(each.name)} | {len(each.marks)} | {each.n_selected:,} | "
+            f"{f'{len(each.result.object):,}' if each.result else '-'} |"
+            for each in now.objects
         ]
-        self.counts.content = "\n".join(["| object | marks | selected | trimmed |", "|---|---|---|---|", *rows])
+        self.counts.content = "\n".join(["| object | marks | selected | cut out |", "|---|---|---|---|", *rows])
         self.up_text.content = describe_up(now.up)
-        self.summary.content = escaped(now.object.summary)
+        self.summary.content = escaped(part.summary)
+        stem = now.document.path.name.split(".")[0]
+        offered = str(Path("trimmed") / (stem if len(now.objects) == 1 else f"{stem}-{file_name(part.name)}"))
+        if self.folder.value in ("", self._offered):  # otherwise somebody has chosen another one
+            self.folder.value = offered
+        self._offered = offered
 
     def show_tool(self, tool: str) -> None:
         """Show the controls and the hint of a tool."""
-        self.tool.value, self.hint.content = tool, _HINTS[tool]
+        self.tool.value, self.hint.content = tool, _text(_HINTS[tool], 2.8)
         self.brush.visible = tool == BRUSH
+        self.reach.visible = tool in (LASSO, POLYGON, BRUSH)
         self.box_size.visible = self.box_apply.visible = tool == BOX3D
 
     def show_command(self, command: str) -> None:
         """Show the command that makes what was saved again, as text to copy; nothing if it is empty."""
         self.command.value, self.command.visible = command, bool(command)
 
-    def _make_scene(self, gui: Any, path: str, camera_path: str) -> None:
+    def _show_status(self, text: str, share: float | None = None) -> None:
+        """Show a text, and a bar below it, in a room whose size does not change."""
+        width = 0 if share is None else 100 * share
+        self.status.content = (
+            f'{_text(text, 4.2)}<div style="height:4px;margin:0.2em 0.9em"><div'
+            f' style="height:4px;background:#2f9e44;width:{width:.0f}%"></div></div>'
+        )
+
+    def _make_tools(self, gui: Any) -> None:
+        self.tool = Choice(gui, "Tool", TOOLS)
+        self.effect = Choice(gui, "Mode", tuple(EFFECTS))
+        self.hint = gui.add_html(_text(_HINTS[LOOK], 2.8))
+        self.brush = gui.add_slider("Brush radius", 3, 200, 1, 24, visible=False)
+        self.reach = Choice(gui, "Reach", ("Surface", THROUGH), visible=False)
+        self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
+        self.box_apply = gui.add_button("Apply the box", visible=False)
+
+    def _make_views(self, gui: Any) -> None:
+        self.part = Choice(gui, "Show", tuple(PARTS))
+        self.when = Choice(gui, "Trim", tuple(WHENS))
+        self.colours = Choice(gui, "Colours", tuple(COLOURS))
+        self.colours.value = OBJECTS
+        self.backdrop = Choice(gui, "Backdrop", tuple(BACKDROPS))
+        self.selection = gui.add_button_group("Selection", ("Grow", "Shrink", "Invert"))
+
+    def _make_files(self, gui: Any, path: str, camera_path: str) -> None:
+        self.upload = gui.add_upload_button("Choose a file, or drop one on the page", icon="upload")
         self.path = gui.add_text("Scene", path, hint="A splat file on this computer, or the folder of a training.")
         self.camera_path = gui.add_text("Cameras", camera_path, hint="COLMAP folder, transforms.json or cameras.json.")
         self.open = gui.add_button("Open", icon="folder-open")
-        self.use_cameras = gui.add_button("Use these cameras with the open scene", icon="camera")
+        self.use_cameras = gui.add_button("Use these cameras with the open scene", icon="camera", color="gray")
+        self.save_project = gui.add_button("Download the project", icon="download", color="gray")
         gui.add_divider()
         self.up_text = gui.add_markdown("")
         self.up = gui.add_button_group("Up is", UPS)
-        self.three_points = gui.add_button("Up by three clicks on the ground", icon="dots")
+        self.three_points = gui.add_button("Up by three clicks on the ground", icon="dots", color="gray")
 
-    def _make_marks(self, gui: Any) -> None:
-        self.tool = Choice(gui, "Tool", TOOLS)
-        self.effect = Choice(gui, "Mode", tuple(EFFECTS))
-        self.hint = gui.add_markdown(_HINTS[LOOK])
-        self.brush = gui.add_slider("Brush radius", 0.02, 2.0, 0.02, 0.3, visible=False)
-        self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
-        self.box_apply = gui.add_button("Apply the box", visible=False)
-        self.history = gui.add_button_group("History", ("Undo", "Redo", "Clear"))
-        with gui.add_folder("Objects"):
-            self.counts = gui.add_markdown("")
-            self.active = Choice(gui, "Marking", ("-",))
-            self.name = gui.add_text("Name", "")
-            self.colour = gui.add_rgb("Colour", (255, 140, 30))
-            self.objects = gui.add_button_group("Object", ("Apply", "New", "Delete"))
-        with gui.add_folder("Selection file", expand_by_default=False):
-            self.selection_path = gui.add_text("File", "", hint="A selection file of any kind, or saved marks.")
-            self.load = gui.add_button("Replace the marks by this file", icon="file-import")
+    def _make_objects(self, gui: Any) -> None:
+        self.counts = gui.add_markdown("")
+        self.active = Choice(gui, "Marking", ("-",))
+        self.name = gui.add_text("Name", "")
+        self.colour = gui.add_rgb("Colour", (255, 140, 30))
+        self.kept = Switches(gui, "It is", ("Hidden", "Locked"))
+        self.objects = gui.add_button_group("Objects", ("New", "Delete", "Show all"))
+        self.selection_path = gui.add_text("Selection", "", hint="A selection file of any kind, or saved marks.")
+        self.load = gui.add_button("Replace the marks by this file", icon="file-import", color="gray")
 
-    def _make_trim(self, gui: Any) -> None:
+    def _make_options(self, gui: Any) -> None:
         options = (_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CONTINUE_SURFACE)
-        self.options = Switches(gui, "Options", options, options[:3])
-        self.trim = gui.add_button("Trim", icon="cut", color="green")
+        self.options = Switches(gui, "Cutting out", options, options)
         self.summary = gui.add_markdown("")
-        with gui.add_folder("Show"):
-            self.part = Choice(gui, "Part", tuple(PARTS))
-            self.when = Choice(gui, "Trim", tuple(WHENS))
-            self.overlays = Switches(gui, "Also", (TINT, VIEWS, ARROW), (TINT, ARROW))
+        self.overlays = Switches(gui, "Also show", (VIEWS, ARROW))
 
     def _make_save(self, gui: Any) -> None:
-        self.folder = gui.add_text("Folder", "", hint="New or empty, or with earlier results that may be replaced.")
         endings = (AS_SCENE, *(name.lstrip(".") for name in formats.FORMATS))
         self.format = Choice(gui, "Format", endings)
+        self.placed = Switches(gui, "Place it", (UPRIGHT,))
+        self.download = gui.add_button_group("Download", DOWNLOADS)
+        gui.add_divider()
+        self.folder = gui.add_text("Folder", "", hint="New or empty, or with earlier results that may be replaced.")
         self.existing = Choice(gui, "Earlier results", ("Keep", "Replace"))
-        self.save = gui.add_button("Save the object", icon="device-floppy")
-        self.save_all = gui.add_button("Trim and save all objects", icon="stack-2")
+        self.save = gui.add_button("Save in this folder", icon="device-floppy")
+        self.save_all = gui.add_button("Cut out and save all objects", icon="stack-2")
         self.command = gui.add_text("The same by command", "", multiline=True, visible=False)
+
+
+def _text(text: str, height: float) -> str:
+    """A text in a room of a height in lines' widths, so that what stands below does not move with its length."""
+    style = f"height:{height}em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
+    return f'<div style="{style}">{html.escape(text)}</div>'
 
 
 def label(number: int, name: str) -> str:
     """How an object is listed; numbers stay when names change."""
     return f"{number}: {name}"
+
+
+def file_name(name: str) -> str:
+    """A name as part of a file's."""
+    return "".join(character if character.isalnum() or character in "-_" else "_" for character in name)
 
 
 def describe_up(up: UpVector) -> str:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from gaussian_trimmer.app.display import Painter
-from gaussian_trimmer.app.panels import ARROW, VIEWS, Panels
+from gaussian_trimmer.app.panels import ARROW, BACKDROPS, VIEWS, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.cameras import Camera
+
+_EYE_STEP, _EYE_TURN = 0.1, 0.1
+"""How far an eye moves, in the viewer's units, or turns, in radians, before the scene is drawn anew for it."""
 
 
 class Presenter:
@@ -14,16 +21,19 @@ class Presenter:
     def __init__(self, session: Session, panels: Panels, view: SceneView, most: int) -> None:
         self._session, self._panels, self._view, self._most = session, panels, view, most
         self._painter: Painter | None = None
+        self._eye: Camera | None = None
         self._shown: dict[str, object] = {}
 
     def refresh(self) -> None:
         """Show the present state, if a scene is open."""
         now = self._session.glance()
+        if self._is_new("backdrop", self._panels.backdrop.value):
+            self._view.show_backdrop(BACKDROPS[self._panels.backdrop.value])
         if now is None:
             return
         painter, showing, overlays = self.painter(), self._panels.showing, self._panels.overlays
-        if self._is_new("splats", (now, showing)):
-            self._view.show(painter.paint(now, showing))
+        if self._is_new("splats", (now, showing, self._eye)):
+            self._view.show(painter.paint(now, showing, self._eye))
         if self._is_new("up", now.up):
             self._view.show_up(now.up.direction)
         if self._is_new("arrow", (now.up, overlays[ARROW])):
@@ -34,13 +44,21 @@ class Presenter:
         if self._is_new("state", now):  # otherwise, what somebody is typing is kept
             self._panels.refresh(now)
 
+    def look_from(self, eye: Camera) -> None:
+        """Show the scene as it looks from an eye, and what is near it in full, if that differs from what is shown."""
+        if self._session.glance() is None or not self.painter().depends_on_eye:
+            return
+        last = self._eye
+        if last is None or _differ(last, eye, self.painter().frame):
+            self._eye = eye
+            self.refresh()
+
     def painter(self) -> Painter:
         """What draws the open scene; made anew, with a view without tools, for another scene."""
         scene = self._session.document.scene
         if self._painter is None or self._painter.scene is not scene:
-            self._painter = Painter(scene, self._most)
+            self._painter, self._eye = Painter(scene, self._most), None
             self._view.frame = self._painter.frame
-            self._view.hide_ball()
             self._view.hide_box()
             self._view.show_points([])
         return self._painter
@@ -51,3 +69,9 @@ class Presenter:
             return False
         self._shown[what] = state
         return True
+
+
+def _differ(one: Camera, other: Camera, frame: Frame) -> bool:
+    """Whether two eyes are so far apart, or look so differently, that the scene looks different."""
+    moved = float(np.linalg.norm(one.centre - other.centre)) * frame.scale
+    return moved > _EYE_STEP or float(one.forward @ other.forward) < np.cos(_EYE_TURN)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.documents import Document, MarkedObject, Progress, Snapshot
+from gaussian_trimmer.app.documents import Document, Progress
+from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.objects import objects_files, write_objects

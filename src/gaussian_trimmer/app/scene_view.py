@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -26,7 +26,7 @@ _FRUSTUM_RADII = 0.3
 _UP_ARROW_LENGTH = 2.5
 """Length of the up arrow in the viewer's units."""
 _EDGE_PIXELS = 2.0
-_BALL_SUBDIVISIONS = 2
+_BACKDROP_SIZE, _CHECKER_PIXELS, _CHECKER_TONES = (450, 800), 25, (150, 105)
 _BOX_EDGES = np.array([[corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit])
 """Corners of a box that an edge joins, (12, 2); the bits of a corner's number are its sides in x, y and z."""
 _BOX_CORNERS = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
@@ -42,7 +42,6 @@ class SceneView:
         self._views: list[Any] = []
         self._points: list[Any] = []
         self._box: tuple[Any, Any] | None = None
-        self._ball: Any = None
         self.frame = Frame(np.zeros(3), 1.0)
 
     def show(self, splats: Splats) -> None:
@@ -131,33 +130,16 @@ class SceneView:
         if self._box is not None:
             self._box[1].points = self._edges(size)
 
-    def show_ball(self, point: Point, radius: float, dragged: Callable[[Any], None]) -> None:
-        """Show the brush on the surface as a net, through which the splats can be seen; report when it is dragged."""
-        self.hide_ball()
-        self._ball = self._server.scene.add_icosphere(
-            "/brush",
-            radius * self.frame.scale,
-            (255, 255, 255),
-            subdivisions=_BALL_SUBDIVISIONS,
-            wireframe=True,
-            position=self._place(point),
-            cast_shadow=False,
-        )
-        for modifier in (None, "shift", "cmd/ctrl"):
-            self._ball.on_drag("left", modifier=modifier)(dragged)
-
-    def change_ball(self, *, point: Point | None = None, radius: float | None = None) -> None:
-        """Move the brush, or change its size."""
-        if self._ball is not None and point is not None:
-            self._ball.position = self._place(point)
-        if self._ball is not None and radius is not None:
-            self._ball.radius = radius * self.frame.scale
-
-    def hide_ball(self) -> None:
-        """Take the brush away."""
-        if self._ball is not None:
-            self._ball.remove()
-        self._ball = None
+    def show_backdrop(self, colour: tuple[int, int, int] | None) -> None:
+        """Show a colour behind everything, or a checker."""
+        height, width = _BACKDROP_SIZE
+        picture = np.empty((height, width, 3), np.uint8)
+        if colour is None:
+            rows, columns = np.indices((height, width)) // _CHECKER_PIXELS
+            picture[:] = np.where((rows + columns) % 2, *_CHECKER_TONES)[..., None]
+        else:
+            picture[:] = colour
+        self._server.scene.set_background_image(picture, "png")
 
     def look(self, client: Any, eye: Point, target: Point) -> None:
         """Let one tab, or all tabs that open later, look from one point at another."""

@@ -13,6 +13,7 @@ from typing import Any
 from gaussian_trimmer import sample
 from gaussian_trimmer.app.controller import Controller
 from gaussian_trimmer.app.guard import guarding_viser
+from gaussian_trimmer.app.project import state_folder
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.errors import InputError
 
@@ -36,7 +37,9 @@ class Running:
 
 
 @contextmanager
-def serving(scene: Path | None, cameras: Path | None, *, port: int = 8080, most: int = MOST_SHOWN) -> Iterator[Running]:
+def serving(
+    scene: Path | None, cameras: Path | None, *, port: int = 8080, most: int = MOST_SHOWN, state: Path | None = None
+) -> Iterator[Running]:
     """Run the app, until the end of the context. Only this machine can reach it.
 
     Args:
@@ -44,6 +47,7 @@ def serving(scene: Path | None, cameras: Path | None, *, port: int = 8080, most:
         cameras: the cameras of the scene.
         port: the first one that is free from this on.
         most: number of Gaussians that are shown at most; larger scenes are thinned for display.
+        state: folder of what the app keeps; the user's own one if it is not given.
 
     Raises:
         InputError: viser is not installed or cannot be guarded.
@@ -55,7 +59,7 @@ def serving(scene: Path | None, cameras: Path | None, *, port: int = 8080, most:
         server.gui.main_panel.dock_right()
         server.scene.world_axes.visible = False
         offered = (str(scene), str(cameras or "")) if scene else (str(sample.SCENE), str(sample.CAMERAS))
-        controller = Controller(server, Session(), most, *offered)
+        controller = Controller(server, Session(), most, state or state_folder(), *offered)
         if scene is not None:
             controller.do("Opening", controller.open)
         yield Running(f"http://{HOST}:{server.get_port()}/", server, controller)

@@ -7,26 +7,22 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from gaussian_trimmer.app.documents import (
-    PALETTE,
-    Colour,
-    Document,
-    MarkedObject,
-    Progress,
-    Snapshot,
-    TrimChoices,
-    first_snapshot,
-    open_document,
-    up_of,
-)
+from gaussian_trimmer.app.documents import Document, Progress, TrimChoices, open_document, up_of
+from gaussian_trimmer.app.marking import after_marks
 from gaussian_trimmer.app.saving import Target, save_all, save_one
+from gaussian_trimmer.app.snapshots import (
+    Colour,
+    MarkedObject,
+    Snapshot,
+    first_snapshot,
+    free_colours,
+)
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.selecting.interpretation import SelectionState
-from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Point
+from gaussian_trimmer.selecting.marks import Click, FromFile, Mark, Point, Rows
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 from gaussian_trimmer.trimming.trim import trim
 
@@ -34,6 +30,7 @@ MAX_STEPS = 50
 """Number of steps that can be undone."""
 _MAX_NAME = 60
 _DEFAULTS = TrimChoices()
+_DESCRIBED = "name and colour"
 
 
 class Cancelled(InputError):  # noqa: N818
@@ -84,6 +81,10 @@ class Session:
         progress("looking for the ground")
         self._history, self._place = [first_snapshot(document, up_of(document))], 0
 
+    def restore(self, restored: Snapshot) -> None:
+        """Go on from a state of the same scene that was saved; undoing goes back to the present one."""
+        self._step(restored)
+
     def use_cameras(self, path: Path) -> None:
         """Give the open scene cameras; marks are kept, and understood anew with them.
 
@@ -100,22 +101,40 @@ class Session:
             click = Click(view.camera.width // 2, view.camera.height // 2, view)
             now.applied(now.nothing(), [click])
 
-    def mark(self, *marks: Mark) -> str:
+    def mark(self, *marks: Mark, among: BoolArray | None = None) -> str:
         """Mark the active object, as one step; returns what changed, in a sentence.
+
+        Args:
+            marks: what to select, in order.
+            among: Gaussians that may change, (N,), all if they are not given; those of objects that are locked or
+                hidden never do. What else would change is put back by further marks.
 
         Raises:
             InputError: a mark is not possible, it changes nothing, or after it nothing is selected.
         """
-        now, before = self.now, self.now.object
-        selected = now.applied(before.selected, marks)
-        way = selected.interpretations[-1]
-        if not selected.mask.any():
-            raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
-        change = _change(before.selected, selected)
-        if not change:
-            raise InputError(f"This mark changes nothing, so it was not made: {way}.")
-        self._step(now.with_object(before.marked(before.marks + marks, selected), f"mark ({way})"))
-        return f"{change} {way}. {self.now.object.n_selected:,} Gaussians selected."
+        after, sentence = after_marks(self.now, marks, among)
+        self._step(after)
+        return sentence
+
+    def invert(self) -> str:
+        """Select what is not selected, but what is locked, and nothing else; returns what changed.
+
+        Raises:
+            InputError: everything is selected.
+        """
+        mask = self.now.object.selected.mask
+        rest = Rows(pack_rows(~mask & ~self.now.locked), "inverted")
+        return self.mark(rest, Rows(pack_rows(mask), "inverted", "remove")) if mask.any() else self.mark(rest)
+
+    def keep_object(self, *, hidden: bool, locked: bool) -> None:
+        """Hide the active object or lock it, or no longer; other objects get nothing of what is hidden or locked."""
+        now = self.now
+        self._step(now.with_object(replace(now.object, hidden=hidden, locked=locked), "hide or lock"))
+
+    def show_all(self) -> None:
+        """Hide no object any more."""
+        objects = tuple(replace(part, hidden=False) for part in self.now.objects)
+        self._step(replace(self.now, objects=objects, last="show all"))
 
     def load(self, path: Path) -> str:
         """Replace the active object's marks by a selection file of any kind, or by saved marks.
@@ -177,12 +196,16 @@ class Session:
         choices: TrimChoices = _DEFAULTS,
         progress: Progress = lambda stage: None,
         cancelled: Callable[[], bool] = lambda: False,
+        *,
+        joined: bool = False,
     ) -> str:
         """Trim the active object; returns the result in a sentence.
 
         Args:
+            choices: settings.
             progress: called with the name of each stage when it begins.
             cancelled: asked at each stage whether to stop.
+            joined: the trim belongs to the step before, and both are undone together.
 
         Raises:
             InputError: nothing is selected, or the trim is not possible.
@@ -198,18 +221,22 @@ class Session:
             config=choices.config(now.up),
             renderer=document.renderer,
             cameras=document.cameras,
-            progress=_stopping(progress, cancelled),
+            progress=stopping(progress, cancelled),
         )
         if cancelled():
             raise Cancelled
-        self._step(now.with_object(replace(now.object, result=result, choices=choices), "trim"))
+        trimmed = replace(now.object, result=result, choices=choices, earlier=None)
+        if joined:
+            self._history[self._place] = now.with_object(trimmed, now.last)
+        else:
+            self._step(now.with_object(trimmed, "trim"))
         return self.now.object.summary
 
     def add_object(self) -> MarkedObject:
         """Add an object and make it the active one."""
         now = self.now
         number = 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
-        added = MarkedObject(number, f"object {number}", PALETTE[(number - 1) % len(PALETTE)], now.nothing())
+        added = MarkedObject(number, f"object {number}", free_colours(now)[0], now.nothing())
         self._step(replace(now, objects=(*now.objects, added), active=len(now.objects), last="new object"))
         return added
 
@@ -248,8 +275,13 @@ class Session:
             raise InputError(f"'{name}' cannot be a name: give 1 to {_MAX_NAME} printable characters.")
         if any(part.name == name and part is not now.object for part in now.objects):
             raise InputError(f"Another object is already called '{name}'.")
-        if (name, colour) != (now.object.name, now.object.colour):
-            self._step(now.with_object(replace(now.object, name=name, colour=colour), "name and colour"))
+        if (name, colour) == (now.object.name, now.object.colour):
+            return
+        described = now.with_object(replace(now.object, name=name, colour=colour), _DESCRIBED)
+        if now.last == _DESCRIBED and self._place == len(self._history) - 1:
+            self._history[self._place] = described  # letters of one name are one step
+        else:
+            self._step(described)
 
     def save(self, target: Target) -> str:
         """Save the active object's trim and its marks; returns the command that does the same. See `save_one`."""
@@ -264,7 +296,7 @@ class Session:
             InputError: no object is marked, or the files cannot be written.
             Cancelled: `cancelled` said so; nothing has been written.
         """
-        return save_all(self.now, target, _stopping(progress, cancelled))
+        return save_all(self.now, target, stopping(progress, cancelled))
 
     def _step(self, after: Snapshot) -> None:
         """Go on to another state; what was undone before cannot be redone."""
@@ -272,18 +304,7 @@ class Session:
         self._history, self._place = history, len(history) - 1
 
 
-def _change(before: SelectionState, after: SelectionState) -> str:
-    """What a mark changed, in a sentence; empty if nothing."""
-    added, removed = (int(np.count_nonzero(part)) for part in (after.mask & ~before.mask, before.mask & ~after.mask))
-    if added and removed:
-        return f"Added {added:,} and removed {removed:,}:"
-    if added or removed:
-        return f"Added {added:,}:" if added else f"Removed {removed:,}:"
-    kept_out = int(np.count_nonzero(after.excluded & ~before.excluded))
-    return f"Removed nothing that is selected; the trim will leave out {kept_out:,}:" if kept_out else ""
-
-
-def _stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
+def stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
     """What to call at each stage, which raises `Cancelled` if the user wants to stop."""
 
     def stage(name: str) -> None:

@@ -1,4 +1,4 @@
-"""The tools that mark in the 3D view: clicks, boxes, a box in space, a brush, and three points for the up vector."""
+"""The tools that mark in the 3D view: clicks, boxes, lassos, a brush, a box in space, and points for the up vector."""
 
 from __future__ import annotations
 
@@ -7,54 +7,63 @@ from typing import Any, cast
 
 import numpy as np
 
-from gaussian_trimmer.app.display import shown_rows
+from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.documents import normal_of
-from gaussian_trimmer.app.panels import BOX, BOX3D, BRUSH, CLICK, EFFECTS, LOOK, POINTS, TINT, Panels
+from gaussian_trimmer.app.freehand import rows_drawn
+from gaussian_trimmer.app.gestures import Gesture, GestureChannel, Place
+from gaussian_trimmer.app.panels import (
+    BOX,
+    BOX3D,
+    BRUSH,
+    CHANGES,
+    CLICK,
+    EFFECTS,
+    LASSO,
+    LOOK,
+    OBJECT,
+    OBJECTS,
+    POINTS,
+    POLYGON,
+    THROUGH,
+    Panels,
+)
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.viewpoints import before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.selecting.marks import Box, Click, Effect, Mark, Point, Sphere, Viewpoint, point_of
+from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Point, Rows, Shrink, Viewpoint, point_of
+from gaussian_trimmer.selecting.row_packing import pack_rows
 
-Place = Sequence[float]
-"""A place in the browser's picture, from (0, 0) at the upper left to (1, 1)."""
 Do = Callable[[str, Callable[[], str], Any], None]
 """Has something done in the worker's thread; takes its name, the work, and the tab that asked for it."""
 
-_MODIFIERS: dict[str | None, Effect | None] = {
-    None: None,
-    "shift": "add",
-    "cmd/ctrl": "remove",
-    "cmd/ctrl+shift": "intersect",
-}
-"""What keys that are held make of a mark; None: what the panel says."""
 _SCREEN_MIDDLE = (0.5, 0.5)
-_DABS_APART = 0.5
-"""Distance of a stroke's balls, in their radius."""
-_MOST_DABS = 500
-"""Number of balls of a stroke at most."""
+_SPACINGS = 1.5
+"""How far a selection grows or shrinks, in distances between neighbouring Gaussians."""
 _BOX_PADDING = 0.05
 """What the box in space is larger at first than the selection, at each side, relative to its longest side."""
 _BOX_SHARE = 0.4
 """Side of the box in space where nothing is selected, relative to its distance from the eye."""
 _BOX_PROBES = 12
 """Places across a box in the picture at which it is asked what shows there."""
+_BRUSH_STEP = 1.25
 
 
 class Tools:
-    """Listens to the 3D view for the tool that is chosen, and makes marks of what is done there."""
+    """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
     def __init__(self, server: Any, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
-        self._server, self._session, self._panels, self._view, self._do = server, session, panels, view, do
+        self._session, self._panels, self._view, self._do = session, panels, view, do
         self._corners: list[Point] = []
-        self._path: list[tuple[Viewpoint, Place]] = []
+        self._channel = GestureChannel(server.gui, self.heard)
         panels.tool.on_click(lambda event: self.choose(panels.tool.value, event.client))
         panels.three_points.on_click(lambda event: self.choose(POINTS, event.client))
-        panels.brush.on_update(lambda event: view.change_ball(radius=self._radius))
+        panels.brush.on_update(lambda event: self._tell_page())
         panels.box_size.on_update(lambda event: view.resize_box(panels.box_size.value))
         panels.box_apply.on_click(lambda event: self._apply_box(event.client))
+        panels.selection.on_click(lambda event: self.change_selection(panels.selection.value, event.client))
 
     def choose(self, tool: str, client: Any) -> None:
         """Take another tool."""
@@ -66,32 +75,60 @@ class Tools:
         return viewpoint_of(client.camera, self._view.frame)
 
     def begin(self, tool: str, client: Any) -> str:
-        """Listen for the clicks or boxes of a tool, and show what belongs to it."""
-        self._corners, scene = [], self._server.scene
-        scene.remove_click_callback()
-        scene.remove_rect_select_callback()
+        """Show what belongs to a tool."""
+        self._corners = []
         self._view.show_points([])
-        self._view.hide_ball()
         self._view.hide_box()
+        self._tell_page()
         if self._session.glance() is None:
             self._panels.show_tool(LOOK)
+            self._tell_page()
             raise InputError("Open a scene first.")
-        for modifier in _MODIFIERS:
-            if tool in (CLICK, BRUSH, POINTS):
-                scene.on_click(modifier=modifier)(self._clicked)
-            elif tool == BOX:
-                scene.on_rect_select(modifier=modifier)(self._boxed)
-        if tool == BRUSH:
-            self._show_ball(client)
-        elif tool == BOX3D:
+        if tool == BOX3D:
             self._show_box(client)
         return "Click three points on the ground." if tool == POINTS else self._session.now.sentence
 
-    def _show_ball(self, client: Any) -> None:
-        """Show the brush in the middle of the picture, so that its size can be seen."""
-        (point,) = self._surface_points(self.viewpoint(client), [_SCREEN_MIDDLE])
-        if point is not None:
-            self._view.show_ball(point, self._radius, self._dragged)
+    def heard(self, gesture: Gesture, client: Any) -> None:
+        """Do what was meant by a gesture."""
+        if gesture.tool in ("[", "]"):
+            brush = self._panels.brush
+            size = brush.value * (_BRUSH_STEP if gesture.tool == "]" else 1 / _BRUSH_STEP)
+            brush.value = round(min(max(size, brush.min), brush.max))
+            self._tell_page()
+            return
+        work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
+            CLICK: self._click,
+            BOX: self._box,
+            LASSO: self._draw,
+            POLYGON: self._draw,
+            BRUSH: self._draw,
+            POINTS: self._corner,
+        }
+        if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
+            view, do = self.viewpoint(client), self._do if gesture.tool == POINTS else self._mark_by
+            do("Marking", lambda: work[gesture.tool](view, gesture), client)
+
+    def change_selection(self, way: str, client: Any) -> None:
+        """Let the selection grow or shrink, or invert it."""
+        marks: dict[str, Mark] = {"Grow": Grow(_SPACINGS), "Shrink": Shrink(_SPACINGS)}
+        self._mark_by(way, lambda: self._mark(marks[way]) if way in marks else self._session.invert(), client)
+
+    def _mark_by(self, name: str, work: Callable[[], str], client: Any) -> None:
+        """Have a mark made, and show it."""
+
+        def job() -> str:
+            sentence, panels = work(), self._panels
+            follows = panels.when.value == "After" and self._session.now.object.earlier is not None
+            alone = panels.part.value == OBJECT
+            panels.look_at(
+                panels.part.value, "After" if follows else "Before", CHANGES if follows or alone else OBJECTS
+            )
+            return sentence
+
+        self._do(name, job, client)
+
+    def _tell_page(self) -> None:
+        self._channel.show(self._panels.tool.value, self._panels.brush.value)
 
     def _show_box(self, client: Any) -> None:
         """Show a box around the selection or, if nothing is selected, around what is in the middle of the picture."""
@@ -113,68 +150,46 @@ class Tools:
         self._panels.box_size.value = sides
         self._view.show_box(point_of(centre), sides, now.up.direction)
 
-    def _effect(self, modifier: str | None) -> Effect:
-        return _MODIFIERS.get(modifier) or cast("Effect", EFFECTS[self._panels.effect.value])
+    def _effect(self, asked: Effect | None) -> Effect:
+        return asked or cast("Effect", EFFECTS[self._panels.effect.value])
 
-    def _clicked(self, event: Any) -> None:
-        effect, place, view = self._effect(event.modifier), event.screen_pos, self.viewpoint(event.client)
-        work = {CLICK: self._click, BRUSH: self._dab, POINTS: self._corner}.get(self._panels.tool.value)
-        if work is not None:
-            self._do("Marking", lambda: work(view, place, effect), event.client)
+    def _click(self, view: Viewpoint, gesture: Gesture) -> str:
+        place = gesture.places[0]
+        return self._mark(Click(*pixel_at(view, place), self._past_hidden(view, [place]), self._effect(gesture.effect)))
 
-    def _boxed(self, event: Any) -> None:
-        view, effect = self.viewpoint(event.client), self._effect(event.modifier)
-        low, high = event.screen_min, event.screen_max
+    def _box(self, view: Viewpoint, gesture: Gesture) -> str:
+        low, high = (tuple(choose(values) for values in zip(*gesture.places, strict=True)) for choose in (min, max))
+        across, down = (np.linspace(low[axis], high[axis], _BOX_PROBES) for axis in (0, 1))
+        places = [(float(x), float(y)) for x in across for y in down]
+        return self._mark(Box(*box_at(view, low, high), self._past_hidden(view, places), self._effect(gesture.effect)))
 
-        def work() -> str:
-            across, down = (np.linspace(low[axis], high[axis], _BOX_PROBES) for axis in (0, 1))
-            places = [(float(x), float(y)) for x in across for y in down]
-            return self._mark(Box(*box_at(view, low, high), self._past_hidden(view, places), effect))
+    def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
+        """Mark what was drawn over, among what is shown."""
+        scene, shown = self._session.document.scene, self._shown_rows()
+        part = scene if shown.all() else scene.select(np.flatnonzero(shown))
+        taken = rows_drawn(
+            part,
+            view,
+            gesture.places,
+            radius=self._panels.brush.value if gesture.tool == BRUSH else None,
+            through=self._panels.reach.value == THROUGH,
+            renderer=self._session.document.renderer,
+        )
+        rows = np.zeros(len(scene), np.bool_)
+        rows[np.flatnonzero(shown)[taken]] = True
+        tool = {BRUSH: "brush", LASSO: "lasso", POLYGON: "polygon"}[gesture.tool]
+        return self._mark(Rows(pack_rows(rows), tool, self._effect(gesture.effect)))
 
-        self._do("Marking", work, event.client)
-
-    def _click(self, view: Viewpoint, place: Place, effect: Effect) -> str:
-        return self._mark(Click(*pixel_at(view, place), self._past_hidden(view, [place]), effect))
-
-    def _dab(self, view: Viewpoint, place: Place, effect: Effect) -> str:
-        point = self._surface_point(view, place)
-        self._view.show_ball(point, self._radius, self._dragged)
-        return self._mark(Sphere(point, self._radius, effect=effect))
-
-    def _corner(self, view: Viewpoint, place: Place, effect: Effect) -> str:
-        self._corners.append(self._surface_point(view, place))
+    def _corner(self, view: Viewpoint, gesture: Gesture) -> str:
+        self._corners.append(self._surface_point(view, gesture.places[0]))
         self._view.show_points(self._corners)
         if len(self._corners) < 3:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
-        self._view.show_points([])
         up = self._session.set_up(normal_of(corners, point_of(view.camera.centre)))
         self._panels.show_tool(LOOK)
         self.begin(LOOK, None)
         return f"Up is {' '.join(f'{value:.3f}' for value in up.direction)}."
-
-    def _dragged(self, event: Any) -> None:
-        """Collect where the brush is dragged; it paints, as one step, once it is let go."""
-        if event.phase == "start":
-            self._path = []
-        self._path.append((self.viewpoint(event.client), event.end_screen_pos))
-        if event.phase == "end":
-            path, effect = self._path, self._effect(event.modifier)
-            self._do("Marking", lambda: self._paint(path, effect), event.client)
-
-    def _paint(self, path: Sequence[tuple[Viewpoint, Place]], effect: Effect) -> str:
-        """Mark along a path over the surface."""
-        stroke: list[Point] = []
-        for point in self._surface_points(path[0][0], [place for _, place in path]):
-            far = _DABS_APART * self._radius
-            if point is not None and (not stroke or np.linalg.norm(np.subtract(point, stroke[-1])) > far):
-                stroke.append(point)
-        if not stroke:
-            raise InputError("The brush touched nothing.")
-        if len(stroke) > _MOST_DABS:
-            raise InputError("This stroke is too long for so small a brush; paint it in parts.")
-        self._view.change_ball(point=stroke[-1])
-        return self._mark(*(Sphere(point, self._radius, effect=effect) for point in stroke))
 
     def _apply_box(self, client: Any) -> None:
         def work() -> str:
@@ -184,19 +199,18 @@ class Tools:
                 raise InputError("There is no box; choose the tool '3D box' first.")
             return self._mark(mark)
 
-        self._do("Marking", work, client)
+        self._mark_by("Marking", work, client)
 
-    def _mark(self, *marks: Mark) -> str:
-        sentence = self._session.mark(*marks)
-        self._panels.when.value = "Before"  # a mark makes a trim out of date
-        self._panels.overlays[TINT] = True
-        return sentence
+    def _mark(self, mark: Mark) -> str:
+        return self._session.mark(mark, among=markable_rows(self._session.now, self._panels.showing))
+
+    def _shown_rows(self) -> Any:
+        return shown_rows(self._session.now, self._panels.showing)
 
     def _shown(self) -> Gaussians:
         """The Gaussians of the scene that are to be seen."""
-        now = self._session.now
-        rows = shown_rows(now, self._panels.showing)
-        return now.document.scene if rows.all() else now.document.scene.select(np.flatnonzero(rows))
+        scene, rows = self._session.document.scene, self._shown_rows()
+        return scene if rows.all() else scene.select(np.flatnonzero(rows))
 
     def _past_hidden(self, view: Viewpoint, places: Sequence[Place]) -> Viewpoint:
         """The view, or the view past what is hidden, if something is."""
@@ -213,7 +227,3 @@ class Tools:
         if point is None:
             raise InputError("Nothing is seen there; click on a surface.")
         return point
-
-    @property
-    def _radius(self) -> float:
-        return float(self._panels.brush.value / self._view.frame.scale)

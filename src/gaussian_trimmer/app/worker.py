@@ -15,11 +15,37 @@ class Worker:
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
-        self._cancelled, self.busy = threading.Event(), False
+        self._cancelled, self.busy, self._ended = threading.Event(), False, False
+        self._submitted, self._yielding = 0, False
+        self.gave_way = False
+        """Whether the last job that gives way was stopped by another one."""
 
     def submit(self, job: Job) -> None:
-        """Do a job after those that were submitted before."""
+        """Do a job after those that were submitted before, which stops one that gives way; none after the end."""
+        if self._ended:
+            return
+        self._submitted += 1
+        if self._yielding:
+            self.gave_way = True
+            self.cancel()
         self._thread.submit(self._do, job)
+
+    def submit_if_idle(self, job: Job) -> None:
+        """Do a job that gives way: it is dropped if another one is submitted before it begins, or cancelled after."""
+        if self._ended:
+            return
+        expected = self._submitted
+
+        def unless_others_came() -> None:
+            if self._submitted != expected:
+                return
+            self._yielding, self.gave_way = True, False
+            try:
+                job()
+            finally:
+                self._yielding = False
+
+        self._thread.submit(self._do, unless_others_came)
 
     def cancel(self) -> None:
         """Ask the present job to stop; later ones are done."""
@@ -32,6 +58,7 @@ class Worker:
 
     def stop(self) -> None:
         """Let the present job be the last, ask it to stop, and wait for that."""
+        self._ended = True
         self.cancel()
         self._thread.shutdown(cancel_futures=True)
 

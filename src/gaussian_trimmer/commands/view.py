@@ -32,7 +32,7 @@ class View:
     port: Annotated[int, Range(0, 65535)] = 8080
     """Port to listen at; if it is taken, the next free port; 0 picks any."""
     max_shown: Annotated[int, Range(1000, 100_000_000)] = MOST_SHOWN
-    """Show at most this many Gaussians; larger scenes are thinned, but only for display."""
+    """Show about this many Gaussians at most; larger scenes are thinned where they are far, but only for display."""
     browser: bool = True
     """Open the page in this machine's browser."""
     quiet: bool = False

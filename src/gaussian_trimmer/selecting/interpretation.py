@@ -27,6 +27,7 @@ from gaussian_trimmer.selecting.marks import (
     Marks,
     Plane,
     Point,
+    Rows,
     Shrink,
     Sphere,
     View,
@@ -35,6 +36,7 @@ from gaussian_trimmer.selecting.marks import (
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
 from gaussian_trimmer.selecting.overview import drawn_rows
+from gaussian_trimmer.selecting.row_packing import unpack_rows
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene, look_at_pixel
 from gaussian_trimmer.selection_files import load_selection
@@ -132,6 +134,8 @@ class MarkInterpreter:
             case Box3D() | Sphere() | Plane():
                 name = {Box3D: "a 3D box", Sphere: "a sphere", Plane: "what lies above a plane"}[type(mark)]
                 return state.combined(inside_shape(means, mark, self._up), mark.effect), name
+            case Rows():
+                return state.combined(unpack_rows(mark.packed, len(means)), mark.effect), mark.tool
             case FromFile():
                 found, notes = self._from_file(mark)
                 return state.combined(found, mark.effect), "; ".join([f"'{mark.path.name}'", *notes])

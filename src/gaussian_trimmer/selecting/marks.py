@@ -140,7 +140,18 @@ class Shrink:
     """How near, as for `Grow`."""
 
 
-Mark = Click | Box | Box3D | Sphere | Plane | FromFile | FromMasks | Grow | Shrink
+@dataclass(frozen=True)
+class Rows:
+    """Gaussians by their rows in the scene, as a lasso or a brush found them."""
+
+    packed: str
+    """Which rows they are, as `pack_rows` writes it."""
+    tool: str
+    """What found them, in a word or two."""
+    effect: Effect = "add"
+
+
+Mark = Click | Box | Box3D | Sphere | Plane | FromFile | FromMasks | Grow | Shrink | Rows
 KINDS: dict[str, type[Mark]] = {
     "click": Click,
     "box": Box,
@@ -151,6 +162,7 @@ KINDS: dict[str, type[Mark]] = {
     "masks": FromMasks,
     "grow": Grow,
     "shrink": Shrink,
+    "rows": Rows,
 }
 """The marks by the names that they have in files."""
 

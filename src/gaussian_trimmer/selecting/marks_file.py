@@ -80,7 +80,16 @@ def read_marks(path: str | Path) -> Marks:
         InputError: the file cannot be read, holds no marks, or one of them is not possible.
     """
     path = Path(path)
-    where, raw = f"'{path}': ", read_json(path)
+    return marks_from_json(read_json(path), path)
+
+
+def marks_from_json(raw: Any, path: Path) -> Marks:
+    """The marks in what `marks_as_json` made, as it stands in a file.
+
+    Raises:
+        InputError: it holds no marks, or one of them is not possible.
+    """
+    where = f"'{path}': "
     if not isinstance(raw, dict) or raw.get("content") != CONTENT:
         raise InputError(f"'{path}' holds no marks; give the .json that 'gaussian-trimmer select' wrote.")
     readers: dict[Any, Any] = {Path: lambda data, place: path.parent / from_plain(data, Path, place)}

@@ -1,0 +1,142 @@
+// What the page itself does for the tools: it draws the brush's ring, the lasso and the box while they are used, tells the
+// program what was drawn, and takes files that are dropped. Everything is said through one hidden text field.
+(() => {
+  const CHANNEL = "gesture:";
+  const FREE_PIXELS = 12; // a press that moves less is a click
+  const CLOSE_PIXELS = 12; // so near its first corner, a polygon closes
+  const TWICE_MILLISECONDS = 400; // a second click at the same place within this time is the first one again
+  const MOST_PLACES = 1500;
+  document.title = "GaussianTrimmer";
+  window.gaussianTrimmerPage?.abort();
+  const page = (window.gaussianTrimmerPage = new AbortController());
+  const listen = (type, act) => window.addEventListener(type, act, { capture: true, signal: page.signal });
+
+  const SVG = "http://www.w3.org/2000/svg";
+  const overlay = document.createElementNS(SVG, "svg");
+  overlay.setAttribute("style", "position:fixed;inset:0;width:100vw;height:100vh;pointer-events:none;z-index:50");
+  overlay.id = "gesture-overlay";
+  const shape = (name, attributes) => {
+    const element = overlay.appendChild(document.createElementNS(SVG, name));
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    return element;
+  };
+  const line = { fill: "none", "stroke-linejoin": "round", "stroke-linecap": "round" };
+  const swath = shape("polyline", { ...line, stroke: "#fff", "stroke-opacity": 0.3 });
+  const outer = shape("polygon", { fill: "#fff", "fill-opacity": 0.08, stroke: "#000", "stroke-width": 3 });
+  const inner = shape("polygon", { fill: "none", stroke: "#fff", "stroke-width": 1.5, "stroke-dasharray": "5 3" });
+  const rings = [
+    shape("circle", { fill: "none", stroke: "#000", "stroke-width": 3, "stroke-opacity": 0.6 }),
+    shape("circle", { fill: "none", stroke: "#fff", "stroke-width": 1.5 }),
+  ];
+  document.getElementById("gesture-overlay")?.remove();
+  document.body.append(overlay);
+  page.signal.addEventListener("abort", () => overlay.remove());
+
+  let drawn = []; // places in the window, [x, y]
+  let active = null; // the tool whose drag is going on, or "polygon" while it has corners
+  let press = null;
+  let last = { time: 0, x: 0, y: 0 };
+  const state = () => document.querySelector("[data-tool]")?.dataset ?? { tool: "Look", radius: "0" };
+  const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+  const field = () => [...document.querySelectorAll("input")].find((input) => input.value.startsWith(CHANNEL));
+
+  function say(tool, places, event) {
+    const input = field();
+    const canvas = document.querySelector("canvas").getBoundingClientRect();
+    if (!input) return;
+    const step = Math.max(1, Math.ceil(places.length / MOST_PLACES));
+    const chosen = places.filter((_, i) => i % step === 0 || i === places.length - 1);
+    const shares = chosen.map(([x, y]) => [(x - canvas.left) / canvas.width, (y - canvas.top) / canvas.height]);
+    const command = event.ctrlKey || event.metaKey;
+    const keys = command && event.shiftKey ? "both" : command ? "ctrl" : event.shiftKey ? "shift" : "";
+    const text = CHANNEL + JSON.stringify({ tool, places: shares, keys, time: performance.now() });
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, text);
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+  }
+
+  function draw(at) {
+    const { tool, radius } = state();
+    const corners = tool === "Box" && active ? boxOf(drawn) : active === "Polygon" && at ? [...drawn, at] : drawn;
+    const text = corners.map((place) => place.join(",")).join(" ");
+    for (const outline of [outer, inner]) outline.setAttribute("points", tool === "Brush" ? "" : text);
+    swath.setAttribute("points", tool === "Brush" ? text : "");
+    swath.setAttribute("stroke-width", 2 * radius);
+    for (const ring of rings) {
+      ring.setAttribute("r", tool === "Brush" && at ? radius : 0);
+      if (at) ring.setAttribute("cx", at[0]), ring.setAttribute("cy", at[1]);
+    }
+  }
+  const boxOf = ([[x0, y0], [x1, y1]]) => [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+
+  function finish(tool, event) {
+    if (active && drawn.length) say(tool, drawn, event);
+    (drawn = []), (active = null);
+    draw(null);
+  }
+
+  listen("pointerdown", (event) => {
+    const { tool } = state();
+    if (event.button !== 0 || event.altKey || !(event.target instanceof HTMLCanvasElement)) return;
+    document.activeElement?.blur();
+    const at = [event.clientX, event.clientY];
+    press = { at, moved: 0 };
+    if (!["Box", "Lasso", "Polygon", "Brush"].includes(tool)) return;
+    event.stopImmediatePropagation(); // the drag is the tool's, and does not turn the view
+    event.preventDefault();
+    if (tool === "Polygon") {
+      if (active && drawn.length > 2 && apart(at, drawn[0]) < CLOSE_PIXELS) return finish(tool, event);
+      if (!drawn.length || apart(at, drawn.at(-1)) > 2) drawn.push(at);
+    } else drawn = tool === "Box" ? [at, at] : [at];
+    active = tool;
+    draw(at);
+  });
+
+  listen("pointermove", (event) => {
+    const { tool } = state();
+    const at = [event.clientX, event.clientY];
+    if (press) press.moved = Math.max(press.moved, apart(at, press.at));
+    if (active && active !== tool) (drawn = []), (active = null);
+    if (active === "Box") drawn[1] = at;
+    else if (active && active !== "Polygon" && apart(at, drawn.at(-1)) > 1.5) drawn.push(at);
+    if (active && active !== "Polygon") event.stopImmediatePropagation();
+    draw(event.target instanceof HTMLCanvasElement || active ? at : null);
+  });
+
+  listen("pointerup", (event) => {
+    const { tool } = state();
+    const at = [event.clientX, event.clientY];
+    const still = press && press.moved < FREE_PIXELS && !event.altKey;
+    const clicked = press && event.target instanceof HTMLCanvasElement;
+    press = null;
+    if (active && active !== "Polygon") {
+      event.stopImmediatePropagation();
+      if (still && tool !== "Brush") drawn = []; // neither a box nor a lasso
+      return finish(tool, event);
+    }
+    if (!clicked || !still || !["Click", "Up by 3 points"].includes(tool)) return;
+    const again = event.timeStamp - last.time < TWICE_MILLISECONDS && apart(at, [last.x, last.y]) < FREE_PIXELS;
+    last = { time: event.timeStamp, x: at[0], y: at[1] };
+    if (!again) say(tool, [at], event);
+  });
+
+  listen("dblclick", (event) => active === "Polygon" && drawn.length > 2 && finish("Polygon", event));
+  listen("contextmenu", (event) => event.target instanceof HTMLCanvasElement && event.preventDefault());
+
+  listen("keydown", (event) => {
+    if (event.target.matches?.("input, textarea")) return;
+    if (active && event.key === "Escape") (drawn = []), (active = null);
+    else if (active === "Polygon" && event.key === "Backspace") drawn.pop();
+    else if (active === "Polygon" && event.key === "Enter" && drawn.length > 2) return finish("Polygon", event);
+    else if (event.key === "[" || event.key === "]") return say(event.key, [], event);
+    draw(null);
+  });
+
+  const upload = () => document.querySelector('input[type="file"]');
+  listen("dragover", (event) => event.dataTransfer.types.includes("Files") && event.preventDefault());
+  listen("drop", (event) => {
+    if (!event.dataTransfer.files.length || !upload()) return;
+    event.preventDefault();
+    upload().files = event.dataTransfer.files;
+    upload().dispatchEvent(new Event("change", { bubbles: true }));
+  });
+})();
