@@ -1,0 +1,95 @@
+"""Which regions of the visible surface are objects, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from gaussian_trimmer.finding.found import SURE
+from gaussian_trimmer.finding.regions import MIN_AREA
+from gaussian_trimmer.finding.room_surfaces import Room
+from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
+from gaussian_trimmer.gaussians import Float64Array, IntArray
+from gaussian_trimmer.settings import Range, Share
+
+_MIN_SHARE_AT_ALL = 0.1
+"""What shows less than this, relative to a sure object, is not named."""
+_LYING_ON_NOTHING = 0.4
+"""Confidence in what rests on nothing that was found, at most."""
+_END_QUANTILES = (0.02, 0.98)
+
+
+@dataclass(frozen=True)
+class FindConfig:
+    """What counts as an object."""
+
+    min_shown: Share = 0.004
+    """Smallest share of the views' pixels that an object must fill to be sure."""
+    min_seen: Share = 0.5
+    """Smallest share of the views in which it must be seen well, relative to what is seen in most."""
+    max_size: Annotated[float, Range(0.1, 100)] = 1.0
+    """Largest length of an object, relative to what a picture's longer side spans at the usual depth."""
+    surfaces: bool = False
+    """Also name the surfaces of the room: table tops, floors and walls."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What is thought of one region."""
+
+    region: int
+    shown: float
+    """Share of the views' pixels."""
+    seen: float
+    """Share of the views."""
+    box: tuple[Float64Array, Float64Array]
+    """Corners, in units along the axes of the visible surface, (3,) each."""
+    confidence: float
+    why: str
+
+
+def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[Verdict]:
+    """The regions that are objects, the sure ones first, then those that show most.
+
+    Args:
+        regions: as `find_regions` gives them, (S,).
+        config: what counts.
+    """
+    free = regions >= 0
+    areas = np.bincount(regions[free], surface.areas[free])
+    total = surface.shown.mean(axis=0)
+    shown = np.bincount(regions[free], total[free]) / max(float(surface.shown.sum(axis=1).mean()), 1e-12)
+    candidates = np.flatnonzero((areas > MIN_AREA) & (shown > _MIN_SHARE_AT_ALL * config.min_shown))
+    members = {number: np.flatnonzero(regions == number) for number in candidates.tolist()}
+    seen = {number: seen_share(surface.shown[:, rows].sum(axis=1)) for number, rows in members.items()}
+    most = max(seen.values(), default=1.0)
+    found = []
+    for number, rows in members.items():
+        low, high = np.quantile(surface.points[rows], _END_QUANTILES, axis=0)
+        length = float((high - low).max()) / 2
+        ratios = {
+            "small": float(shown[number]) / max(config.min_shown, 1e-12),
+            "seen in few views": seen[number] / max(config.min_seen * most, 1e-12),
+            "larger than a picture": config.max_size / max(length, 1e-12),
+        }
+        confidence = min(ratio / (1 + ratio) for ratio in ratios.values())
+        doubts = [name for name, ratio in ratios.items() if ratio < 1]
+        rests = _rests_on(surface, room, rows)
+        if rests is None:
+            confidence, doubts = min(confidence, _LYING_ON_NOTHING), ["rests on nothing that was found", *doubts]
+        why = ", ".join([*([rests] if rests else []), *doubts])
+        found.append(Verdict(number, float(shown[number]), seen[number], (low, high), confidence, why))
+    return sorted(found, key=lambda verdict: (verdict.confidence < SURE, -verdict.shown))
+
+
+def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:
+    """What a region rests on, in words."""
+    if not room.has_floor:
+        return "stands alone"
+    if (surface.areas[rows] * room.feet[rows]).any():
+        return "stands on a surface"
+    if (surface.areas[rows] * room.leaning[rows]).any():
+        return "touches a wall"
+    return None
