@@ -25,6 +25,7 @@ COMMANDS = {
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
+    "objects": ("gaussian_trimmer.commands.objects", "Objects", "find every object of a scene, without a click"),
     "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
     "evaluate nvos": (

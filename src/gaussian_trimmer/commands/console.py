@@ -20,6 +20,9 @@ from gaussian_trimmer.planning.up_vector import UpVector
 
 _STAGES = {
     "read": "reading the files",
+    "look": "looking at the scene",
+    "surfaces": "finding its surfaces",
+    "regions": "finding its objects",
     "plan": "planning the cameras",
     "render": "rendering the views",
     "correct": "correcting the labels",

@@ -8,15 +8,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
-from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge
+from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge, judge_surface
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
 from gaussian_trimmer.finding.visible_surface import VisibleSurface, find_visible_surface, views_of, with_hidden
-from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.gaussians import SH_C0, Gaussians, IntArray
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 
@@ -56,71 +55,54 @@ def find_objects(
         room = find_room(surface)
     with steps("regions"):
         regions = find_regions(surface, room)
-        verdicts = judge(surface, room, regions, config)
-    labels, objects = _labelled(scene, surface, room, regions, verdicts, config)
-    return FoundObjects(scene, labels, objects, found_up, steps.seconds)
+        labels, objects = name_objects(scene, surface, room, regions, config)
+    return FoundObjects(scene, labels, objects, tuple(views), surface, found_up, steps.seconds)
 
 
-def _labelled(
-    scene: Gaussians,
-    surface: VisibleSurface,
-    room: Room,
-    regions: IntArray,
-    verdicts: list[Verdict],
-    config: FindConfig,
-) -> tuple[NDArray[np.int64], tuple[FoundObject, ...]]:
-    """Number of the object that each Gaussian of the scene belongs to, (N,), and the objects."""
+def name_objects(
+    scene: Gaussians, surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig
+) -> tuple[IntArray, tuple[FoundObject, ...]]:
+    """Number of the object that each Gaussian of the scene belongs to, 0 for none, (N,), and the objects.
+
+    Args:
+        scene: all N Gaussians.
+        surface: what shows of it, S Gaussians.
+        room: its flat surfaces.
+        regions: as `find_regions` gives them, (S,).
+        config: what counts as an object.
+    """
+    verdicts = judge(surface, room, regions, config)
     numbers = np.zeros(len(surface.rows), np.int64)
     for number, verdict in enumerate(verdicts, 1):
         numbers[regions == verdict.region] = number
     if config.surfaces:
-        for number, one in enumerate(room.surfaces, len(verdicts) + 1):
-            numbers[(regions < 0) & one.own & (numbers == 0)] = number
+        for one in room.surfaces:
+            rows = one.own & (regions < 0) & (numbers == 0)
+            if rows.any():
+                verdicts.append(judge_surface(surface, one, rows))
+                numbers[rows] = len(verdicts)
     labels = with_hidden(surface, scene, numbers, _HIDDEN_REACH)
-    counts = np.bincount(labels, minlength=len(verdicts) + len(room.surfaces) + 1)
-    objects = [
-        _described(scene, surface, labels, number, verdict, int(counts[number]))
-        for number, verdict in enumerate(verdicts, 1)
-    ]
-    if config.surfaces:
-        for number, one in enumerate(room.surfaces, len(verdicts) + 1):
-            rows = np.flatnonzero(numbers == number)
-            if len(rows):
-                points = surface.points[rows]
-                kind = "horizontal" if one.horizontal else "upright"
-                shown = surface.shown[:, rows]
-                verdict = Verdict(
-                    -1,
-                    float(shown.sum() / max(float(surface.shown.sum()), 1e-12)),
-                    1.0,
-                    (points.min(axis=0), points.max(axis=0)),
-                    1.0,
-                    f"a {kind} surface of the room",
-                )
-                objects.append(_described(scene, surface, labels, number, verdict, int(counts[number]), "surface"))
-    return labels, tuple(objects)
+    return labels, tuple(
+        _described(scene, surface, labels, number, verdict) for number, verdict in enumerate(verdicts, 1)
+    )
 
 
 def _described(
-    scene: Gaussians,
-    surface: VisibleSurface,
-    labels: NDArray[np.int64],
-    number: int,
-    verdict: Verdict,
-    count: int,
-    kind: str = "object",
+    scene: Gaussians, surface: VisibleSurface, labels: IntArray, number: int, verdict: Verdict
 ) -> FoundObject:
-    low, high = verdict.box
-    colour: Float64Array = np.clip(0.5 + SH_C0 * scene.sh_dc[labels == number].mean(axis=0, dtype=np.float64), 0, 1)
+    """One object as users know it."""
+    (low, high), rows = verdict.box, np.flatnonzero(labels == number)
+    colour = np.clip(0.5 + SH_C0 * scene.sh_dc[rows].mean(axis=0, dtype=np.float64), 0, 1)
     return FoundObject(
         id=number,
-        kind=kind,
+        kind="object" if verdict.region is not None else "surface",
         centre=surface.centre + surface.unit * (low + high) / 2 @ surface.axes,
         size=surface.unit * (high - low),
-        colour=colour,
-        gaussians=count,
+        colour=np.asarray(colour, np.float64),
+        gaussians=len(rows),
         shown=verdict.shown,
         seen=verdict.seen,
+        view=verdict.view,
         confidence=verdict.confidence,
         why=verdict.why,
     )

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.finding.visible_surface import VisibleSurface
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.selecting.marks import Viewpoint
 
 SURE = 0.5
 """How sure the program must be of an object, from 0 to 1, so that it is trimmed unless it is taken out."""
@@ -36,6 +37,8 @@ class FoundObject:
     """Share of the views' pixels that it fills."""
     seen: float
     """Share of the views in which it is seen well."""
+    view: int
+    """Number of the view that shows it best."""
     confidence: float
     """How sure it is that this is one object, 0 to 1."""
     why: str
@@ -52,9 +55,13 @@ class FoundObjects:
     """The objects of a scene of N Gaussians, the sure ones first."""
 
     scene: Gaussians
-    labels: NDArray[np.int64]
+    labels: IntArray
     """Number of the object that each Gaussian belongs to, 0 for the rest, (N,)."""
     objects: tuple[FoundObject, ...]
+    views: tuple[Viewpoint, ...]
+    """Where the scene was looked at from."""
+    surface: VisibleSurface
+    """What shows of the scene."""
     up: UpVector
     seconds: Mapping[str, float]
     """Time taken by each step."""

@@ -9,15 +9,17 @@ import numpy as np
 
 from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.regions import MIN_AREA
-from gaussian_trimmer.finding.room_surfaces import Room
+from gaussian_trimmer.finding.room_surfaces import Room, RoomSurface
 from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
-from gaussian_trimmer.gaussians import Float64Array, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 from gaussian_trimmer.settings import Range, Share
 
 _MIN_SHARE_AT_ALL = 0.1
 """What shows less than this, relative to a sure object, is not named."""
-_LYING_ON_NOTHING = 0.4
-"""Confidence in what rests on nothing that was found, at most."""
+_DOUBTFUL = 0.4
+"""Confidence in what rests on nothing that was found, or carries a surface of the room, at most."""
+_CARRYING = 0.1
+"""Share of a region close below a surface of the room from which on it carries it, as the legs of a table."""
 _END_QUANTILES = (0.02, 0.98)
 
 
@@ -29,7 +31,7 @@ class FindConfig:
     """Smallest share of the views' pixels that an object must fill to be sure."""
     min_seen: Share = 0.5
     """Smallest share of the views in which it must be seen well, relative to what is seen in most."""
-    max_size: Annotated[float, Range(0.1, 100)] = 1.0
+    max_size: Annotated[float, Range(0.1, 100)] = 1.25
     """Largest length of an object, relative to what a picture's longer side spans at the usual depth."""
     surfaces: bool = False
     """Also name the surfaces of the room: table tops, floors and walls."""
@@ -39,11 +41,14 @@ class FindConfig:
 class Verdict:
     """What is thought of one region."""
 
-    region: int
+    region: int | None
+    """Its number; None for a surface of the room."""
     shown: float
     """Share of the views' pixels."""
     seen: float
     """Share of the views."""
+    view: int
+    """Number of the view that shows it best."""
     box: tuple[Float64Array, Float64Array]
     """Corners, in units along the axes of the visible surface, (3,) each."""
     confidence: float
@@ -59,11 +64,12 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
     """
     free = regions >= 0
     areas = np.bincount(regions[free], surface.areas[free])
-    total = surface.shown.mean(axis=0)
-    shown = np.bincount(regions[free], total[free]) / max(float(surface.shown.sum(axis=1).mean()), 1e-12)
+    total = surface.shown.sum(axis=0)
+    shown = np.bincount(regions[free], total[free]) / max(float(total.sum()), 1e-12)
     candidates = np.flatnonzero((areas > MIN_AREA) & (shown > _MIN_SHARE_AT_ALL * config.min_shown))
     members = {number: np.flatnonzero(regions == number) for number in candidates.tolist()}
-    seen = {number: seen_share(surface.shown[:, rows].sum(axis=1)) for number, rows in members.items()}
+    by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
+    seen = {number: seen_share(shares) for number, shares in by_view.items()}
     most = max(seen.values(), default=1.0)
     found = []
     for number, rows in members.items():
@@ -77,11 +83,29 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         confidence = min(ratio / (1 + ratio) for ratio in ratios.values())
         doubts = [name for name, ratio in ratios.items() if ratio < 1]
         rests = _rests_on(surface, room, rows)
+        if surface.areas[rows[room.under[rows]]].sum() > _CARRYING * surface.areas[rows].sum():
+            confidence, doubts = min(confidence, _DOUBTFUL), ["is under a surface", *doubts]
         if rests is None:
-            confidence, doubts = min(confidence, _LYING_ON_NOTHING), ["rests on nothing that was found", *doubts]
+            confidence, doubts = min(confidence, _DOUBTFUL), ["rests on nothing that was found", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])
-        found.append(Verdict(number, float(shown[number]), seen[number], (low, high), confidence, why))
+        view = int(np.argmax(by_view[number]))
+        found.append(Verdict(number, float(shown[number]), seen[number], view, (low, high), confidence, why))
     return sorted(found, key=lambda verdict: (verdict.confidence < SURE, -verdict.shown))
+
+
+def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> Verdict:
+    """What is said of a surface of the room.
+
+    Args:
+        one: the surface.
+        rows: which Gaussians of the visible surface are left to it, (S,).
+    """
+    by_view = surface.shown[:, rows].sum(axis=1)
+    shown = float(by_view.sum()) / max(float(surface.shown.sum()), 1e-12)
+    points = surface.points[rows]
+    box = points.min(axis=0), points.max(axis=0)
+    why = "a table top, floor or shelf" if one.horizontal else "a wall"
+    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), box, 1.0, why)
 
 
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:

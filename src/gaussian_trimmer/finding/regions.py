@@ -9,6 +9,7 @@ have other colours. All else joins, however weak the link is: what does not stan
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ _SHORT_CONTACT = 0.4
 """Length of contact, relative to the root of the smaller area, below which two standing regions may be two things."""
 _OTHER_COLOURS = 0.83
 """Accuracy with which colours must tell two things apart, 0.5 to 1."""
+_LARGE_PART = 0.15
+"""Smallest share of an object's area that its main parts have, where it is split."""
 _BORDER_ROUNDS = 20
 
 
@@ -55,37 +58,73 @@ class _Links:
 
 def find_regions(surface: VisibleSurface, room: Room) -> IntArray:
     """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces."""
-    free = ~room.own
+    free, colours = ~room.own, _Colours(surface)
+
+    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> BoolArray:
+        stands = (np.bincount(regions, surface.areas * room.feet) > _MIN_FOOT) & (areas > MIN_AREA)
+        size = np.sqrt(areas[links.pairs].min(axis=1))
+        both = stands[links.pairs].all(axis=1)
+        allowed = links.weight >= size * np.where(both, _MIN_LINK_OF_STANDING, _MIN_LINK)
+        for pair in np.flatnonzero(both & allowed & (links.contact < _SHORT_CONTACT * size)):
+            allowed[pair] = colours.accuracy(regions, *links.pairs[pair].tolist()) < _OTHER_COLOURS
+        return np.asarray(allowed)
+
+    return _with_borders(surface, room, np.where(free, _joined(surface, free, joins), -1))
+
+
+def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
+    """Number, from 0, of the main part of a region (S,) that each Gaussian of it is in, (S,); -1 elsewhere.
+
+    The weakest links are those between large parts; what is small joins one of these.
+    """
+    total = float(surface.areas[part].sum())
+
+    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> BoolArray:
+        large: BoolArray = areas > _LARGE_PART * total
+        return np.asarray(~large[links.pairs].all(axis=1))
+
+    regions = _joined(surface, part, joins)
+    areas = np.bincount(regions[part], surface.areas[part])
+    large = np.flatnonzero(areas > _LARGE_PART * total)
+    large = large[np.argsort(-areas[large])]
+    parts = np.zeros(len(areas), np.int64)
+    parts[large] = np.arange(len(large))
+    return np.where(part, parts[np.minimum(regions, len(parts) - 1)], -1)
+
+
+def _joined(
+    surface: VisibleSurface, free: BoolArray, joins: Callable[[_Links, IntArray, Float64Array], BoolArray]
+) -> IntArray:
+    """Number of the region that each Gaussian is in, (S,), as neighbours join that are each other's strongest link.
+
+    Args:
+        surface: the visible surface.
+        free: which of its Gaussians join others, (S,).
+        joins: says of the links between regions, whose areas (R,) are given, which may join, (P,).
+    """
     inner = free[surface.edges].all(axis=1)
     contact = surface.contact[inner]
     links = _Links(surface.edges[inner], contact * surface.affinity[inner], contact)
     regions = np.arange(len(free))
     links = links.renumbered(regions)
-    colours = _Colours(surface)
     while len(links.pairs):
-        areas = np.bincount(regions, surface.areas)
-        stands = (np.bincount(regions, surface.areas * room.feet) > _MIN_FOOT) & (areas > MIN_AREA)
-        size = np.sqrt(areas[links.pairs].min(axis=1))
-        strength = links.weight / size
-        both = stands[links.pairs].all(axis=1)
-        joins = strength >= np.where(both, _MIN_LINK_OF_STANDING, _MIN_LINK)
-        for pair in np.flatnonzero(both & joins & (links.contact < _SHORT_CONTACT * size)):
-            joins[pair] = colours.accuracy(regions, *links.pairs[pair].tolist()) < _OTHER_COLOURS
-        strength = np.where(joins, strength, 0.0)
+        areas = np.asarray(np.bincount(regions, surface.areas), np.float64)
+        allowed = joins(links, regions, areas)
+        strength = np.where(allowed, links.weight / np.sqrt(areas[links.pairs].min(axis=1)), 0.0)
         strongest = np.zeros(len(areas))
         for end in links.pairs.T:
             np.maximum.at(strongest, end, strength)
-        mutual = joins & (strength >= strongest[links.pairs].max(axis=1))
+        mutual = allowed & (strength > 0) & (strength >= strongest[links.pairs].max(axis=1))
         if not mutual.any():
             break
         roots = connected_pairs(len(areas), links.pairs[mutual])
         numbers = np.unique(roots, return_inverse=True)[1]
         regions, links = numbers[regions], links.renumbered(numbers)
-    return _with_borders(surface, room, np.where(free, regions, -1))
+    return regions
 
 
 def _with_borders(surface: VisibleSurface, room: Room, regions: IntArray) -> IntArray:
-    """The regions (S,) with what lies thin on surfaces of the room: each grows up to where the room is linked better."""
+    """The regions (S,) with what lies thin on surfaces of the room: each grows to where the room is linked better."""
     settled, regions = ~room.border, regions.copy()
     weight = surface.contact * surface.affinity
     for _ in range(_BORDER_ROUNDS):

@@ -39,8 +39,12 @@ _FITTING_ROUNDS = 4
 _MAX_TILT_COSINE = np.cos(np.radians(8))
 _EDGE_SHARE = 0.1
 """A layer ends where less than this share of its densest bin is left."""
+_MAX_OPPOSITE = 0.2
+"""Largest area behind a wall that faces away from it, relative to its own: walls are seen from one side."""
 _BEHIND = 0.15
 """Distance behind a surface, in units, up to which what is there belongs to it."""
+_BORDER_BINS = 2
+"""Depth below its upper side down to which something else may lie on a surface, in bins, at most."""
 _FOOT_BINS = 8
 """Height of the part of an object that is its foot, in bins."""
 _MAX_LAYERS, _MIN_GAUSSIANS, _MAX_CELLS = 150, 20, 4000
@@ -83,6 +87,8 @@ class Room:
     """Which lie close above a horizontal one, (S,)."""
     leaning: BoolArray
     """Which lie close before an upright one, (S,)."""
+    under: BoolArray
+    """Which lie close below a horizontal one, (S,)."""
 
     @property
     def has_floor(self) -> bool:
@@ -94,16 +100,17 @@ def find_room(surface: VisibleSurface) -> Room:
     """The surfaces of the room, and which Gaussians they are, carry or hold."""
     bin_height = max(_MIN_BIN, _BIN_SPACINGS * surface.resolution)
     found = tuple(_room_surfaces(surface, bin_height))
-    own, certain, feet, leaning = (np.zeros(len(surface.rows), np.bool_) for _ in range(4))
+    own, certain, feet, leaning, under = (np.zeros(len(surface.rows), np.bool_) for _ in range(5))
     for one in found:
         own |= one.own
         certain |= one.own & (one.heights < -one.border)
         near = one.within & (one.heights >= 0) & (one.heights < _FOOT_BINS * bin_height)
         if one.horizontal:
             feet |= near
+            under |= one.within & (one.heights < -_BEHIND) & (one.heights > -2 * _BEHIND)
         else:
             leaning |= near
-    return Room(found, own, own & ~certain, feet & ~own, leaning & ~own)
+    return Room(found, own, own & ~certain, feet & ~own, leaning & ~own, under & ~own)
 
 
 def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomSurface]:
@@ -129,10 +136,12 @@ def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomS
         directions = directions[directions_left]
         facing = flat & (surface.normals @ normal > _NEARLY_FACING)
         for area, within in _extents(surface, core, normal, bin_height):
+            if not direction[2] and _seen_from_behind(surface, within, heights, normal):
+                continue
             top = _upper_side(heights[within & facing], surface.areas[within & facing], bin_height)
             free &= ~(within & facing & (np.abs(heights) < max(top, 2 * _CORE_BINS * bin_height)))
-            core_height = min(_CORE_BINS * bin_height, top)
-            yield RoomSurface(normal, offset, area, within, heights - top, bool(direction[2] == 1), top - core_height)
+            border = min(max(top - _CORE_BINS * bin_height, 0.0), _BORDER_BINS * bin_height)
+            yield RoomSurface(normal, offset, area, within, heights - top, bool(direction[2] == 1), border)
 
 
 def _densest(
@@ -204,6 +213,13 @@ def _extents(
         within = np.zeros(len(cells), np.bool_)
         within[inside] = extent[tuple(cells[inside].T)] > 0
         yield area, within
+
+
+def _seen_from_behind(surface: VisibleSurface, within: BoolArray, heights: Float64Array, normal: Float64Array) -> bool:
+    """Whether an upright layer is the side of a thing: behind it, there is surface that faces the other way."""
+    opposite = within & (surface.normals @ normal < -_NEARLY_FACING) & (heights < 0)
+    own = within & (surface.normals @ normal > _NEARLY_FACING) & (np.abs(heights) < _BEHIND)
+    return bool(surface.areas[opposite].sum() > _MAX_OPPOSITE * surface.areas[own].sum())
 
 
 def _hull(cells: BoolArray) -> NDArray[np.uint8]:

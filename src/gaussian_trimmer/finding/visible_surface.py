@@ -7,7 +7,7 @@ usual depth. Axes are turned so that the third points up.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,14 +73,13 @@ class VisibleSurface:
 
 
 def views_of(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
-    """Small views of a scene: some of its training cameras or, without cameras, views from around its middle."""
+    """Where a scene is looked at from: some of its training cameras or, without cameras, places around its middle."""
     taken = training_cameras(cameras)
     if taken:
         chosen = np.unique(np.linspace(0, len(taken) - 1, min(_MOST_VIEWS, len(taken))).round().astype(np.int64))
-        return [Viewpoint(_small(taken[number])) for number in chosen]
+        return [Viewpoint(taken[number]) for number in chosen]
     overview = plan_overview(scene, up)
-    near = overview.views if len(overview.whole) == len(overview.views) else overview.views[: overview.whole.start]
-    return [Viewpoint(_small(view.camera), view.drawn_centre, view.drawn_radius) for view in near]
+    return overview.views if len(overview.whole) == len(overview.views) else overview.views[: overview.whole.start]
 
 
 def find_visible_surface(
@@ -102,6 +101,7 @@ def find_visible_surface(
     Raises:
         InputError: hardly anything shows.
     """
+    views = [replace(view, camera=_small(view.camera)) for view in views]
     shown = np.zeros((len(views), len(scene)), np.float32)
     for number, view in enumerate(views):
         rows = drawn_rows(scene.means, view)
