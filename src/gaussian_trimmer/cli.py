@@ -28,6 +28,11 @@ COMMANDS = {
     "objects": ("gaussian_trimmer.commands.objects", "Objects", "find every object of a scene, without a click"),
     "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
+    "evaluate objects": (
+        "gaussian_trimmer.commands.evaluate_objects",
+        "EvaluateObjects",
+        "compare all objects of a scene with ground-truth masks of each",
+    ),
     "evaluate nvos": (
         "gaussian_trimmer.commands.evaluate_dataset",
         "Nvos",

@@ -21,9 +21,9 @@ from gaussian_trimmer.finding.editing import chosen_objects
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig
+from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.io.manifest import MANIFEST
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.found_objects import FOUND_FILES, write_found
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.rendering import get_renderer

@@ -14,11 +14,12 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
-from gaussian_trimmer.io.writing import write_array, write_json, write_whole
+from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.overview import drawn_rows
+from gaussian_trimmer.selecting.saved_selection import save_array
 from gaussian_trimmer.views import HALF, bounding_box, box_slices
 
 FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "index.html")
@@ -56,9 +57,7 @@ def write_found(
     Raises:
         InputError: a file cannot be written.
     """
-    data = io.BytesIO()
-    write_array(data, found.labels.astype(np.int32))
-    write_whole(folder / "objects.npy", data.getvalue())
+    save_array(found.labels.astype(np.int32), folder / "objects.npy")
     rows = [described(one, names.get(one.id, "")) for one in found]
     write_whole(folder / "objects.csv", _table(rows))
     document_of = {
