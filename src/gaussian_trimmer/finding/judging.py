@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from gaussian_trimmer.finding.found import SURE
-from gaussian_trimmer.finding.regions import MIN_AREA
+from gaussian_trimmer.finding.regions import FILLED, MIN_AREA
 from gaussian_trimmer.finding.room_surfaces import Room, RoomSurface
 from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
@@ -18,6 +18,10 @@ _MIN_SHARE_AT_ALL = 0.1
 """What shows less than this, relative to a sure object, is not named."""
 _DOUBTFUL = 0.4
 """Confidence in what rests on nothing that was found, or carries a surface of the room, at most."""
+_MIN_INSIDE = 0.95
+"""Share of a region that must lie within the pictures, in scenes that fill them and have no floor."""
+_CRUMB = 0.1
+"""What shows less than this share of the largest thing is a crumb of it, where there is no room."""
 _CARRYING = 0.1
 """Share of a region close below a surface of the room from which on it carries it, as the legs of a table."""
 _END_QUANTILES = (0.02, 0.98)
@@ -71,12 +75,14 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
     by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
     seen = {number: seen_share(shares) for number, shares in by_view.items()}
     most = max(seen.values(), default=1.0)
+    # Beside a thing without a room there are only crumbs of it.
+    least = config.min_shown if room.has_floor else max(config.min_shown, _CRUMB * float(shown.max(initial=0.0)))
     found = []
     for number, rows in members.items():
         low, high = np.quantile(surface.points[rows], _END_QUANTILES, axis=0)
         length = float((high - low).max()) / 2
         ratios = {
-            "small": float(shown[number]) / max(config.min_shown, 1e-12),
+            "small": float(shown[number]) / max(least, 1e-12),
             "seen in few views": seen[number] / max(config.min_seen * most, 1e-12),
             "larger than a picture": config.max_size / max(length, 1e-12),
         }
@@ -85,6 +91,8 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         rests = _rests_on(surface, room, rows)
         if surface.areas[rows[room.under[rows]]].sum() > _CARRYING * surface.areas[rows].sum():
             confidence, doubts = min(confidence, _DOUBTFUL), ["is under a surface", *doubts]
+        if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
+            confidence, doubts = min(confidence, _DOUBTFUL), ["goes on beyond the pictures", *doubts]
         if rests is None:
             confidence, doubts = min(confidence, _DOUBTFUL), ["rests on nothing that was found", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])
@@ -111,7 +119,7 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:
     """What a region rests on, in words."""
     if not room.has_floor:
-        return "stands alone"
+        return "is by itself"
     if (surface.areas[rows] * room.feet[rows]).any():
         return "stands on a surface"
     if (surface.areas[rows] * room.leaning[rows]).any():

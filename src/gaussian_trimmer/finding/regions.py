@@ -24,10 +24,15 @@ MIN_AREA = 0.01
 """Smallest area of a thing, in square units."""
 _MIN_FOOT = 1e-4
 """Area close above a surface of the room, in square units, from which on a region stands on it."""
+FILLED = 0.9
+"""Share of its pictures from which on a scene fills them, so that nothing in it stands alone."""
+_MIN_AREA_BY_ITSELF = 0.05
+"""Smallest area of a region that stands by itself there, in square units."""
 _MIN_LINK, _MIN_LINK_OF_STANDING = 1e-5, 0.003
 """Weakest link that joins regions, and ones that both stand."""
-_SHORT_CONTACT = 0.4
-"""Length of contact, relative to the root of the smaller area, below which two standing regions may be two things."""
+_SHORT_CONTACT = 0.3
+"""Length of the contact as far as it is convex, relative to the root of the smaller area, below which two standing
+regions may be two things."""
 _OTHER_COLOURS = 0.83
 """Accuracy with which colours must tell two things apart, 0.5 to 1."""
 _LARGE_PART = 0.15
@@ -43,8 +48,8 @@ class _Links:
     """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
     weight: Float64Array
     """Strength of each link, in units, (P,)."""
-    contact: Float64Array
-    """Length of each contact, in units, (P,)."""
+    smooth: Float64Array
+    """Length of each contact, as far as the surface is convex there, in units, (P,)."""
 
     def renumbered(self, numbers: IntArray) -> _Links:
         """The links of the regions that have got new numbers (R,); what was within one is gone."""
@@ -52,24 +57,29 @@ class _Links:
         across = ends[:, 0] != ends[:, 1]
         keys, place = np.unique((ends[across, 0] << 32) | ends[across, 1], return_inverse=True)
         pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
-        sums = [np.bincount(place, values[across], len(keys)) for values in (self.weight, self.contact)]
+        sums = [np.bincount(place, values[across], len(keys)) for values in (self.weight, self.smooth)]
         return _Links(pairs, np.asarray(sums[0], np.float64), np.asarray(sums[1], np.float64))
 
 
 def find_regions(surface: VisibleSurface, room: Room) -> IntArray:
-    """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces."""
-    free, colours = ~room.own, _Colours(surface)
+    """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces.
 
-    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> BoolArray:
+    Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself.
+    """
+    free, colours = ~room.own, _Colours(surface)
+    by_itself = not room.has_floor and surface.filled > FILLED
+
+    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> tuple[BoolArray, BoolArray]:
         stands = (np.bincount(regions, surface.areas * room.feet) > _MIN_FOOT) & (areas > MIN_AREA)
+        if by_itself:
+            stands = areas > _MIN_AREA_BY_ITSELF
         size = np.sqrt(areas[links.pairs].min(axis=1))
         both = stands[links.pairs].all(axis=1)
         allowed = links.weight >= size * np.where(both, _MIN_LINK_OF_STANDING, _MIN_LINK)
-        for pair in np.flatnonzero(both & allowed & (links.contact < _SHORT_CONTACT * size)):
-            allowed[pair] = colours.accuracy(regions, *links.pairs[pair].tolist()) < _OTHER_COLOURS
-        return np.asarray(allowed)
+        return np.asarray(allowed), np.asarray(both & (links.smooth < _SHORT_CONTACT * size))
 
-    return _with_borders(surface, room, np.where(free, _joined(surface, free, joins), -1))
+    regions = _joined(surface, free, joins, lambda regions, a, b: colours.accuracy(regions, a, b) < _OTHER_COLOURS)
+    return _with_borders(surface, room, np.where(free, regions, -1))
 
 
 def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
@@ -79,11 +89,11 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     """
     total = float(surface.areas[part].sum())
 
-    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> BoolArray:
+    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> tuple[BoolArray, BoolArray]:
         large: BoolArray = areas > _LARGE_PART * total
-        return np.asarray(~large[links.pairs].all(axis=1))
+        return np.asarray(~large[links.pairs].all(axis=1)), np.zeros(len(links.pairs), np.bool_)
 
-    regions = _joined(surface, part, joins)
+    regions = _joined(surface, part, joins, lambda regions, a, b: True)
     areas = np.bincount(regions[part], surface.areas[part])
     large = np.flatnonzero(areas > _LARGE_PART * total)
     large = large[np.argsort(-areas[large])]
@@ -93,34 +103,49 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
 
 
 def _joined(
-    surface: VisibleSurface, free: BoolArray, joins: Callable[[_Links, IntArray, Float64Array], BoolArray]
+    surface: VisibleSurface,
+    free: BoolArray,
+    joins: Callable[[_Links, IntArray, Float64Array], tuple[BoolArray, BoolArray]],
+    confirmed: Callable[[IntArray, int, int], bool],
 ) -> IntArray:
     """Number of the region that each Gaussian is in, (S,), as neighbours join that are each other's strongest link.
 
     Args:
         surface: the visible surface.
         free: which of its Gaussians join others, (S,).
-        joins: says of the links between regions, whose areas (R,) are given, which may join, (P,).
+        joins: says of the links between regions, whose areas (R,) are given, which may join, (P,), and which of these
+            only if it is confirmed, (P,).
+        confirmed: whether two regions join after all, asked where nothing else keeps them apart.
     """
     inner = free[surface.edges].all(axis=1)
     contact = surface.contact[inner]
-    links = _Links(surface.edges[inner], contact * surface.affinity[inner], contact)
+    links = _Links(surface.edges[inner], contact * surface.affinity[inner], contact * surface.convexity[inner])
     regions = np.arange(len(free))
     links = links.renumbered(regions)
     while len(links.pairs):
         areas = np.asarray(np.bincount(regions, surface.areas), np.float64)
-        allowed = joins(links, regions, areas)
-        strength = np.where(allowed, links.weight / np.sqrt(areas[links.pairs].min(axis=1)), 0.0)
-        strongest = np.zeros(len(areas))
-        for end in links.pairs.T:
-            np.maximum.at(strongest, end, strength)
-        mutual = allowed & (strength > 0) & (strength >= strongest[links.pairs].max(axis=1))
+        allowed, doubtful = joins(links, regions, areas)
+        strength = links.weight / np.sqrt(areas[links.pairs].min(axis=1))
+        mutual = _mutual(links, np.where(allowed, strength, 0.0), len(areas))
+        while len(asked := np.flatnonzero(mutual & doubtful)):
+            for pair in asked.tolist():
+                allowed[pair] = confirmed(regions, *links.pairs[pair].tolist())
+            doubtful[asked] = False
+            mutual = _mutual(links, np.where(allowed, strength, 0.0), len(areas))
         if not mutual.any():
             break
         roots = connected_pairs(len(areas), links.pairs[mutual])
         numbers = np.unique(roots, return_inverse=True)[1]
         regions, links = numbers[regions], links.renumbered(numbers)
     return regions
+
+
+def _mutual(links: _Links, strength: Float64Array, count: int) -> BoolArray:
+    """Which links are the strongest ones of both of their regions, of so many, and not zero, (P,)."""
+    strongest = np.zeros(count)
+    for end in links.pairs.T:
+        np.maximum.at(strongest, end, strength)
+    return np.asarray((strength > 0) & (strength >= strongest[links.pairs].max(axis=1)))
 
 
 def _with_borders(surface: VisibleSurface, room: Room, regions: IntArray) -> IntArray:

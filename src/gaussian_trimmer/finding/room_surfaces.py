@@ -39,6 +39,8 @@ _FITTING_ROUNDS = 4
 _MAX_TILT_COSINE = np.cos(np.radians(8))
 _EDGE_SHARE = 0.1
 """A layer ends where less than this share of its densest bin is left."""
+_MAX_SIDES = 1.5
+"""Largest area of sides below a table top or floor, relative to its own: a box has more, a table less."""
 _MAX_OPPOSITE = 0.2
 """Largest area behind a wall that faces away from it, relative to its own: walls are seen from one side."""
 _BEHIND = 0.15
@@ -136,7 +138,7 @@ def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomS
         directions = directions[directions_left]
         facing = flat & (surface.normals @ normal > _NEARLY_FACING)
         for area, within in _extents(surface, core, normal, bin_height):
-            if not direction[2] and _seen_from_behind(surface, within, heights, normal):
+            if _belongs_to_a_thing(surface, within, heights, normal, bool(direction[2] == 1)):
                 continue
             top = _upper_side(heights[within & facing], surface.areas[within & facing], bin_height)
             free &= ~(within & facing & (np.abs(heights) < max(top, 2 * _CORE_BINS * bin_height)))
@@ -215,11 +217,17 @@ def _extents(
         yield area, within
 
 
-def _seen_from_behind(surface: VisibleSurface, within: BoolArray, heights: Float64Array, normal: Float64Array) -> bool:
-    """Whether an upright layer is the side of a thing: behind it, there is surface that faces the other way."""
-    opposite = within & (surface.normals @ normal < -_NEARLY_FACING) & (heights < 0)
-    own = within & (surface.normals @ normal > _NEARLY_FACING) & (np.abs(heights) < _BEHIND)
-    return bool(surface.areas[opposite].sum() > _MAX_OPPOSITE * surface.areas[own].sum())
+def _belongs_to_a_thing(
+    surface: VisibleSurface, within: BoolArray, heights: Float64Array, normal: Float64Array, horizontal: bool
+) -> bool:
+    """Whether a layer is the top or the side of a thing: its sides are below it, or its other side is behind it."""
+    towards = surface.normals @ normal
+    own = within & (towards > _NEARLY_FACING) & (np.abs(heights) < _BEHIND)
+    if horizontal:
+        others, limit = within & (np.abs(towards) < _NEARLY_FACING) & (heights < -_BEHIND), _MAX_SIDES
+    else:
+        others, limit = within & (towards < -_NEARLY_FACING) & (heights < 0), _MAX_OPPOSITE
+    return bool(surface.areas[others].sum() > limit * surface.areas[own].sum())
 
 
 def _hull(cells: BoolArray) -> NDArray[np.uint8]:

@@ -57,14 +57,23 @@ class VisibleSurface:
     """Area that each stands for, in square units, (S,)."""
     shown: FloatArray
     """Share of each view that each Gaussian fills, (V, S)."""
+    inside: FloatArray
+    """Share of the views in which each lies within the picture, (S,)."""
     colours: IntArray
     """Bin of the colour histogram that each lies in, (S,)."""
     edges: IntArray
     """Pairs of neighbours, each once, (E, 2)."""
     contact: Float64Array
     """Length of boundary along which both touch, in units, (E,)."""
+    convexity: Float64Array
+    """How convex the surface is between both, 0 to 1, (E,)."""
     affinity: Float64Array
     """How much both belong together by colour and convexity, 0 to 1, (E,)."""
+
+    @property
+    def filled(self) -> float:
+        """Share of the pictures that the scene fills."""
+        return float(self.shown.sum(axis=1).mean())
 
     @property
     def resolution(self) -> float:
@@ -135,9 +144,11 @@ def find_visible_surface(
         flatness=found.flatness,
         areas=np.minimum(areas, np.quantile(areas, 0.99)),
         shown=shown / pixels,
+        inside=_inside(local, [view.camera for view in views]),
         colours=colour_bins(found.colours),
         edges=found.edges,
         contact=found.lengths / unit * _touching(local, found.edges),
+        convexity=found.convexity,
         affinity=found.affinity,
     )
 
@@ -164,6 +175,15 @@ def _unit(points: Float64Array, shown: FloatArray, cameras: Sequence[Camera]) ->
         if len(depths):
             spans.append(float(np.median(depths)) * max(camera.width, camera.height) / (2 * camera.K[0, 0]))
     return float(np.median(spans))
+
+
+def _inside(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
+    """Share of the cameras in whose pictures each centre lies, (S,)."""
+    inside, means = np.zeros(len(gaussians), np.float32), gaussians.means.astype(np.float64)
+    for camera in cameras:
+        pixels, depths = camera.project(means)
+        inside += (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    return inside / np.float32(len(cameras))
 
 
 def _touching(gaussians: Gaussians, edges: IntArray) -> Float64Array:

@@ -47,6 +47,8 @@ class SurfaceEstimates:
     """Pairs of neighbours, each once, (E, 2)."""
     lengths: Float64Array
     """Length of boundary that passes between both, (E,)."""
+    convexity: Float64Array
+    """How convex the surface is between both, 0 to 1, (E,)."""
     affinity: Float64Array
     """How much both belong together by colour and convexity, 0 to 1, (E,)."""
 
@@ -67,8 +69,9 @@ def estimate_surface(gaussians: Gaussians, visible: FloatArray, facing: FloatArr
     normals, flatness = _normals(means, beside, shares, facing)
     spacing = np.sqrt(squared[:, squared.shape[1] // 4])
     edges, lengths = _edges(beside, np.sqrt(squared), spacing)
-    affinity = _affinity(edges, means, colours, normals, flatness)
-    return SurfaceEstimates(colours, normals, flatness, spacing, edges, lengths, affinity)
+    convexity = _convexity(edges, means, normals, flatness)
+    affinity = _MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * _likeness(edges, colours) * convexity
+    return SurfaceEstimates(colours, normals, flatness, spacing, edges, lengths, convexity, affinity)
 
 
 def directions_to(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
@@ -141,18 +144,20 @@ def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray
     return np.stack([a, b], axis=1), near * width * (2 * count / max(k, 1))
 
 
-def _affinity(
-    edges: IntArray, means: FloatArray, colours: FloatArray, normals: FloatArray, flatness: FloatArray
-) -> Float64Array:
-    """How much both ends of each edge belong together by colour and convexity, 0 to 1, (E,)."""
+def _likeness(edges: IntArray, colours: FloatArray) -> Float64Array:
+    """How alike the colours of both ends of each edge are, 0 to 1, (E,)."""
+    difference = np.square((colours[edges[:, 0]] - colours[edges[:, 1]]) * _LAB_WEIGHTS).sum(axis=1)
+    return np.asarray(np.exp(-0.5 * difference / _COLOUR_SIGMA**2))
+
+
+def _convexity(edges: IntArray, means: FloatArray, normals: FloatArray, flatness: FloatArray) -> Float64Array:
+    """How convex the surface is along each edge, 0 to 1, (E,)."""
     a, b = edges.T
-    difference = np.square((colours[a] - colours[b]) * _LAB_WEIGHTS).sum(axis=1)
     step = (means[b] - means[a]).astype(np.float64)
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)
     concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
     flat = np.minimum(flatness[a], flatness[b])
-    convex = flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT
-    return np.asarray(_MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
+    return np.asarray(flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT)
 
 
 def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
