@@ -31,7 +31,7 @@ _END_QUANTILES = (0.02, 0.98)
 class FindConfig:
     """What counts as an object."""
 
-    min_shown: Share = 0.004
+    min_shown: Share = 0.005
     """Smallest share of the views' pixels that an object must fill to be sure."""
     min_seen: Share = 0.5
     """Smallest share of the views in which it must be seen well, relative to what is seen in most."""

@@ -39,7 +39,7 @@ _FITTING_ROUNDS = 4
 _MAX_TILT_COSINE = np.cos(np.radians(8))
 _EDGE_SHARE = 0.1
 """A layer ends where less than this share of its densest bin is left."""
-_MAX_SIDES = 1.5
+_MAX_SIDES = 2.5
 """Largest area of sides below a table top or floor, relative to its own: a box has more, a table less."""
 _MAX_OPPOSITE = 0.2
 """Largest area behind a wall that faces away from it, relative to its own: walls are seen from one side."""
