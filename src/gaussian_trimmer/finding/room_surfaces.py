@@ -19,7 +19,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array
 
 _DIRECTIONS_AROUND = 48
 """Number of horizontal directions that a wall may face."""
-_MIN_AREA = 0.7
+_MIN_AREA = 0.8
 """Smallest area of a surface of the room, with all that stands on it, in square units: a quarter of a picture."""
 _MIN_COVERED = 0.4
 """Smallest share of that area that must be seen as the surface itself."""
