@@ -1,7 +1,10 @@
 """Found, missed, false, split and merged objects, and the panoptic quality, for counts that are known."""
 
+import json
+
 import numpy as np
 import pytest
+from command_line import run, save_ball
 
 from gaussian_trimmer.evaluation.panoptic import counts_of, panoptic_scores
 
@@ -37,3 +40,29 @@ def test_two_objects_in_one_are_merged():
 def test_nothing_found_is_no_error():
     counts = counts_of(panoptic_scores(table([10], [20])))
     assert (counts["found"], counts["missed"], counts["panoptic quality (%)"]) == (0, 1, 0)
+
+
+def test_the_command_says_what_was_found(tmp_path, capsys):
+    _, truth = save_ball(tmp_path)
+    (tmp_path / "all").mkdir()
+    (tmp_path / "masks").rename(tmp_path / "all" / "ball")
+    half = truth & (np.cumsum(truth) % 2 == 0)
+    np.save(tmp_path / "right.npy", truth.astype(np.int32))
+    np.save(tmp_path / "wrong.npy", np.where(half, 1, np.where(truth, 2, 0)).astype(np.int32))
+    command = ["--masks", tmp_path / "all", "--cameras", tmp_path / "cameras.json", "--format", "json"]
+    scores = {}
+    for name in ("right", "wrong"):
+        assert run("evaluate", "objects", tmp_path / "scene.ply", tmp_path / f"{name}.npy", *command) == 0
+        scores[name] = json.loads(capsys.readouterr().out)[0]["rows"][0]
+    assert (scores["right"]["found"], scores["right"]["false"]) == (1, 0)
+    assert scores["right"]["panoptic quality (%)"] > 90
+    assert (scores["wrong"]["found"], scores["wrong"]["split"]) == (0, 1)
+
+
+def test_masks_without_folders_are_refused(tmp_path, capsys):
+    save_ball(tmp_path)
+    files = [tmp_path / name for name in ("scene.ply", "rough.npy")]
+    assert (
+        run("evaluate", "objects", *files, "--masks", tmp_path / "masks", "--cameras", tmp_path / "cameras.json") == 2
+    )
+    assert "has no folders" in capsys.readouterr().err

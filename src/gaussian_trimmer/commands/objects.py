@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar
 from rich.console import Console
 from tyro.conf import Positional, arg
 
+from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, progress_over_stages
 from gaussian_trimmer.commands.trim_inputs import TrimInputs
 from gaussian_trimmer.commands.trim_objects import print_objects
@@ -22,6 +23,7 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.manifest import MANIFEST
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.objects import objects_files, write_objects
@@ -117,7 +119,19 @@ class Objects(TrimSettings):
             console.print(f"To choose: open {folder / 'index.html'} in a browser. Now: {self._next_text()}")
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
-        suffix = reader.suffix() if self.format is None else TrimInputs(self.scene, format=self.format).suffix()
+        self._trim(console, scene, chosen, cameras, start)
+
+    def _trim(
+        self,
+        console: Console,
+        scene: Gaussians,
+        chosen: dict[str, BoolArray],
+        cameras: CameraSet | None,
+        start: float,
+    ) -> None:
+        """Trim the chosen objects together, and write them."""
+        assert self.trim is not None
+        suffix = TrimInputs(self.scene, format=self.format).suffix()
         trimmed = atomic_folder(
             self.trim,
             RESULTS,
@@ -130,7 +144,7 @@ class Objects(TrimSettings):
                 scene,
                 chosen,
                 config=self.settings(),
-                renderer=renderer,
+                renderer=get_renderer(self.renderer),
                 segmenter=self.make_segmenter(),
                 cameras=cameras,
                 progress=stage,

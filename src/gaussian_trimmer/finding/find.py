@@ -40,7 +40,8 @@ def find_objects(
         up: the scene's up vector, (3,), if known.
         config: what counts as an object; the usual, if not given.
         renderer: a renderer, or the name of one.
-        progress: called with the name of each step when it begins: `look`, once for each view, `surfaces`, `regions`.
+        progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views,
+            `surfaces`, `regions`.
 
     Raises:
         InputError: the up vector is none, or hardly anything shows in the views.
@@ -50,7 +51,9 @@ def find_objects(
     found_up = find_up(scene, cameras, up)
     with steps("look"):
         views = views_of(scene, cameras, found_up.direction)
-        surface = find_visible_surface(scene, views, found_up.direction, renderer, lambda: progress("look"))
+        surface = find_visible_surface(
+            scene, views, found_up.direction, renderer, lambda number: progress(f"look {number}/{len(views)}")
+        )
     with steps("surfaces"):
         room = find_room(surface)
     with steps("regions"):

@@ -96,7 +96,7 @@ def find_visible_surface(
     views: Sequence[Viewpoint],
     up: Float64Array,
     renderer: Renderer,
-    looked: Callable[[], None] = lambda: None,
+    looked: Callable[[int], None] = lambda number: None,
 ) -> VisibleSurface:
     """The Gaussians that show in some views, measured.
 
@@ -105,7 +105,7 @@ def find_visible_surface(
         views: where it is seen from.
         up: the up vector, (3,).
         renderer: draws the views.
-        looked: called after each view.
+        looked: called before each view with its number, from 1.
 
     Raises:
         InputError: hardly anything shows.
@@ -113,10 +113,10 @@ def find_visible_surface(
     views = [replace(view, camera=_small(view.camera)) for view in views]
     shown = np.zeros((len(views), len(scene)), np.float32)
     for number, view in enumerate(views):
+        looked(number + 1)
         rows = drawn_rows(scene.means, view)
         drawn = scene if len(rows) == len(scene) else scene.select(rows)
         shown[number, rows] = shown_weight(drawn, view.camera, renderer)
-        looked()
     total = shown.sum(axis=0)
     rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
     if len(rows) < _MIN_NODES:

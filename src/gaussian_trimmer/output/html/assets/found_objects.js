@@ -29,5 +29,8 @@ function tickAll(on) {
 document.addEventListener("input", draw);
 document.getElementById("all").onclick = () => tickAll(true);
 document.getElementById("none").onclick = () => tickAll(false);
-document.getElementById("copy").onclick = () => navigator.clipboard.writeText(line.value);
+document.getElementById("copy").onclick = () => {
+  line.select();
+  if (navigator.clipboard) navigator.clipboard.writeText(line.value); else document.execCommand("copy");
+};
 draw();
