@@ -61,8 +61,6 @@ def test_the_command_says_what_was_found(tmp_path, capsys):
 
 def test_masks_without_folders_are_refused(tmp_path, capsys):
     save_ball(tmp_path)
-    files = [tmp_path / name for name in ("scene.ply", "rough.npy")]
-    assert (
-        run("evaluate", "objects", *files, "--masks", tmp_path / "masks", "--cameras", tmp_path / "cameras.json") == 2
-    )
+    files = [tmp_path / "scene.ply", tmp_path / "rough.npy", "--cameras", tmp_path / "cameras.json"]
+    assert run("evaluate", "objects", *files, "--masks", tmp_path / "masks") == 2
     assert "has no folders" in capsys.readouterr().err

@@ -132,6 +132,7 @@ class Objects(TrimSettings):
         """Trim the chosen objects together, and write them."""
         assert self.trim is not None
         suffix = TrimInputs(self.scene, format=self.format).suffix()
+        numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
         trimmed = atomic_folder(
             self.trim,
             RESULTS,
@@ -142,7 +143,7 @@ class Objects(TrimSettings):
         with trimmed as part, progress_over_stages(console) as stage:
             result = trim_objects(
                 scene,
-                chosen,
+                {int(name): mask for name, mask in chosen.items()} if numbered else chosen,
                 config=self.settings(),
                 renderer=get_renderer(self.renderer),
                 segmenter=self.make_segmenter(),
