@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.config import TrimConfig
     from gaussian_trimmer.errors import InputError
+    from gaussian_trimmer.finding.editing import chosen_objects
+    from gaussian_trimmer.finding.find import find_objects
     from gaussian_trimmer.formats import read, write
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.output.html.viewer import export_viewer
@@ -44,8 +46,10 @@ __all__ = [
     "TrimResult",
     "__version__",
     "batch",
+    "chosen_objects",
     "describe",
     "export_viewer",
+    "find_objects",
     "marks",
     "read",
     "read_cameras",
@@ -65,8 +69,10 @@ _LATE = {
     "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
     "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
     "batch": ("gaussian_trimmer.batch", ""),
+    "chosen_objects": ("gaussian_trimmer.finding.editing", "chosen_objects"),
     "describe": ("gaussian_trimmer.output.report", "describe"),
     "export_viewer": ("gaussian_trimmer.output.html.viewer", "export_viewer"),
+    "find_objects": ("gaussian_trimmer.finding.find", "find_objects"),
     "marks": ("gaussian_trimmer.selecting.marks", ""),
     "read": ("gaussian_trimmer.formats", "read"),
     "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),

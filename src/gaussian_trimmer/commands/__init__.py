@@ -17,12 +17,18 @@ COMMANDS = {
     "info": ("gaussian_trimmer.commands.info", "Info", "say what a splat, selection or camera file holds"),
     "convert": ("gaussian_trimmer.commands.convert", "Convert", "convert between splat formats"),
     "select": ("gaussian_trimmer.commands.select", "Select", "make a rough selection from a click, a box or masks"),
+    "objects": ("gaussian_trimmer.commands.objects", "Objects", "find every object of a scene, without a click"),
     "view": ("gaussian_trimmer.commands.view", "View", "mark, trim and look in the browser"),
     "evaluate": ("gaussian_trimmer.commands.evaluate", "Evaluate", "compare a trim with ground-truth masks"),
     "evaluate removal": (
         "gaussian_trimmer.commands.evaluate_removal",
         "EvaluateRemoval",
         "compare the scene without an object with pictures of it",
+    ),
+    "evaluate objects": (
+        "gaussian_trimmer.commands.evaluate_objects",
+        "EvaluateObjects",
+        "compare all objects of a scene with ground-truth masks of each",
     ),
     "evaluate nvos": (
         "gaussian_trimmer.commands.evaluate_dataset",

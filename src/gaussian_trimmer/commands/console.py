@@ -24,6 +24,9 @@ from gaussian_trimmer.trimming.clock import LOG
 
 _STAGES = {
     "read": "reading the files",
+    "look": "looking at the scene",
+    "surfaces": "finding its surfaces",
+    "regions": "finding its objects",
     "plan": "planning the cameras",
     "render": "rendering the views",
     "correct": "correcting the labels",

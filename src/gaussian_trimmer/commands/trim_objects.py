@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,22 @@ def trim_labels(command: TrimInputs, console: Console) -> None:
         )
         stage("write")
         report = write_objects(result, part, suffix, _inputs(command), html=html)
+    print_objects(console, report, folder, suffix, start, html=html)
+    if command.json:
+        print_json(report, (folder, RESULTS))
+
+
+def print_objects(
+    console: Console, report: Mapping[str, Any], folder: Path, suffix: str, start: float, *, html: bool
+) -> None:
+    """What became of several objects, from their report.
+
+    Args:
+        folder: where the results are.
+        suffix: ending of their splat files.
+        start: when the command began, by `time.perf_counter`.
+        html: whether there is a page.
+    """
     for entry in report["objects"]:
         console.print(_sentence(entry))
     counts = report["counts"]
@@ -71,8 +88,6 @@ def trim_labels(command: TrimInputs, console: Console) -> None:
         console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
     looked_at = REPORT if html else "objects.png"
     console.print(f"object_ID{suffix}, background{suffix}, {looked_at} and the rest are in {folder}.")
-    if command.json:
-        print_json(report, (folder, RESULTS))
 
 
 def _refuse_other_options(command: TrimInputs) -> None:

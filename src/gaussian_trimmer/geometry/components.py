@@ -52,6 +52,18 @@ def connected_points(points: Float64Array, reach: float) -> IntArray:
     return result
 
 
+def connected_pairs(count: int, pairs: IntArray) -> IntArray:
+    """Number of the component that each of so many things lies in, (count,): the smallest of its members' numbers.
+
+    Args:
+        pairs: numbers of two things that belong together, (P, 2).
+
+    >>> connected_pairs(5, np.array([[4, 2], [2, 1]])).tolist()
+    [0, 1, 1, 3, 1]
+    """
+    return np.asarray(_join_pairs(count, np.ascontiguousarray(pairs, np.int64)))
+
+
 def _cell_keys(points: Float64Array, size: float) -> IntArray:
     """Number of the cubic cell that each point (N, 3) lies in, (N,): a step along an axis adds 1 << 42, 1 << 21 or 1.
 
@@ -111,6 +123,17 @@ def _join_rows(labels):  # type: ignore[no-untyped-def]
         for k in range(1, labels.shape[1]):
             _join(parent, _root(parent, labels[i, 0]), _root(parent, labels[i, k]))
     return _flattened(parent)[labels[:, 0]]
+
+
+@numba.njit(cache=CACHE)
+def _join_pairs(count, pairs):  # type: ignore[no-untyped-def]
+    """Labels (count,) by union-find."""
+    parent = np.arange(count)
+    for k in range(len(pairs)):
+        a, b = _root(parent, pairs[k, 0]), _root(parent, pairs[k, 1])
+        if a != b:
+            _join(parent, a, b)
+    return _flattened(parent)
 
 
 @numba.njit(cache=CACHE)

@@ -10,13 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import (
-    SH_C0,
     BoolArray,
     Float64Array,
     FloatArray,
@@ -30,6 +27,12 @@ from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
+from gaussian_trimmer.selecting.surface_estimates import (
+    colour_bins,
+    colour_evidence,
+    directions_to,
+    estimate_surface,
+)
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene, shown_weight
 from gaussian_trimmer.views import HALF
 
@@ -46,26 +49,8 @@ _REFERENCE_RADIUS = 64.0
 _MIN_VISIBLE, _MIN_VISIBLE_IN_VIEW = 0.5, 0.3
 """Smallest visible weight of a node, in pixels over all views, and in the user's view to be judged by it."""
 _MAX_NODES = 15_000
-_EDGE_NEIGHBOURS, _ESTIMATE_NEIGHBOURS = 10, 17
-"""Number of neighbours on edges, and of Gaussians that colour and normal are estimated from."""
-_MAX_WEIGHT = 20.0
-"""Visible weight beyond which a Gaussian counts no more in these estimates."""
-_COLOUR_SIGMA = 10.0
-"""Standard deviation of edge weights over Lab colours."""
-_LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
-"""Weights of the channels in distances between Lab colours: lightness changes with shading."""
-_CONCAVITY_SCALE = 0.3
-"""Concavity at which an edge weighs 1/e: the difference of the normals along the edge."""
-_UNEVEN_WEIGHT = 0.5
-"""Weight of edges where the surface is too uneven to have a normal, relative to those of a convex surface."""
-_MIN_EDGE_WEIGHT = 0.05
-"""Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
 _GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
-_COLOUR_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
-"""Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
-_MAX_LOG_RATIO = 2.0
-"""Log-ratio at which colour evidence is clipped."""
 _HIDDEN_NEIGHBOURS, _HIDDEN_REACH_RADII = 4, 0.5
 """Number of nodes that a hidden Gaussian follows, and its largest distance from the nearest, in radii."""
 
@@ -137,15 +122,7 @@ class SurfaceGraph:
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
-        bins = np.clip((self.colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_COLOUR_BINS) - 1).astype(np.int64)
-        flat = np.ravel_multi_index(tuple(bins.T), _COLOUR_BINS)
-        inside, outside = self.areas * part, self.areas * others
-        models = [_blurred_histogram(flat, areas) for areas in (inside, outside)]
-        ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[flat]
-        hits = [
-            areas[right].sum() / max(areas.sum(), 1e-12) for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
-        ]
-        return np.clip(ratio, -_MAX_LOG_RATIO, _MAX_LOG_RATIO), float(np.mean(hits))
+        return colour_evidence(colour_bins(self.colours), self.areas * part, self.areas * others)
 
     def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
         """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
@@ -190,29 +167,20 @@ def build_surface_graph(
         nodes &= visible >= np.partition(visible[nodes], -_MAX_NODES)[-_MAX_NODES]
     facing = np.zeros((np.count_nonzero(nodes), 3), np.float32)
     for weight, view in zip([*weights, in_view], [*views, camera], strict=True):
-        facing += weight[nodes, None] * _directions(local.means[nodes], view.centre)
-
-    means = local.means[nodes]
-    squared, beside = nearest(means, means, min(_ESTIMATE_NEIGHBOURS, len(means)))
-    sigmas = np.maximum(squared[:, [squared.shape[1] // 2]], 1e-30)
-    shares = np.minimum(visible[nodes], _MAX_WEIGHT)[beside] * np.exp(-0.5 * squared / sigmas)
-    colours = _smoothed(np.clip(0.5 + SH_C0 * local.sh_dc[nodes], 0, 1), beside, shares)
-    normals, flatness = _normals(means, beside, shares, facing)
-    spacing = np.sqrt(squared[:, squared.shape[1] // 4])
-    edges, lengths = _edges(beside, np.sqrt(squared), spacing)
-    affinity = _affinity(edges, means, colours, normals, flatness)
+        facing += weight[nodes, None] * directions_to(local.means[nodes], view.centre)
+    surface = estimate_surface(local.select(nodes), visible[nodes], facing)
     return SurfaceGraph(
         centre,
         radius,
         near[nodes],
         near[~nodes],
-        means,
-        colours,
-        np.square(spacing / radius, dtype=np.float64),
+        local.means[nodes],
+        surface.colours,
+        np.square(surface.spacing / radius, dtype=np.float64),
         in_view[nodes] > _MIN_VISIBLE_IN_VIEW,
-        edges,
-        lengths / radius,
-        lengths / radius * affinity,
+        surface.edges,
+        surface.lengths / radius,
+        surface.lengths / radius * surface.affinity,
     )
 
 
@@ -231,79 +199,10 @@ def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> li
     steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _VIEW_RINGS])
     yaws = np.arctan2(offset[1], offset[0]) + steps
     pitches = np.concatenate([np.full(number, np.radians(pitch)) for pitch, number in _VIEW_RINGS])
-    photographed = -_directions(np.array([taken.centre for taken in scene.seen_from]).reshape(-1, 3), centre)
+    photographed = -directions_to(np.array([taken.centre for taken in scene.seen_from]).reshape(-1, 3), centre)
     if len(photographed):
         near = (ring_directions(axes, yaws, pitches) @ photographed.T).max(axis=1) > _MAX_ANGLE_COSINE
         yaws, pitches = yaws[near], pitches[near]
     return ring(
         centre, axes, _DISTANCE_RADII * radius, yaws, pitches, Lens(_SIZE_PIXELS, _FOV_RADIANS, NEAR_RADII * radius)
     )
-
-
-def _directions(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
-    """Unit vectors from points (P, 3) to a target (3,), (P, 3)."""
-    offset = np.asarray(target - points, np.float32)
-    return np.asarray(offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-30))
-
-
-def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) -> FloatArray:
-    """Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
-    lab = np.asarray(cv2.cvtColor(rgb.astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0])
-    for _ in range(2):
-        difference = np.square(lab[beside] - lab[:, None]).sum(axis=2)
-        alike = shares * np.exp(-0.5 * difference / (2 * _COLOUR_SIGMA) ** 2)
-        lab = np.einsum("sk,ski->si", alike, lab[beside]) / np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
-    return np.asarray(lab, np.float32)
-
-
-def _normals(
-    means: FloatArray, beside: NDArray[np.int32], shares: FloatArray, facing: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Unit normals (S, 3) of the neighbourhoods (S, K), on the side that is seen, and their flatness, 0 to 1, (S,)."""
-    shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-30)
-    around = means[beside]
-    offsets = around - np.einsum("sk,ski->si", shares, around)[:, None]
-    variances, axes = np.linalg.eigh(np.einsum("sk,ski,skj->sij", shares, offsets, offsets))
-    normals = axes[:, :, 0]
-    normals = normals * np.where(np.einsum("si,si->s", normals, facing) < 0, -1, 1)[:, None]
-    flatness = 1 - variances[:, 0] / np.maximum(variances[:, 1], 1e-30)
-    return np.asarray(normals, np.float32), np.asarray(np.clip(flatness, 0, 1), np.float32)
-
-
-def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray) -> tuple[IntArray, Float64Array]:
-    """Pairs of neighbours, each once, (E, 2), and the length of boundary that passes between them, (E,).
-
-    The edges of a node share the length of boundary that passes it, so that the length of a cut does not depend on how
-    densely a surface is covered.
-    """
-    n, k = len(beside), min(_EDGE_NEIGHBOURS, beside.shape[1] - 1)
-    starts, ends = np.repeat(np.arange(n), k), beside[:, 1 : k + 1].ravel().astype(np.int64)
-    keys = np.minimum(starts, ends) * n + np.maximum(starts, ends)
-    _, first, count = np.unique(keys, return_index=True, return_counts=True)
-    a, b = starts[first], ends[first]
-    width = np.sqrt(spacing[a] * spacing[b]).astype(np.float64)
-    near = np.exp(-0.5 * (distances[:, 1 : k + 1].ravel()[first] / np.maximum(1.5 * width, 1e-30)) ** 2)
-    return np.stack([a, b], axis=1), near * width * (2 * count / max(k, 1))
-
-
-def _affinity(
-    edges: IntArray, means: FloatArray, colours: FloatArray, normals: FloatArray, flatness: FloatArray
-) -> Float64Array:
-    """How much both ends of each edge belong together by colour and convexity, 0 to 1, (E,)."""
-    a, b = edges.T
-    difference = np.square((colours[a] - colours[b]) * _LAB_WEIGHTS).sum(axis=1)
-    step = (means[b] - means[a]).astype(np.float64)
-    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)
-    concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
-    flat = np.minimum(flatness[a], flatness[b])
-    convex = flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT
-    return np.asarray(_MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * np.exp(-0.5 * difference / _COLOUR_SIGMA**2) * convex)
-
-
-def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
-    """Normalised colour histogram over flat bins, blurred by one bin, flat."""
-    counts = np.bincount(bins, areas, int(np.prod(_COLOUR_BINS))).reshape(_COLOUR_BINS)
-    for axis in range(3):
-        padded = np.pad(np.moveaxis(counts, axis, 0), ((1, 1), (0, 0), (0, 0)))
-        counts = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
-    return np.asarray((counts / max(counts.sum(), 1e-12)).ravel())

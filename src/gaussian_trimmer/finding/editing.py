@@ -1,0 +1,66 @@
+"""Corrections of what was found: objects that are one, and objects that are several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding.found import FoundObjects
+from gaussian_trimmer.finding.regions import split_region
+from gaussian_trimmer.finding.visible_surface import with_hidden
+from gaussian_trimmer.gaussians import BoolArray, IntArray
+
+
+def chosen_objects(
+    found: FoundObjects,
+    *,
+    keep: Sequence[int] | None = None,
+    merge: Iterable[Sequence[int]] = (),
+    split: Iterable[int] = (),
+    names: Mapping[int, str] | None = None,
+) -> dict[str, BoolArray]:
+    """Rough selections (N,) of the objects that are wanted, by their names, as `trim_objects` takes them.
+
+    Args:
+        found: the objects.
+        keep: numbers of those that are wanted; without it, the sure ones.
+        merge: numbers of objects that are one.
+        split: numbers of objects that are several; each falls apart into its main parts, named 3a, 3b and so on.
+        names: what to call objects; else by their numbers.
+
+    Raises:
+        InputError: a number is none of an object, or two objects have the same name, or none is left.
+    """
+    names = names or {}
+    kept = list(keep) if keep is not None else [one.id for one in found if one.sure and one.kind == "object"]
+    masks = {number: found.mask(number) for number in kept}
+    for group in merge:
+        together = np.any([found.mask(number) for number in group], axis=0)
+        first = next((number for number in group if number in masks), group[0])
+        for number in group:
+            masks.pop(number, None)
+        masks[first] = together
+    selections: dict[str, BoolArray] = {}
+    several = set(split)
+    for number in sorted(masks):
+        name, mask = names.get(number, str(number)), masks[number]
+        parts = _parts(found, mask) if number in several else [mask]
+        if number in several and len(parts) == 1:
+            raise InputError(f"Object {number} does not fall apart; select its parts by clicks or boxes: select SCENE.")
+        for place, part in enumerate(parts):
+            key = name + (chr(ord("a") + place) if len(parts) > 1 else "")
+            if key in selections:
+                raise InputError(f"Two objects are called '{key}'; give each another name.")
+            selections[key] = part
+    if not selections:
+        raise InputError("No object is left; keep at least one.")
+    return selections
+
+
+def _parts(found: FoundObjects, mask: BoolArray) -> list[BoolArray]:
+    """The main parts of an object (N,)."""
+    numbers: IntArray = split_region(found.surface, mask[found.surface.rows])
+    labels = with_hidden(found.surface, found.scene, numbers + 1, np.inf)
+    return [mask & (labels == number) for number in range(1, int(numbers.max()) + 2)]

@@ -1,0 +1,127 @@
+"""Which regions of the visible surface are objects, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from gaussian_trimmer.finding.found import SURE
+from gaussian_trimmer.finding.regions import FILLED, MIN_AREA
+from gaussian_trimmer.finding.room_surfaces import Room, RoomSurface
+from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.settings import Range, Share
+
+_MIN_SHARE_AT_ALL = 0.1
+"""What shows less than this, relative to a sure object, is not named."""
+_DOUBTFUL = 0.4
+"""Confidence in what rests on nothing that was found, or carries a surface of the room, at most."""
+_MIN_INSIDE = 0.95
+"""Share of a region that must lie within the pictures, in scenes that fill them and have no floor."""
+_CRUMB = 0.1
+"""What shows less than this share of the largest thing is a crumb of it, where there is no room."""
+_CARRYING = 0.1
+"""Share of a region close below a surface of the room from which on it carries it, as the legs of a table."""
+_END_QUANTILES = (0.02, 0.98)
+
+
+@dataclass(frozen=True)
+class FindConfig:
+    """What counts as an object."""
+
+    min_shown: Share = 0.005
+    """Smallest share of the views' pixels that an object must fill to be sure."""
+    min_seen: Share = 0.5
+    """Smallest share of the views in which it must be seen well, relative to what is seen in most."""
+    max_size: Annotated[float, Range(0.1, 100)] = 1.25
+    """Largest length of an object, relative to what a picture's longer side spans at the usual depth."""
+    surfaces: bool = False
+    """Also name the surfaces of the room: table tops, floors and walls."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What is thought of one region."""
+
+    region: int | None
+    """Its number; None for a surface of the room."""
+    shown: float
+    """Share of the views' pixels."""
+    seen: float
+    """Share of the views."""
+    view: int
+    """Number of the view that shows it best."""
+    box: tuple[Float64Array, Float64Array]
+    """Corners, in units along the axes of the visible surface, (3,) each."""
+    confidence: float
+    why: str
+
+
+def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[Verdict]:
+    """The regions that are objects, the sure ones first, then those that show most.
+
+    Args:
+        regions: as `find_regions` gives them, (S,).
+        config: what counts.
+    """
+    free = regions >= 0
+    areas = np.bincount(regions[free], surface.areas[free])
+    total = surface.shown.sum(axis=0)
+    shown = np.bincount(regions[free], total[free]) / max(float(total.sum()), 1e-12)
+    candidates = np.flatnonzero((areas > MIN_AREA) & (shown > _MIN_SHARE_AT_ALL * config.min_shown))
+    members = {number: np.flatnonzero(regions == number) for number in candidates.tolist()}
+    by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
+    seen = {number: seen_share(shares) for number, shares in by_view.items()}
+    most = max(seen.values(), default=1.0)
+    # Beside a thing without a room there are only crumbs of it.
+    least = config.min_shown if room.has_floor else max(config.min_shown, _CRUMB * float(shown.max(initial=0.0)))
+    found = []
+    for number, rows in members.items():
+        low, high = np.quantile(surface.points[rows], _END_QUANTILES, axis=0)
+        length = float((high - low).max()) / 2
+        ratios = {
+            "small": float(shown[number]) / max(least, 1e-12),
+            "seen in few views": seen[number] / max(config.min_seen * most, 1e-12),
+            "larger than a picture": config.max_size / max(length, 1e-12),
+        }
+        confidence = min(ratio / (1 + ratio) for ratio in ratios.values())
+        doubts = [name for name, ratio in ratios.items() if ratio < 1]
+        rests = _rests_on(surface, room, rows)
+        if surface.areas[rows[room.under[rows]]].sum() > _CARRYING * surface.areas[rows].sum():
+            confidence, doubts = min(confidence, _DOUBTFUL), ["is under a surface", *doubts]
+        if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
+            confidence, doubts = min(confidence, _DOUBTFUL), ["goes on beyond the pictures", *doubts]
+        if rests is None:
+            confidence, doubts = min(confidence, _DOUBTFUL), ["rests on nothing that was found", *doubts]
+        why = ", ".join([*([rests] if rests else []), *doubts])
+        view = int(np.argmax(by_view[number]))
+        found.append(Verdict(number, float(shown[number]), seen[number], view, (low, high), confidence, why))
+    return sorted(found, key=lambda verdict: (verdict.confidence < SURE, -verdict.shown))
+
+
+def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> Verdict:
+    """What is said of a surface of the room.
+
+    Args:
+        one: the surface.
+        rows: which Gaussians of the visible surface are left to it, (S,).
+    """
+    by_view = surface.shown[:, rows].sum(axis=1)
+    shown = float(by_view.sum()) / max(float(surface.shown.sum()), 1e-12)
+    points = surface.points[rows]
+    box = points.min(axis=0), points.max(axis=0)
+    why = "a table top, floor or shelf" if one.horizontal else "a wall"
+    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), box, 1.0, why)
+
+
+def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:
+    """What a region rests on, in words."""
+    if not room.has_floor:
+        return "is by itself"
+    if (surface.areas[rows] * room.feet[rows]).any():
+        return "stands on a surface"
+    if (surface.areas[rows] * room.leaning[rows]).any():
+        return "touches a wall"
+    return None

@@ -1,0 +1,211 @@
+"""The visible surface of a scene: the Gaussians that show in its views, and how their neighbours hang together.
+
+Lengths are in units that do not depend on the scene's own: one is half of what a picture's longer side spans at the
+usual depth. Axes are turned so that the third points up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.selecting.marks import Viewpoint
+from gaussian_trimmer.selecting.overview import drawn_rows, plan_overview
+from gaussian_trimmer.selecting.surface_estimates import colour_bins, directions_to, estimate_surface
+from gaussian_trimmer.selecting.viewed_scene import shown_weight
+
+_MOST_VIEWS = 16
+"""Number of the training cameras, evenly spread, from which the scene is looked at."""
+_SIDE_PIXELS = 320
+"""Longer side of a view."""
+_MIN_SHOWN_PIXELS = 0.5
+"""Weight over all views, in pixels, from which on a Gaussian belongs to the visible surface."""
+_REACH = 5.0
+"""Distance from the middle beyond which nothing is looked at: far walls, trees and sky."""
+_MOST_NODES = 400_000
+_MIN_NODES = 50
+_EDGES_AT_ONCE = 1 << 19
+
+
+@dataclass(frozen=True, eq=False)
+class VisibleSurface:
+    """The S visible Gaussians of a scene of N, seen in V views, and the E edges between neighbours."""
+
+    rows: IntArray
+    """Rows of the scene, (S,)."""
+    unit: float
+    """Length of one unit in the scene's own."""
+    centre: Float64Array
+    """Middle of the surface in the scene, (3,)."""
+    axes: Float64Array
+    """Two horizontal axes and up, in the scene, (3, 3)."""
+    points: Float64Array
+    """Centres, in units and along these axes, from the middle, (S, 3)."""
+    normals: Float64Array
+    """Unit normals on the side that is seen, along these axes, (S, 3)."""
+    flatness: FloatArray
+    """How flat the surface is around each, 0 to 1, (S,)."""
+    areas: Float64Array
+    """Area that each stands for, in square units, (S,)."""
+    shown: FloatArray
+    """Share of each view that each Gaussian fills, (V, S)."""
+    inside: FloatArray
+    """Share of the views in which each lies within the picture, (S,)."""
+    colours: IntArray
+    """Bin of the colour histogram that each lies in, (S,)."""
+    edges: IntArray
+    """Pairs of neighbours, each once, (E, 2)."""
+    contact: Float64Array
+    """Length of boundary along which both touch, in units, (E,)."""
+    convexity: Float64Array
+    """How convex the surface is between both, 0 to 1, (E,)."""
+    affinity: Float64Array
+    """How much both belong together by colour and convexity, 0 to 1, (E,)."""
+
+    @property
+    def filled(self) -> float:
+        """Share of the pictures that the scene fills."""
+        return float(self.shown.sum(axis=1).mean())
+
+    @property
+    def resolution(self) -> float:
+        """Distance between neighbours, in units."""
+        return float(np.median(np.sqrt(self.areas)))
+
+
+def views_of(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
+    """Where a scene is looked at from: some of its training cameras or, without cameras, places around its middle."""
+    taken = training_cameras(cameras)
+    if taken:
+        chosen = np.unique(np.linspace(0, len(taken) - 1, min(_MOST_VIEWS, len(taken))).round().astype(np.int64))
+        return [Viewpoint(taken[number]) for number in chosen]
+    overview = plan_overview(scene, up)
+    return overview.views if len(overview.whole) == len(overview.views) else overview.views[: overview.whole.start]
+
+
+def find_visible_surface(
+    scene: Gaussians,
+    views: Sequence[Viewpoint],
+    up: Float64Array,
+    renderer: Renderer,
+    looked: Callable[[int], None] = lambda number: None,
+) -> VisibleSurface:
+    """The Gaussians that show in some views, measured.
+
+    Args:
+        scene: all N Gaussians.
+        views: where it is seen from.
+        up: the up vector, (3,).
+        renderer: draws the views.
+        looked: called before each view with its number, from 1.
+
+    Raises:
+        InputError: hardly anything shows.
+    """
+    views = [replace(view, camera=_small(view.camera)) for view in views]
+    shown = np.zeros((len(views), len(scene)), np.float32)
+    for number, view in enumerate(views):
+        looked(number + 1)
+        rows = drawn_rows(scene.means, view)
+        drawn = scene if len(rows) == len(scene) else scene.select(rows)
+        shown[number, rows] = shown_weight(drawn, view.camera, renderer)
+    total = shown.sum(axis=0)
+    rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
+    if len(rows) < _MIN_NODES:
+        raise InputError("Hardly anything shows in the views; check that the cameras belong to this scene.")
+    unit = _unit(scene.means[rows].astype(np.float64), shown[:, rows], [view.camera for view in views])
+    centre = np.median(scene.means[rows].astype(np.float64), axis=0)
+    rows = rows[np.linalg.norm(scene.means[rows] - centre, axis=1) < _REACH * unit]
+    if len(rows) > _MOST_NODES:
+        rows = np.sort(rows[np.argsort(-total[rows], kind="stable")[:_MOST_NODES]])
+    local, shown = scene.select(rows), shown[:, rows]
+    facing = np.zeros((len(rows), 3), np.float32)
+    for weight, view in zip(shown, views, strict=True):
+        facing += weight[:, None] * directions_to(local.means, view.camera.centre)
+    found = estimate_surface(local, shown.sum(axis=0), facing)
+    axes = up_frame(up)
+    pixels = np.array([[view.camera.width * view.camera.height] for view in views], np.float32)
+    areas = np.square(found.spacing / unit, dtype=np.float64)
+    return VisibleSurface(
+        rows=rows,
+        unit=unit,
+        centre=centre,
+        axes=axes,
+        points=(local.means - centre) @ axes.T / unit,
+        normals=found.normals @ axes.T,
+        flatness=found.flatness,
+        areas=np.minimum(areas, np.quantile(areas, 0.99)),
+        shown=shown / pixels,
+        inside=_inside(local, [view.camera for view in views]),
+        colours=colour_bins(found.colours),
+        edges=found.edges,
+        contact=found.lengths / unit * _touching(local, found.edges),
+        convexity=found.convexity,
+        affinity=found.affinity,
+    )
+
+
+def with_hidden(surface: VisibleSurface, scene: Gaussians, numbers: IntArray, reach: float) -> IntArray:
+    """Numbers (S,) of the visible surface for all N Gaussians, (N,): that of the nearest, 0 beyond reach."""
+    labels = np.zeros(len(scene), np.int64)
+    squared, near = nearest(scene.means[surface.rows], scene.means, 1, reach * surface.unit)
+    found = np.isfinite(squared[:, 0])
+    labels[found] = numbers[near[found, 0]]
+    labels[surface.rows] = numbers
+    return labels
+
+
+def _small(camera: Camera) -> Camera:
+    return camera.resized(min(1.0, _SIDE_PIXELS / max(camera.width, camera.height)))
+
+
+def _unit(points: Float64Array, shown: FloatArray, cameras: Sequence[Camera]) -> float:
+    """Half of what a picture's longer side spans at the median depth of what each view shows."""
+    spans = []
+    for weight, camera in zip(shown, cameras, strict=True):
+        depths = camera.project(points[weight > _MIN_SHOWN_PIXELS])[1]
+        if len(depths):
+            spans.append(float(np.median(depths)) * max(camera.width, camera.height) / (2 * camera.K[0, 0]))
+    return float(np.median(spans))
+
+
+def _inside(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
+    """Share of the cameras in whose pictures each centre lies, (S,)."""
+    inside, means = np.zeros(len(gaussians), np.float32), gaussians.means.astype(np.float64)
+    for camera in cameras:
+        pixels, depths = camera.project(means)
+        inside += (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    return inside / np.float32(len(cameras))
+
+
+def _touching(gaussians: Gaussians, edges: IntArray) -> Float64Array:
+    """How much the Gaussians of each edge overlap, 0 to 1, (E,).
+
+    It is the density of a normal distribution, relative to its peak, at their distance in sums of their standard
+    deviations along it: surfaces are covered by Gaussians that overlap, dense scenes' as well as sparse ones'.
+    """
+    rotations, scales = rotation_matrices(gaussians.quaternions), gaussians.scales.astype(np.float64)
+    overlap = np.empty(len(edges))
+    for start in range(0, len(edges), _EDGES_AT_ONCE):
+        part = slice(start, start + _EDGES_AT_ONCE)
+        a, b = edges[part].T
+        offset = (gaussians.means[b] - gaussians.means[a]).astype(np.float64)
+        square = np.maximum(np.square(offset).sum(axis=1), 1e-30)
+        deviations = [
+            np.linalg.norm(np.einsum("eik,ei->ek", rotations[ends], offset) * scales[ends], axis=1) for ends in (a, b)
+        ]
+        overlap[part] = np.exp(-0.5 * np.square(square / np.maximum(deviations[0] + deviations[1], 1e-30)))
+    return overlap
+
+
+def seen_share(shown: FloatArray) -> float:
+    """Share of the views in which something is seen well, beside the best one, by its share of each view (V,)."""
+    return float(np.mean(shown > 0.2 * shown.max(initial=0.0))) if shown.any() else 0.0

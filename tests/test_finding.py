@@ -1,0 +1,175 @@
+"""Every object of a made room is found by itself, the room is none, and names of rows, units and axes do not matter."""
+
+import json
+
+import made_room as room
+import numpy as np
+import pytest
+import toy
+from command_line import run
+
+import gaussian_trimmer as gt
+from gaussian_trimmer import formats
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding.find import find_objects
+from gaussian_trimmer.finding.judging import FindConfig
+
+CAMERAS = room.cameras()
+
+
+@pytest.fixture(scope="module")
+def furnished():
+    """Floor, wall, a red box, a blue ball that stands apart, and a green ball that leans against the box."""
+    return room.scene_of(
+        room.floor(),
+        room.wall(),
+        room.box((0, -0.9), (0.8, 0.8, 1.0), room.RED, 1),
+        room.ball((0.3, 1.2), 0.5, room.BLUE, 2),
+        room.ball((0.05, -0.14), 0.35, room.GREEN, 3),
+    )
+
+
+@pytest.fixture(scope="module")
+def found(furnished):
+    return find_objects(furnished[0], cameras=CAMERAS)
+
+
+def best(found, mask):
+    """The sure object that has most of some Gaussians (N,), and the Jaccard index of both."""
+    sure = [one.id for one in found if one.sure]
+    number = max(sure, key=lambda number: np.count_nonzero(found.mask(number) & mask))
+    return number, toy.jaccard(found.mask(number), mask)
+
+
+def test_what_stands_is_found_and_what_touches_is_told_apart(found, furnished):
+    _, part = furnished
+    assert sum(one.sure for one in found) == 3
+    matched = [best(found, part == number) for number in (2, 3, 4)]
+    assert len({number for number, _ in matched}) == 3
+    assert min(overlap for _, overlap in matched) > 0.8
+
+
+def test_the_room_is_no_object(found, furnished):
+    _, part = furnished
+    sure = np.isin(found.labels, [one.id for one in found if one.sure])
+    assert np.mean(sure[part < 2]) < 0.02
+
+
+def test_a_box_of_one_colour_beside_its_like_is_one_thing():
+    twins = [room.box((0, y), (0.8, 0.8, 0.6), room.RED, seed, 3) for seed, y in ((1, -0.4), (2, 0.4))]
+    scene, part = room.scene_of(room.floor(), *twins)
+    found = find_objects(scene, cameras=CAMERAS)
+    assert sum(one.sure for one in found) == 1
+    assert best(found, part > 0)[1] > 0.85
+
+
+@pytest.mark.parametrize("change", ["order", "scale", "rotation"])
+def test_the_same_gaussians_give_the_same_objects(change, found, furnished):
+    scene, _ = furnished
+    rng = np.random.default_rng(5)
+    order = rng.permutation(len(scene)) if change == "order" else np.arange(len(scene))
+    turned = np.linalg.qr(rng.normal(size=(3, 3)))[0] if change == "rotation" else np.eye(3)
+    turned *= np.sign(np.linalg.det(turned))
+    scale = 37.0 if change == "scale" else 1.0
+    other, cameras = room.moved(scene, CAMERAS, turned, scale, np.array([1.0, -2.0, 3.0]) * scale)
+    again = find_objects(other.select(order), cameras=cameras)
+    assert sum(one.sure for one in again) == sum(one.sure for one in found)
+    for one in found:
+        if one.sure:
+            assert best(again, found.mask(one.id)[order])[1] > 0.97
+            assert np.isclose(scale * one.size[2], again.objects[one.id - 1].size[2], rtol=0.1)
+
+
+def test_surfaces_are_named_if_asked_and_objects_stay(found, furnished):
+    scene, part = furnished
+    named = find_objects(scene, cameras=CAMERAS, config=FindConfig(surfaces=True))
+    surfaces = [one for one in named if one.kind == "surface"]
+    for number in (0, 1):
+        assert max(toy.jaccard(named.mask(one.id), part == number) for one in surfaces) > 0.9
+    objects = [one.id for one in found]
+    assert [one.id for one in named if one.kind == "object"] == objects
+    assert all((named.mask(number) == found.mask(number)).mean() > 0.99 for number in objects)
+
+
+def test_what_is_unsure_comes_last_and_says_why():
+    pebble = room.ball((0.9, 0.6), 0.25, room.GREEN, 4)
+    scene, part = room.scene_of(room.floor(), room.box((0, -0.9), (0.8, 0.8, 1.0), room.RED, 1), pebble)
+    found = find_objects(scene, cameras=CAMERAS, config=FindConfig(min_shown=0.02))
+    assert [one.sure for one in found] == sorted((one.sure for one in found), reverse=True)
+    last = next(one for one in found if toy.jaccard(found.mask(one.id), part == 2) > 0.5)
+    assert not last.sure and "small" in last.why
+    assert last.id not in found.selections() and last.id in found.selections(unsure=True)
+
+
+def test_a_thing_without_a_room_is_one_object():
+    scene = room.box((0, 0), (0.8, 0.8, 1.0), room.RED, 1)
+    found = find_objects(scene, up=(0, 0, 1))
+    assert [one.sure for one in found] == [True]
+    assert found.mask(1).mean() > 0.95
+
+
+def test_objects_are_merged_split_and_named(found, furnished):
+    _, part = furnished
+    numbers = [best(found, part == number)[0] for number in (2, 3, 4)]
+    red, ball, green = numbers
+    chosen = gt.chosen_objects(found, keep=numbers, merge=[(red, green)], names={ball: "ball"})
+    assert set(chosen) == {str(red), "ball"}
+    np.testing.assert_array_equal(chosen[str(red)], found.mask(red) | found.mask(green))
+    parts = gt.chosen_objects(found, keep=[red], merge=[(red, green)], split=[red])
+    assert len(parts) > 1
+    np.testing.assert_array_equal(np.sum(list(parts.values()), axis=0), found.mask(red) | found.mask(green))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"keep": [99]}, "no object 99"),
+        ({"keep": []}, "No object is left"),
+        ({"names": {1: "a", 2: "a"}}, "called 'a'"),
+    ],
+)
+def test_wrong_choices_are_refused(found, wrong, words):
+    with pytest.raises(InputError, match=words):
+        gt.chosen_objects(found, **wrong)
+
+
+def test_nothing_to_see_is_refused():
+    with pytest.raises(InputError, match="Hardly anything shows"):
+        find_objects(room.floor(0.3), cameras=CAMERAS)
+
+
+def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path, capsys):
+    formats.write(furnished[0], tmp_path / "scene.ply")
+    size = {"width": 240, "height": 240}
+    poses = [{"K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()} for c in CAMERAS.cameras]
+    frames = [{"file": f"{number}.png", **size, **pose} for number, pose in enumerate(poses)]
+    (tmp_path / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    command = ["objects", tmp_path / "scene.ply", "--cameras", tmp_path / "cameras.json"]
+    assert run(*command, "--output", tmp_path / "found", "--names", "1=first") == 0
+    labels = np.load(tmp_path / "found" / "objects.npy")
+    listed = json.loads((tmp_path / "found" / "objects.json").read_text())["objects"]
+    assert labels.shape == (len(furnished[0]),) and labels.max() == len(listed)
+    assert listed[0]["name"] == "first" and sum(one["sure"] for one in listed) == 3
+    assert (tmp_path / "found" / "objects.csv").read_text().count("\n") == len(listed) + 1
+    page = (tmp_path / "found" / "index.html").read_text()
+    assert all((tmp_path / "found" / f"object_{one['id']:03d}.png").is_file() for one in listed)
+    assert page.count("<figure") == len(listed) and "--trim" in page
+    assert "3 objects" in capsys.readouterr().out
+    trim = ["--output", tmp_path / "found", "--keep", 1, 3, "--trim", tmp_path / "trimmed"]
+    assert run(*command, *trim, "--quiet", "--refine", "off", "--plan.size", 160, "--background", "exact") == 0
+    assert {path.name for path in (tmp_path / "trimmed").glob("*.ply")} == {
+        "object_1.ply", "object_3.ply", "background.ply",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (["--keep", 1], "add --trim"),
+        (["--names", "mug", "--trim", "x"], "'mug' names no object"),
+        (["--merge", "3", "--trim", "x"], "'3' merges nothing"),
+    ],
+)
+def test_wrong_options_are_refused(option, words, tmp_path, capsys):
+    assert run("objects", tmp_path / "scene.ply", "--output", tmp_path / "found", *option) == 2
+    assert words in capsys.readouterr().err
