@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -45,19 +46,15 @@ class Objects(TrimSettings):
     command to go on. What the program is not sure of comes last, and is trimmed only if it is asked for.
     """
 
-    COMMON_OPTIONS: ClassVar[tuple[str, ...]] = (
-        "--cameras",
-        "--up",
-        "--surfaces",
-        "--output",
-        "--keep",
-        "--merge",
-        "--split-objects",
-        "--names",
-        "--trim",
-        "--overwrite",
-        "--html",
-        "--quiet",
+    COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "find": ("--cameras", "--up", "--surfaces"),
+        "choose": ("--keep", "--merge", "--split-objects", "--names"),
+        "results": ("--trim", "--output", "--html", "--overwrite", "--quiet"),
+    }
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer objects scene.ply --cameras sparse/0",
+        "gaussian-trimmer objects scene.ply --cameras sparse/0 --trim all",
+        "gaussian-trimmer objects scene.ply --keep 1 2 5 --merge 2+5 --names 1=mug --trim some",
     )
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
