@@ -16,6 +16,7 @@ import gaussian_trimmer
 from gaussian_trimmer.config import TrimConfig, check_config, paper_config
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
@@ -29,7 +30,7 @@ from gaussian_trimmer.settings import Range, Vector, check_settings, hints_of
 ROOTS = {
     TrimConfig: "", SelectionOptions: "selection", SilhouetteConfig: "silhouette",
     GrabCutConfig: "grabcut", Sam2Config: "sam2", SamConfig: "sam",
-    MaskFilesConfig: "mask-files", OverviewConfig: "",
+    MaskFilesConfig: "mask-files", OverviewConfig: "", FindConfig: "",
 }  # fmt: skip
 HARMLESS = {
     (Sam2Config, "model"), (SamConfig, "model"), (Sam2Config, "device"), (MaskFilesConfig, "folder"),
