@@ -1,8 +1,11 @@
 """A room whose surfaces and things are made of Gaussians of known labels, and the cameras that see it."""
 
+import json
+
 import numpy as np
 import toy
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.gaussians import Gaussians, concatenate, quaternions_of
 
@@ -73,6 +76,22 @@ def cameras(count=10, distance=5.0, height=2.5):
         toy.camera_at((distance * np.cos(turn), distance * np.sin(turn), height), (0, 0, 0.4), 240) for turn in turns
     ]
     return CameraSet(tuple(placed), toy.UP, (True,) * count, False)
+
+
+def save(scene: Gaussians, seen: CameraSet, folder):
+    """The scene as scene.ply and its cameras as cameras.json in a folder."""
+    formats.write(scene, folder / "scene.ply")
+    frames = [
+        {
+            "file": f"{number}.png",
+            "width": camera.width,
+            "height": camera.height,
+            "K": camera.K.tolist(),
+            "world_to_camera": camera.world_to_camera.tolist(),
+        }
+        for number, camera in enumerate(seen.cameras)
+    ]
+    (folder / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
 
 
 def moved(scene: Gaussians, seen: CameraSet, rotation, scale, shift):

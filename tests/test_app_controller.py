@@ -5,6 +5,7 @@ import threading
 import zipfile
 from types import SimpleNamespace
 
+import made_room as room
 import numpy as np
 import pytest
 import toy
@@ -313,6 +314,65 @@ def test_sentences_about_a_trim_go_with_it(controller, tmp_path):
     do(controller, controller.files.save_all)
     assert (tmp_path / "all" / "object_1.ply").is_file()
     assert not panels.command.visible
+
+
+@pytest.fixture(scope="module")
+def furnished(tmp_path_factory):
+    """A red box, and a blue ball that stands apart: the folder, and the part that each Gaussian is of, (N,)."""
+    box, ball = room.box((0, -0.9), (0.8, 0.8, 1.0), room.RED, 1), room.ball((0.3, 1.2), 0.5, room.BLUE, 2)
+    scene, part = room.scene_of(room.floor(), room.wall(), box, ball)
+    folder = tmp_path_factory.mktemp("room")
+    room.save(scene, room.cameras(), folder)
+    return folder, part
+
+
+def test_objects_are_found_shown_and_saved_and_are_one_step(app, furnished, tmp_path):
+    folder, part = furnished
+    open_scene(app, folder / "scene.ply", folder / "cameras.json")
+    session, panels = app.session, app.panels
+    before = session.now
+    panels.look_at(controls.OBJECT, "Before", controls.OWN)
+    do(app, app.find_objects)
+    assert panels.status_text.startswith("Found 2 objects")
+    assert panels.showing == Showing("both", "before", "objects")
+    found = session.now.objects
+    assert [each.name for each in found] == ["object 1", "object 2"]
+    assert found[0].colour != found[1].colour
+    for number in (2, 3):
+        assert max(toy.jaccard(each.selected.mask, part == number) for each in found) > 0.8
+    do(app, app.find_objects)
+    assert "Left out: 2 marked already" in panels.status_text
+    assert session.now.objects == found
+    do(app, lambda: app.change_objects("Delete"))
+    panels.folder.value = str(tmp_path / "all")
+    do(app, app.files.save_all)
+    assert [path.name for path in sorted((tmp_path / "all").glob("object_*.ply"))] == ["object_2.ply"]
+    do(app, app.find_objects)
+    assert session.now.objects[0] is found[1]
+    np.testing.assert_array_equal(session.now.object.selected.mask, found[0].selected.mask)
+    assert session.now.object.id == 3  # no other object has had it
+    for _ in range(3):
+        do(app, lambda: app.step("Undo"))
+    assert session.now is before
+
+
+def test_finding_objects_is_cancelled(app, furnished):
+    open_scene(app, furnished[0] / "scene.ply", furnished[0] / "cameras.json")
+    before, stages = app.session.now, []
+
+    def busy(doing, share):
+        stages.append(doing)
+        if "3/" in doing:
+            app.worker.cancel()
+
+    shown, app.panels.busy = app.panels.busy, busy
+    try:
+        do(app, app.find_objects)
+    finally:
+        app.panels.busy = shown
+    assert "Cancelled" in app.panels.status_text
+    assert app.session.now is before
+    assert not any("surfaces" in stage for stage in stages)
 
 
 def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder, tmp_path):

@@ -9,7 +9,6 @@ import toy
 from command_line import run
 
 import gaussian_trimmer as gt
-from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
@@ -139,11 +138,7 @@ def test_nothing_to_see_is_refused():
 
 
 def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path, capsys):
-    formats.write(furnished[0], tmp_path / "scene.ply")
-    size = {"width": 240, "height": 240}
-    poses = [{"K": c.K.tolist(), "world_to_camera": c.world_to_camera.tolist()} for c in CAMERAS.cameras]
-    frames = [{"file": f"{number}.png", **size, **pose} for number, pose in enumerate(poses)]
-    (tmp_path / "cameras.json").write_text(json.dumps({"up": [0, 0, 1], "frames": frames}))
+    room.save(furnished[0], CAMERAS, tmp_path)
     command = ["objects", tmp_path / "scene.ply", "--cameras", tmp_path / "cameras.json"]
     assert run(*command, "--output", tmp_path / "found", "--names", "1=first") == 0
     labels = np.load(tmp_path / "found" / "objects.npy")
@@ -155,11 +150,31 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
     assert all((tmp_path / "found" / f"object_{one['id']:03d}.png").is_file() for one in listed)
     assert page.count("<figure") == len(listed) and "--trim" in page
     assert "3 objects" in capsys.readouterr().out
+    items = gt.batch.read_manifest(tmp_path / "found" / "batch.csv")
+    sure = [one["id"] for one in listed if one["sure"]]
+    assert [(item.name, item.selection_options.object_id) for item in items] == [(f"found/{i}", (i,)) for i in sure]
     trim = ["--output", tmp_path / "found", "--keep", 1, 3, "--trim", tmp_path / "trimmed"]
     assert run(*command, *trim, "--quiet", "--refine", "off", "--plan.size", 160, "--background", "exact") == 0
     assert {path.name for path in (tmp_path / "trimmed").glob("*.ply")} == {
         "object_1.ply", "object_3.ply", "background.ply",
     }  # fmt: skip
+
+
+def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):
+    lone, _ = room.scene_of(room.floor(), room.ball((0, 0.4), 0.5, room.BLUE, 2))
+    bare, _ = room.scene_of(room.floor())
+    for name, scene in (("a", furnished[0]), ("my room", lone), ("bare", bare)):
+        (tmp_path / name).mkdir()
+        room.save(scene, CAMERAS, tmp_path / name)
+        options = ["--cameras", tmp_path / name / "cameras.json", "--output", tmp_path / "found" / name]
+        assert run("objects", tmp_path / name / "scene.ply", *options, "--up", 0, 0, 1, "--quiet") == 0
+    manifests = sorted((tmp_path / "found").glob("*/batch.csv"))
+    assert [path.parent.name for path in manifests] == ["a", "my room"]  # nothing in the third
+    quick = "--plan.size 96 --views 2 --refine off --background exact"
+    options = ["--output", tmp_path / "out", "--no-background", "--workers", 1, "--quiet"]
+    assert run("batch", *manifests, *options, "--options", quick) == 0
+    items = {path.parent.relative_to(tmp_path / "out" / "items").as_posix() for path in tmp_path.rglob("object.ply")}
+    assert items == {"a/1", "a/2", "a/3", "my_room/1"}
 
 
 @pytest.mark.parametrize(

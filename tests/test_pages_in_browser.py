@@ -215,6 +215,6 @@ def test_a_browser_without_webgl_says_so(browser, viewer):
     context.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     page = context.new_page()
     page.goto(viewer.as_uri())
-    assert "no WebGL 2" in page.locator("#message").text_content()
+    assert "needs WebGL 2" in page.locator("#message").text_content()
     assert page.locator("#message").is_visible()
     context.close()

@@ -30,6 +30,8 @@ from gaussian_trimmer.settings import hints_of
 Path = tuple[str, ...]
 Made = TypeVar("Made")
 UP = "X Y Z, or an axis such as z or -y"
+_FLAG = re.compile(r"--[^\s=]*(=.*)?", re.DOTALL)
+"""Unlike a text of several options, such as "--views 7 --quiet", which is a value."""
 _NEGATIVE_NUMBER = re.compile(r"-[\d.]")
 _METAVAR_MEANINGS = {"INT": "a whole number", "FLOAT": "a number"}
 
@@ -199,7 +201,7 @@ def _value(option: Option, left: deque[str]) -> Any:
     takes = option.reader.nargs
     count = takes if isinstance(takes, int) else len(left)
     words: list[str] = []
-    while left and len(words) < count and not left[0].startswith("--"):
+    while left and len(words) < count and not _FLAG.fullmatch(left[0]):
         word = left.popleft()
         if option.name == "up" and not words and AXIS.fullmatch(word):
             return vector_of_up(word)

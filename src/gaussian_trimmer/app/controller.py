@@ -29,6 +29,8 @@ from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 
 _STAGES_OF_A_TRIM = 12
 """About as many stages as a trim has, for the progress bar."""
+_STAGES_OF_FINDING = 19
+"""The same of finding objects."""
 _AXIS_DIRECTIONS: dict[str, Point] = {
     f"{sign}{name}": point_of(factor * axis)
     for name, axis in zip("XYZ", np.eye(3), strict=True)
@@ -104,6 +106,14 @@ class Controller:
         """Trim the active object and show it alone."""
         sentence = self.trim()
         self.panels.part.value = OBJECT
+        return sentence
+
+    def find_objects(self) -> str:
+        """Add every object that is found without a mark, and show them; returns what was found."""
+        sentence = self.session.find_objects(
+            self._stages(_STAGES_OF_FINDING, "Finding objects: "), self.worker.cancelled
+        )
+        self.panels.look_at(EVERYTHING, "Before", OBJECTS)
         return sentence
 
     def focus(self, client: Any, *, whole: bool = False) -> str:
@@ -213,6 +223,7 @@ class Controller:
         connect(panels.history, "Stepping", lambda: self.step(panels.history.value))
         connect(panels.load, "Loading", lambda: files.load(path_of(panels.selection_path.value)))
         connect(panels.objects, "Changing", lambda: self.change_objects(panels.objects.value))
+        connect(panels.find_objects, "Finding objects", self.find_objects)
         connect(panels.kept, "Changing", self._keep)
         connect(panels.active, "Choosing", self._activate)
         connect(panels.cut_out, "Cutting out", self.cut_out)

@@ -218,6 +218,9 @@ class Panels:
         self.name = gui.add_text("Name", "")
         self.colour = gui.add_rgb("Colour", (255, 140, 30))
         self.kept = Switches(gui, "It is", ("Hidden", "Locked"))
+        self.find_objects = gui.add_button(
+            "Find objects", icon="search", hint="Mark everything that stands, hangs or leans in the scene."
+        )
         self.objects = gui.add_button_group("Objects", ("New", "Delete", "Show all"))
         self.selection_path = gui.add_text("Selection", "", hint="A selection file of any kind, or saved marks.")
         self.load = gui.add_button("Replace the marks by this file", icon="file-import", color="gray")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gaussian_trimmer.app.documents import Document, Progress, TrimChoices, open_document, up_of
+from gaussian_trimmer.app.found_objects import with_found
 from gaussian_trimmer.app.marking import after_marks
 from gaussian_trimmer.app.saving import Target, save_all, save_one
 from gaussian_trimmer.app.snapshots import (
@@ -234,11 +235,25 @@ class Session:
 
     def add_object(self) -> MarkedObject:
         """Add an object and make it the active one."""
-        now = self.now
-        number = 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
+        now, number = self.now, self._free_number()
         added = MarkedObject(number, f"object {number}", free_colours(now)[0], now.nothing())
         self._step(replace(now, objects=(*now.objects, added), active=len(now.objects), last="new object"))
         return added
+
+    def find_objects(
+        self, progress: Progress = lambda stage: None, cancelled: Callable[[], bool] = lambda: False
+    ) -> str:
+        """Add every object that is found without a mark, as one step; returns what was found. See `with_found`.
+
+        Raises:
+            InputError: nothing is found that is sure and not marked yet, or hardly anything shows.
+            Cancelled: `cancelled` said so.
+        """
+        after, sentence = with_found(self.now, self._free_number(), stopping(progress, cancelled))
+        if cancelled():
+            raise Cancelled
+        self._step(after)
+        return sentence
 
     def remove_object(self) -> None:
         """Delete the active object.
@@ -297,6 +312,10 @@ class Session:
             Cancelled: `cancelled` said so; nothing has been written.
         """
         return save_all(self.now, target, stopping(progress, cancelled))
+
+    def _free_number(self) -> int:
+        """The number from which on no object has had one."""
+        return 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
 
     def _step(self, after: Snapshot) -> None:
         """Go on to another state; what was undone before cannot be redone."""

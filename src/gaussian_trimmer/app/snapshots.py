@@ -127,7 +127,7 @@ class Snapshot:
             return part.summary
         if part.n_selected:
             return f"{part.name}: {part.n_selected:,} Gaussians selected. Press 'Cut out', or go on marking."
-        return "Choose 'Click' and click on the object that you want."
+        return "Choose 'Click' and click on the object that you want; 'Find objects' in the tab 'Objects' marks all."
 
     def with_object(self, changed: MarkedObject, last: str) -> Snapshot:
         """The same with another state of the object that is being marked."""

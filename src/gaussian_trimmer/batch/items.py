@@ -122,6 +122,16 @@ def default_name(item: Item) -> str:
     return "/".join([*scene, "-".join([*own[common:], *ids])])
 
 
+def safe_name(name: str) -> str:
+    """A name that can name a folder on every system.
+
+    >>> safe_name("my scene 1.5")
+    'my_scene_1.5'
+    """
+    safe = "".join(c if c in _SAFE_CHARACTERS else "_" for c in name).lstrip(".-").rstrip(".")
+    return safe[:_LONGEST_PART] or "_"
+
+
 def _check_settings(item: Item, known: set[int]) -> None:
     """Refuse settings that are not possible; `known` are the ids of those that are, as many items share them."""
     if item.segmenter not in SEGMENTERS:
@@ -161,5 +171,4 @@ def _safe_parts(path: str) -> list[str]:
     parts = [part for part in path.replace("\\", "/").split("/") if part not in ("", ".", "..")]
     if parts:
         parts[-1] = parts[-1].split(".")[0] or parts[-1]
-    cleaned = ("".join(c if c in _SAFE_CHARACTERS else "_" for c in part).lstrip(".-").rstrip(".") for part in parts)
-    return [part[:_LONGEST_PART] or "_" for part in cleaned] or ["_"]
+    return [safe_name(part) for part in parts] or ["_"]

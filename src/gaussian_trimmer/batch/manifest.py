@@ -20,7 +20,7 @@ import csv
 import io
 import json
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,6 +31,7 @@ from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.io.reading import is_file
+from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.options import parse
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
@@ -76,6 +77,19 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
     if not items:
         raise InputError(f"'{path}' has no rows.")
     return items
+
+
+def write_manifest(rows: Sequence[Row], path: Path) -> None:
+    """Write rows, which have the same columns, as a table.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [name for name in COLUMNS if name in rows[0]], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())
 
 
 def _table(text: str) -> Iterator[tuple[int, Any]]:

@@ -27,20 +27,21 @@ _SECONDS_BETWEEN_LINES = 30.0
 
 @dataclass(frozen=True)
 class Batch:
-    """Trim many objects of many scenes, listed in MANIFEST. What an earlier run has finished is not done again.
+    """Trim many objects of many scenes, listed in manifests. What an earlier run has finished is not done again.
 
-    The manifest is a .csv or .jsonl with the columns scene, selection (or labels and objects), name, cameras, up and
+    A manifest is a .csv or .jsonl with the columns scene, selection (or labels and objects), name, cameras, up and
     options; all but scene may be left out. Results go to items/NAME in the output folder, with summary.csv and
     summary.html beside them.
     """
 
     EXAMPLES: ClassVar[tuple[str, ...]] = (
         "gaussian-trimmer batch manifest.csv --output out",
+        "gaussian-trimmer batch found/*/batch.csv --output out",
         'gaussian-trimmer batch manifest.csv --output out --options "--views 7" --no-background --shard 1/4',
     )
 
-    manifest: Annotated[Positional[Path], arg(metavar="MANIFEST")]
-    """Table of items, .csv or .jsonl."""
+    manifests: Annotated[Positional[tuple[Path, ...]], arg(metavar="MANIFEST ...")]
+    """Tables of items, .csv or .jsonl, such as the batch.csv that 'objects' writes."""
     output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
     """Folder for the results."""
     options: Annotated[str, arg(metavar="TEXT")] = ""
@@ -58,7 +59,7 @@ class Batch:
             InputError: the manifest or an option is not possible, nothing can be written, or items have failed.
         """
         console = open_console(quiet=self.quiet)
-        items = check_items(read_manifest(self.manifest, self.options))
+        items = check_items(item for path in self.manifests for item in read_manifest(path, self.options))
         items = [replace(item, background=self.background) for item in items]
         store, outcomes = Store(self.output), list[Outcome]()
         live = console.status("") if console.is_terminal and not self.quiet else None

@@ -13,6 +13,8 @@ from typing import Annotated, ClassVar
 from rich.console import Console
 from tyro.conf import Positional, arg
 
+from gaussian_trimmer.batch.items import safe_name
+from gaussian_trimmer.batch.manifest import write_manifest
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, progress_over_stages
 from gaussian_trimmer.commands.trim_inputs import TrimInputs
@@ -42,8 +44,9 @@ class Objects(TrimSettings):
     """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
 
     Writes objects.npy with a number for each Gaussian, 0 for the rest; objects.csv with place, size, colour, how sure
-    and why; and index.html with a picture of each, on which to choose, merge, split and name, and which gives the
-    command to go on. What the program is not sure of comes last, and is trimmed only if it is asked for.
+    and why; index.html with a picture of each, on which to choose, merge, split and name, and which gives the command
+    to go on; and batch.csv, from which 'batch' trims them. What the program is not sure of comes last, and is trimmed
+    only if it is asked for.
     """
 
     COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -106,6 +109,8 @@ class Objects(TrimSettings):
             )
             stage("write")
             write_found(found, part, renderer, command=self._next_command(), names=names)
+            if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
+                write_manifest([self._batch_row(sure, folder)], part / "batch.csv")
         print_up(console, found.up)
         _print_found(console, found, names)
         console.print(
@@ -151,6 +156,19 @@ class Objects(TrimSettings):
             inputs = {"scene": str(self.scene), "cameras": str(self.cameras) if self.cameras else None}
             report = write_objects(result, part, suffix, inputs, html=self.pages.html)
         print_objects(console, report, self.trim, suffix, start, html=self.pages.html)
+
+    def _batch_row(self, numbers: list[str], folder: Path) -> dict[str, str]:
+        """The row of a manifest that trims these objects one by one, named as the folder."""
+        up = self.config.up or ()
+        return {
+            "scene": str(self.scene.absolute()),
+            "labels": "objects.npy",
+            "objects": " ".join(numbers),
+            "name": safe_name(folder.absolute().name),
+            "cameras": str(self.cameras.absolute()) if self.cameras else "",
+            "up": " ".join(repr(float(value)) for value in up),
+            "options": "--trust-paths" if self.trust_paths else "",
+        }
 
     def _name(self) -> str:
         return (self.scene.name or self.scene.resolve().name).split(".")[0]

@@ -22,8 +22,8 @@ from gaussian_trimmer.selecting.overview import drawn_rows
 from gaussian_trimmer.selecting.saved_selection import save_array
 from gaussian_trimmer.views import HALF, bounding_box, box_slices
 
-FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "index.html")
-"""Patterns of the names of the files."""
+FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "index.html", "batch.csv")
+"""Patterns of the names of the files; the command adds the last one."""
 _COLUMNS = (
     "id", "name", "sure", "confidence", "kind", "gaussians", "x", "y", "z", "length", "width", "height", "colour",
     "shown", "seen", "why",
