@@ -44,14 +44,15 @@ def fitting():
     from gaussian_trimmer.rendering.projection_kernels import Ellipsoids, Pinhole, Tiles
 
     table, images = float32[:, ::1], float32[:, :, ::1]
-    tiles = types.NamedTuple((int64, int64[::1], int32[::1], uint8[:, ::1]), Tiles)
-    size = types.UniTuple(int64, 2)
+    tiles = types.NamedTuple((int64, int64[::1], int32[::1], uint8[:, ::1], int64, int64), Tiles)
+    jobs = types.UniTuple(int64, 2)
     gradient_kernels.robust_slopes.compile((images, images, images, float32, float32))
-    gradient_kernels.differentiate_tiles.compile((table, table, boolean[::1], tiles, size, images, images))
+    shown, sums = types.UniTuple(images, 2), types.Tuple((table, boolean[::1]))
+    gradient_kernels.differentiate_tiles.compile((table, table, boolean[::1], tiles, shown, sums, jobs))
     gradient_kernels.sum_moving_pairs.compile((table, int64[::1], int32[::1], boolean[::1], table))
     ellipsoids = types.NamedTuple((table, table, table, float32[::1]), Ellipsoids)
     pinhole = types.NamedTuple((float64[:, ::1], float64[::1], float64[::1], float64[::1]), Pinhole)
-    gradient_kernels.gather.compile((ellipsoids, pinhole, table, table, table))
+    gradient_kernels.gather.compile((ellipsoids, pinhole, table, table, table, table))
 
 
 PARTS = {"drawing": [drawing], "searching and fitting": [searching, fitting]}
