@@ -24,34 +24,21 @@ def drawing():
 
 
 def searching():
-    """Nearest neighbours, connected points, cuts."""
+    """Connected points, cuts."""
     from gaussian_trimmer.geometry.components import connected_bodies, connected_points
-    from gaussian_trimmer.geometry.kd_tree import nearest
     from gaussian_trimmer.geometry.min_cut import min_cut
 
     points = np.random.default_rng(0).normal(size=(100, 3))
-    nearest(points.astype(np.float32), points.astype(np.float32), 2)
     connected_points(points, 0.5)
     connected_bodies(points[:, None], 0.5)
     min_cut(np.ones(2), np.array([[0, 1]]), np.ones(1))
 
 
 def fitting():
-    """The derivatives' kernels, by the types that they are called with."""
-    from numba import boolean, float32, float64, int32, int64, types, uint8
+    """Nearest neighbours and the derivatives' kernels."""
+    from gaussian_trimmer.rendering.compiling_ahead import compile_kernels
 
-    from gaussian_trimmer.rendering import gradient_kernels
-    from gaussian_trimmer.rendering.projection_kernels import Ellipsoids, Pinhole, Tiles
-
-    table, images = float32[:, ::1], float32[:, :, ::1]
-    tiles = types.NamedTuple((int64, int64[::1], int32[::1], uint8[:, ::1]), Tiles)
-    size = types.UniTuple(int64, 2)
-    gradient_kernels.robust_slopes.compile((images, images, images, float32, float32))
-    gradient_kernels.differentiate_tiles.compile((table, table, boolean[::1], tiles, size, images, images))
-    gradient_kernels.sum_moving_pairs.compile((table, int64[::1], int32[::1], boolean[::1], table))
-    ellipsoids = types.NamedTuple((table, table, table, float32[::1]), Ellipsoids)
-    pinhole = types.NamedTuple((float64[:, ::1], float64[::1], float64[::1], float64[::1]), Pinhole)
-    gradient_kernels.gather.compile((ellipsoids, pinhole, table, table, table))
+    compile_kernels()
 
 
 PARTS = {"drawing": [drawing], "searching and fitting": [searching, fitting]}

@@ -40,17 +40,17 @@ def draw_extreme_scenes():
         ask_everything(NumbaRenderer(), scene, extreme_camera(seed, MEANINGLESS if seed % 4 == 3 else ()))
 
 
-# Numba may lose an error within a parallel loop, so these are compiled as plain ones.
 CHECKED = """
 import numba
 compiled = numba.njit
-numba.njit = lambda *function, **options: compiled(*function, **{**options, "boundscheck": True, "parallel": False})
+numba.njit = lambda *function, **options: compiled(*function, **{**options, "boundscheck": True})
 import numpy as np
 import test_extreme_values
 test_extreme_values.draw_extreme_scenes()
-from gaussian_trimmer.rendering.projection_kernels import bin_gaussians
+from gaussian_trimmer.rendering.projection_kernels import Tiles, bin_gaussians
+tiles = Tiles(0, np.array([0, 1]), np.zeros(1, np.int32), np.zeros((1, 2), np.uint8), 16, 16)
 try:
-    bin_gaussians(np.zeros((2, 3), np.float32), 16, 16, np.array([0, 1]), 0)
+    bin_gaussians(np.zeros((2, 3), np.float32), tiles, np.array([0]), 0, 1)
 except IndexError:
     print("done")
 """

@@ -1,8 +1,4 @@
-"""The number of threads changes no bit of any result, and calls from several Python threads do not disturb each other.
-
-Numba's fallback threading layer, workqueue, aborts the process when two threads enter parallel kernels at the same
-time; the layer is chosen when Numba is loaded, so that what may abort runs in a process of its own.
-"""
+"""The number of threads changes no bit of any result, and calls from several Python threads do not disturb others."""
 
 import hashlib
 import os
@@ -125,21 +121,13 @@ def test_opencv_with_one_thread_agrees():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("layer", ["default", "workqueue"])
-def test_eight_threads_agree_however_few_cores_there_are(layer):
+def test_eight_threads_agree_however_few_cores_there_are():
     expected = ["8", rendered(), neighbours(), trimmed()]
     expression = "numba.get_num_threads(), rendered(), neighbours(), trimmed()"
-    assert in_a_process(expression, NUMBA_NUM_THREADS="8", NUMBA_THREADING_LAYER=layer) == expected
+    assert in_a_process(expression, NUMBA_NUM_THREADS="8") == expected
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("work", [rendered, neighbours, trimmed])
 def test_simultaneous_calls_agree(work):
     assert at_the_same_time(work) == {work()}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("work", ["rendered", "neighbours", "trimmed"])
-def test_simultaneous_calls_do_not_abort_the_fallback_threading_layer(work):
-    expression = f"at_the_same_time({work}) == {{{work}()}}"
-    assert in_a_process(expression, NUMBA_NUM_THREADS="2", NUMBA_THREADING_LAYER="workqueue") == ["True"]

@@ -42,9 +42,9 @@ _STAGES = {
 _PROGRESS_STEPS = len(_STAGES) + 1
 """Views are rendered twice: before the labels are corrected, and after."""
 _PROGRAM = "gaussian-trimmer"
-_COMPILING = "Compiling kernels, once per installation: about 20 seconds."
+_COMPILING = "Compiling kernels, once per installation: about 10 seconds."
 _COMPILING_AGAIN = (
-    "Compiling kernels: about 20 seconds. They cannot be kept, since no folder for them is writable; "
+    "Compiling kernels: about 10 seconds. They cannot be kept, since no folder for them is writable; "
     "set NUMBA_CACHE_DIR to one that is."
 )
 _DOUBTFUL_CONFIDENCE = 0.2
@@ -190,11 +190,14 @@ def refuse_existing(path: Path, *, inputs: Iterable[Path] = (), overwrite: bool)
 
 
 def announce_compiling(console: Console) -> None:
-    """Say that the renderer's kernels are compiled first, unless an earlier run has left them on disk."""
+    """Say that kernels are compiled first, and begin with it, unless an earlier run has left them on disk."""
     from gaussian_trimmer.geometry.compiling import CACHE
     from gaussian_trimmer.rendering.numba_kernels import blend_tiles
 
     if not CACHE:
         console.print(_COMPILING_AGAIN)
     elif not any(Path(str(blend_tiles.stats.cache_path)).glob("numba_kernels.blend_tiles-*.nbi")):
+        from gaussian_trimmer.rendering.compiling_ahead import start_compiling
+
         console.print(_COMPILING)
+        start_compiling()

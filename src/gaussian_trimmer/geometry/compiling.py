@@ -1,13 +1,18 @@
-"""How kernels are compiled, and that one parallel kernel runs at a time."""
+"""How kernels are compiled, and how they run side by side.
+
+Kernels are plain loops over a share of the work, called from Python threads; they release the interpreter's lock. Loops
+that Numba makes parallel take three times as long to compile, and may abort where two threads enter them at once.
+"""
 
 from __future__ import annotations
 
-import threading
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
 
 import numba
-
-KERNEL_LOCK = threading.Lock()
-"""Held while a parallel kernel runs: Numba's fallback threading layer aborts the process on concurrent entry."""
 
 
 def _can_cache() -> bool:
@@ -21,3 +26,36 @@ def _can_cache() -> bool:
 
 CACHE = _can_cache()
 """Whether Numba keeps compiled kernels on disk; they are compiled in every process where it cannot."""
+
+
+def side_by_side(work: Callable[[int, int], Any], n: int, at_most: int | None = None) -> None:
+    """Call work(first, last) for shares that together are the range from 0 to n, on as many threads as Numba is given.
+
+    Args:
+        work: called with where a share begins and ends; it calls no `side_by_side` itself.
+        n: size of the work.
+        at_most: size of the largest share; None: there is one share a thread.
+    """
+    threads = numba.get_num_threads()
+    size = max(-(-n // threads), 1)
+    if at_most is not None:
+        size = min(size, at_most)
+    shares = [(first, min(first + size, n)) for first in range(0, n, size)]
+    if threads == 1 or len(shares) <= 1:
+        for share in shares:
+            work(*share)
+        return
+    others = [_pool(threads).submit(work, *share) for share in shares[1:]]
+    work(*shares[0])
+    for other in others:
+        other.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Threads beside the calling one."""
+    return ThreadPoolExecutor(threads - 1, "gaussian-trimmer")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # Threads do not outlive a fork.

@@ -8,6 +8,8 @@ import numpy as np
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 
+_jit = numba.njit(cache=CACHE, nogil=True)
+
 _CELLS_ACROSS = 1 << 21
 """Cells along an axis that a key has room for."""
 
@@ -61,7 +63,9 @@ def connected_pairs(count: int, pairs: IntArray) -> IntArray:
     >>> connected_pairs(5, np.array([[4, 2], [2, 1]])).tolist()
     [0, 1, 1, 3, 1]
     """
-    return np.asarray(_join_pairs(count, np.ascontiguousarray(pairs, np.int64)))
+    parent = np.arange(count)
+    _join_members(np.ascontiguousarray(pairs, np.int64).reshape(-1, 2), parent)
+    return _roots(parent)
 
 
 def _cell_keys(points: Float64Array, size: float) -> IntArray:
@@ -91,65 +95,66 @@ def _compact_keys(points: Float64Array, size: float) -> IntArray:
     return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
 
 
-@numba.njit(cache=CACHE)
-def _connect(cells, reach, points, starts, limit):  # type: ignore[no-untyped-def]
-    """Label the components of sorted cell keys (V,) by union-find; a label is the smallest member's place.
+def _connect(cells: IntArray, reach: int, points: Float64Array, starts: IntArray, limit: float) -> IntArray:
+    """Labels of the components of sorted cell keys (V,); a label is the smallest member's place.
 
     Cells no farther apart than a reach of one, along each axis, are connected; those within a reach of two only if
     their points (N, 3), which lie from `starts` on, come within a squared distance.
     """
-    parent = np.arange(len(cells))
-    firsts = np.zeros((reach + 1, 2 * reach + 1), np.int64)
+    parent, firsts = np.arange(len(cells)), np.zeros((reach + 1, 2 * reach + 1), np.int64)
+    _join_cells(cells, np.require(points, np.float64, ("C", "W")), starts, limit, parent, firsts)
+    return _roots(parent)
+
+
+def _join_rows(labels: IntArray) -> IntArray:
+    """Labels (N,) of rows of labels (N, P): rows that share one, if only by way of others, get the same."""
+    parent = np.arange(labels.max() + 1)
+    _join_members(labels, parent)
+    return np.asarray(_roots(parent)[labels[:, 0]])
+
+
+def _roots(parent: IntArray) -> IntArray:
+    """The root of every member of a union-find forest, (V,)."""
+    while not np.array_equal(parent, above := parent[parent]):
+        parent = above
+    return parent
+
+
+@_jit
+def _join_cells(cells, points, starts, limit, parent, firsts):  # type: ignore[no-untyped-def]
+    """Join the cells of `_connect` by union-find.
+
+    Cells are gone through in order, so that the first cell of each row around them that is within reach only moves on:
+    `firsts` (reach + 1, 2 reach + 1), zero before, keeps its place.
+    """
+    reach = firsts.shape[0] - 1
     for i in range(len(cells)):
         for dx in range(-reach, 1):
             for dy in range(-reach, reach + 1):
-                j = _first_in_row(cells, i, dx, dy, reach, firsts)
-                while j < i and cells[j] <= cells[i] + (dx << 42) + (dy << 21) + reach:
+                beside = cells[i] + (dx << 42) + (dy << 21)
+                j = firsts[dx + reach, dy + reach]
+                while j < i and cells[j] < beside - reach:
+                    j += 1
+                firsts[dx + reach, dy + reach] = j
+                while j < i and cells[j] <= beside + reach:
                     a, b = _root(parent, i), _root(parent, j)
                     if a != b and (
-                        reach == 1
-                        or _within(points[starts[i] : starts[i + 1]], points[starts[j] : starts[j + 1]], limit)
+                        reach == 1 or _within(points, starts[i], starts[i + 1], starts[j], starts[j + 1], limit)
                     ):
-                        _join(parent, a, b)
+                        parent[max(a, b)] = min(a, b)
                     j += 1
-    return _flattened(parent)
 
 
-@numba.njit(cache=CACHE)
-def _join_rows(labels):  # type: ignore[no-untyped-def]
-    """Labels (N,) of rows of labels (N, P): rows that share one, if only by way of others, get the same."""
-    parent = np.arange(labels.max() + 1)
+@_jit
+def _join_members(labels, parent):  # type: ignore[no-untyped-def]
+    """Join the labels of each row (N, P) by union-find."""
     for i in range(len(labels)):
         for k in range(1, labels.shape[1]):
-            _join(parent, _root(parent, labels[i, 0]), _root(parent, labels[i, k]))
-    return _flattened(parent)[labels[:, 0]]
+            a, b = _root(parent, labels[i, 0]), _root(parent, labels[i, k])
+            parent[max(a, b)] = min(a, b)
 
 
-@numba.njit(cache=CACHE)
-def _join_pairs(count, pairs):  # type: ignore[no-untyped-def]
-    """Labels (count,) by union-find."""
-    parent = np.arange(count)
-    for k in range(len(pairs)):
-        a, b = _root(parent, pairs[k, 0]), _root(parent, pairs[k, 1])
-        if a != b:
-            _join(parent, a, b)
-    return _flattened(parent)
-
-
-@numba.njit(cache=CACHE)
-def _first_in_row(keys, i, dx, dy, reach, firsts):  # type: ignore[no-untyped-def]
-    """Place of the first key that is at most `reach` cells before the cell (dx, dy) beside cell i, at most i.
-
-    Cells are gone through in order, so each row's place only moves on: `firsts` keeps the places.
-    """
-    first = firsts[dx + reach, dy + reach]
-    while first < i and keys[first] < keys[i] + (dx << 42) + (dy << 21) - reach:
-        first += 1
-    firsts[dx + reach, dy + reach] = first
-    return first
-
-
-@numba.njit(cache=CACHE)
+@_jit
 def _root(parent, i):  # type: ignore[no-untyped-def]
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -157,26 +162,12 @@ def _root(parent, i):  # type: ignore[no-untyped-def]
     return i
 
 
-@numba.njit(cache=CACHE)
-def _join(parent, a, b):  # type: ignore[no-untyped-def]
-    """Join the trees of two roots; the smaller one becomes the root of both."""
-    parent[max(a, b)] = min(a, b)
-
-
-@numba.njit(cache=CACHE)
-def _flattened(parent):  # type: ignore[no-untyped-def]
-    """The root of every member; no parent is larger than its child."""
-    for i in range(len(parent)):
-        parent[i] = parent[parent[i]]
-    return parent
-
-
-@numba.njit(cache=CACHE)
-def _within(some, others, limit):  # type: ignore[no-untyped-def]
+@_jit
+def _within(points, start, end, other_start, other_end, limit):  # type: ignore[no-untyped-def]
     """Whether any of some points comes within a squared distance of any of the others."""
-    for i in range(len(some)):
-        for j in range(len(others)):
-            dx, dy, dz = some[i, 0] - others[j, 0], some[i, 1] - others[j, 1], some[i, 2] - others[j, 2]
+    for i in range(start, end):
+        for j in range(other_start, other_end):
+            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
             if dx * dx + dy * dy + dz * dz <= limit:
                 return True
     return False

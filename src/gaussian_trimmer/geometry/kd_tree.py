@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import CACHE, KERNEL_LOCK
+from gaussian_trimmer.geometry.compiling import CACHE, side_by_side
 
 _POINTS_IN_A_LEAF = 16
-_QUERIES_TOGETHER = 64  # Queries that share their scratch memory.
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
 
 
@@ -28,49 +27,58 @@ def nearest(
     [[0.0, inf]]
     """
     points = np.ascontiguousarray(points, np.float32)
-    order, axes, splits, edges = _build(points)
-    queries = np.ascontiguousarray(queries, np.float32)
+    order, axes, splits, edges = _build(np.require(points, requirements="W"))
+    queries = np.require(queries, np.float32, ("C", "W"))
     leaves, numbers = _leaves(points, order, edges)
-    with KERNEL_LOCK:
-        squared, found = _search(leaves, numbers, axes, splits, queries, k, reach * reach)
+    squared = np.full((len(queries), k), np.float32(reach * reach))
+    found = np.full((len(queries), k), -1, np.int32)
+    side_by_side(
+        lambda first, last: _search(
+            leaves, numbers, axes, splits, queries[first:last], squared[first:last], found[first:last]
+        ),
+        len(queries),
+    )
     return squared, found
 
 
-@_jit
-def _build(points):  # type: ignore[no-untyped-def]
+def _build(points: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.int32], FloatArray, IntArray]:
     """Order the points so that every node is a contiguous range, halved at the median of its widest axis.
 
     Nodes are numbered as in a heap, level after level; ranges follow from the halving, so only axis and split of a
     node are stored, and where the leaves' ranges begin and end.
     """
-    n, dims = points.shape
-    order = np.arange(n).astype(np.int32)
+    n = len(points)
+    order = np.arange(n, dtype=np.int32)
     n_leaves = 1
     while _POINTS_IN_A_LEAF * n_leaves < n:
         n_leaves *= 2
-    axes = np.zeros(n_leaves, np.int32)
-    splits = np.zeros(n_leaves, np.float32)
+    axes, splits = np.zeros(n_leaves, np.int32), np.zeros(n_leaves, np.float32)
     edges = np.array([0, n])
     while len(edges) <= n_leaves:
         level = len(edges) - 1
         halves = np.empty(2 * level + 1, np.int64)
-        halves[2 * level] = n
-        for i in range(level):
-            start, end = edges[i], edges[i + 1]
-            widest, width = 0, np.float32(-1)
-            for axis in range(dims):
-                low, high = points[order[start], axis], points[order[start], axis]
-                for j in range(start + 1, end):
-                    value = points[order[j], axis]
-                    low, high = min(low, value), max(high, value)
-                if high - low > width:
-                    widest, width = axis, high - low
-            middle = (start + end) // 2
-            _select(points, order, widest, start, end, middle)
-            axes[level + i], splits[level + i] = widest, points[order[middle], widest]
-            halves[2 * i], halves[2 * i + 1] = start, middle
+        halves[::2], halves[1::2] = edges, (edges[:-1] + edges[1:]) // 2
+        _halve(points, order, halves, axes[level:], splits[level:])
         edges = halves
     return order, axes, splits, edges
+
+
+@_jit
+def _halve(points, order, halves, axes, splits):  # type: ignore[no-untyped-def]
+    """Order each node of a level so that its median along its widest axis, which is noted, stands in the middle."""
+    for i in range(len(halves) // 2):
+        start, middle, end = halves[2 * i], halves[2 * i + 1], halves[2 * i + 2]
+        widest, width = 0, np.float32(-1)
+        for axis in range(points.shape[1]):
+            low, high = points[order[start], axis], points[order[start], axis]
+            for j in range(start + 1, end):
+                value = points[order[j], axis]
+                low, high = min(low, value), max(high, value)
+            if high - low > width:
+                widest, width = axis, high - low
+        axes[i] = widest
+        _select(points, order, axes[i], start, end, middle)
+        splits[i] = points[order[middle], widest]
 
 
 def _leaves(points: FloatArray, order: NDArray[np.int32], edges: IntArray) -> tuple[FloatArray, NDArray[np.int32]]:
@@ -112,61 +120,59 @@ def _select(points, order, axis, start, end, middle):  # type: ignore[no-untyped
             return
 
 
-@numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True, parallel=True)
-def _search(leaves, numbers, axes, splits, queries, k, limit):  # type: ignore[no-untyped-def]
-    """Depth-first search below a squared distance, with a stack of the branches not taken.
+@_jit
+def _search(leaves, numbers, axes, splits, queries, squared, found):  # type: ignore[no-untyped-def]
+    """Depth-first search below the squared distances (Q, k) as they are given, with a stack of the branches not taken.
 
-    A branch keeps how far its box lies from the query along each axis, so that its distance adds up over the axes.
+    Writes squared distances and indices. A branch keeps how far its box lies from the query along each axis, so that
+    its distance adds up over the axes.
     """
     n_nodes, dims, _ = leaves.shape
-    squared = np.full((len(queries), k), limit, np.float32)
-    found = np.full((len(queries), k), -1, np.int32)
-    for part in numba.prange(-(-len(queries) // _QUERIES_TOGETHER)):
-        stack = np.empty(64, np.int64)
-        bounds = np.empty(64, np.float32)
-        gaps = np.zeros((64, dims), np.float32)
-        offset = np.zeros(dims, np.float32)
-        distances = np.empty(_POINTS_IN_A_LEAF, np.float32)
-        for q in range(part * _QUERIES_TOGETHER, min((part + 1) * _QUERIES_TOGETHER, len(queries))):
-            query, best, ids = queries[q], squared[q], found[q]
+    k = squared.shape[1]
+    stack = np.empty(64, np.int64)
+    bounds = np.empty(64, np.float32)
+    gaps = np.empty((64, dims), np.float32)
+    offset = np.empty(dims, np.float32)
+    distances = np.empty(_POINTS_IN_A_LEAF, np.float32)
+    for q in range(len(queries)):
+        query, best, ids = queries[q], squared[q], found[q]
+        for axis in range(dims):
+            gaps[0, axis] = 0
+        stack[0], bounds[0], top = 1, np.float32(0), 1
+        while top > 0:
+            top -= 1
+            node, bound = stack[top], bounds[top]
+            if bound >= best[k - 1]:
+                continue
+            for axis in range(dims):  # Copying whole rows takes two seconds longer to compile.
+                offset[axis] = gaps[top, axis]
+            while node < n_nodes:
+                axis = axes[node]
+                gap = query[axis] - splits[node]
+                far = 2 * node + (1 if gap < 0 else 0)
+                far_bound = bound - offset[axis] * offset[axis] + gap * gap
+                if far_bound < best[k - 1]:
+                    stack[top], bounds[top] = far, far_bound
+                    for other in range(dims):
+                        gaps[top, other] = offset[other]
+                    gaps[top, axis] = gap
+                    top += 1
+                node = 2 * node + (0 if gap < 0 else 1)
+            for i in range(_POINTS_IN_A_LEAF):
+                distances[i] = 0
             for axis in range(dims):
-                gaps[0, axis] = 0
-            stack[0], bounds[0], top = 1, np.float32(0), 1
-            while top > 0:
-                top -= 1
-                node, bound = stack[top], bounds[top]
-                if bound >= best[k - 1]:
-                    continue
-                for axis in range(dims):  # Copying whole rows takes two seconds longer to compile.
-                    offset[axis] = gaps[top, axis]
-                while node < n_nodes:
-                    axis = axes[node]
-                    gap = query[axis] - splits[node]
-                    far = 2 * node + (1 if gap < 0 else 0)
-                    far_bound = bound - offset[axis] * offset[axis] + gap * gap
-                    if far_bound < best[k - 1]:
-                        stack[top], bounds[top] = far, far_bound
-                        for other in range(dims):
-                            gaps[top, other] = offset[other]
-                        gaps[top, axis] = gap
-                        top += 1
-                    node = 2 * node + (0 if gap < 0 else 1)
+                coordinates, position = leaves[node - n_nodes, axis], query[axis]
                 for i in range(_POINTS_IN_A_LEAF):
-                    distances[i] = 0
-                for axis in range(dims):
-                    coordinates, position = leaves[node - n_nodes, axis], query[axis]
-                    for i in range(_POINTS_IN_A_LEAF):
-                        step = coordinates[i] - position
-                        distances[i] += step * step
-                for i in range(_POINTS_IN_A_LEAF):
-                    distance = distances[i]
-                    if distance < best[k - 1]:
-                        slot = k - 1
-                        while slot > 0 and best[slot - 1] > distance:
-                            best[slot], ids[slot] = best[slot - 1], ids[slot - 1]
-                            slot -= 1
-                        best[slot], ids[slot] = distance, numbers[node - n_nodes, i]
-            for slot in range(k):
-                if ids[slot] < 0:
-                    best[slot] = np.inf
-    return squared, found
+                    step = coordinates[i] - position
+                    distances[i] += step * step
+            for i in range(_POINTS_IN_A_LEAF):
+                distance = distances[i]
+                if distance < best[k - 1]:
+                    slot = k - 1
+                    while slot > 0 and best[slot - 1] > distance:
+                        best[slot], ids[slot] = best[slot - 1], ids[slot - 1]
+                        slot -= 1
+                    best[slot], ids[slot] = distance, numbers[node - n_nodes, i]
+        for slot in range(k):
+            if ids[slot] < 0:
+                best[slot] = np.inf

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0
@@ -34,7 +33,7 @@ from gaussian_trimmer.rendering.numba_kernels import (
     _lets_light_through,
     _weight_and_light,
 )
-from gaussian_trimmer.rendering.projection_kernels import TILE, _jit, _parallel
+from gaussian_trimmer.rendering.projection_kernels import TILE, _jit
 
 N_SUMS = 9
 """Sums of a pair: h; h z (2); h z z^T (xx, xy, yy); weight times g_C (3)."""
@@ -43,26 +42,32 @@ N_PARAMETERS = 13
 _FOUR, _SIXTEEN = np.float32(4), np.float32(16)
 
 
-@_parallel
-def differentiate_tiles(splats, colours, moves, tiles, size, image, slopes):  # type: ignore[no-untyped-def]
-    """Sums over the pixels of each pair of a tile and a Gaussian, (P, 9): what `gather` turns into derivatives.
-
-    Also in which tiles any of these may differ from zero, (T,).
+@_jit
+def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # type: ignore[no-untyped-def]
+    """Sums over the pixels of each pair of a tile and a Gaussian, which `gather` turns into derivatives.
 
     Args:
         splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
         moves: which of them are asked for, (M,); the rows of others stay zero.
         tiles: some of the view's.
-        size: width and height of the view in pixels.
-        image: what the view shows, (5, H', W'): colour, depth and alpha.
-        slopes: derivatives of the loss by colour and alpha, (4, H', W').
+        images: what the view shows, (5, H', W'): colour, depth and alpha; and the derivatives of the loss by colour and
+            alpha, (4, H', W').
+        out: the sums, (P, 9), and in which tiles any of these may differ from zero, (T,); zeros before.
+        jobs: first and one past the last of those to do, of which there are as many as tiles.
     """
-    first_tile, starts, lists, spans = tiles
-    width, height = size
+    first_tile, starts, lists, spans, width, height = tiles
+    image, slopes = images
+    pairs, busy = out
     across, n_tiles = -(-width // TILE), len(starts) - 1
-    pairs = np.zeros((lists.shape[0], N_SUMS), np.float32)
-    busy = np.zeros(n_tiles, np.bool_)
-    for job in numba.prange(n_tiles):
+    column = np.empty(_AREA, np.float32)
+    row = np.empty(_AREA, np.float32)
+    for p in range(_AREA):
+        column[p] = np.float32(p % TILE) + np.float32(0.5)
+        row[p] = np.float32(p // TILE) + np.float32(0.5)
+    transmittance = np.empty(_AREA, np.float32)
+    slope = np.empty((4, _AREA), np.float32)
+    farther = np.empty(_AREA, np.float32)
+    for job in range(jobs[0], jobs[1]):
         tile = _interleave(job, n_tiles)
         end = starts[tile + 1]
         while end > starts[tile] and not moves[lists[end - 1]]:
@@ -70,17 +75,10 @@ def differentiate_tiles(splats, colours, moves, tiles, size, image, slopes):  # 
         if end == starts[tile]:
             continue
         left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
-        column = np.empty(_AREA, np.float32)
-        row = np.empty(_AREA, np.float32)
-        transmittance = np.ones(_AREA, np.float32)
-        slope = np.empty((4, _AREA), np.float32)
-        farther = np.empty(_AREA, np.float32)
         steepest = _ZERO
         for p in range(_AREA):
-            column[p] = np.float32(p % TILE) + np.float32(0.5)
-            row[p] = np.float32(p // TILE) + np.float32(0.5)
-            if left + p % TILE >= width or top + p // TILE >= height:
-                transmittance[p] = -_ONE
+            outside = left + p % TILE >= width or top + p // TILE >= height
+            transmittance[p] = -_ONE if outside else _ONE
             total = _ZERO
             for c in range(4):
                 slope[c, p] = slopes[c, top + p // TILE, left + p % TILE]
@@ -146,7 +144,6 @@ def differentiate_tiles(splats, colours, moves, tiles, size, image, slopes):  # 
             pairs[pair, 0], pairs[pair, 1], pairs[pair, 2] = h, _FOUR * hu, _FOUR * hv
             pairs[pair, 3], pairs[pair, 4], pairs[pair, 5] = _SIXTEEN * huu, _SIXTEEN * huv, _SIXTEEN * hvv
             pairs[pair, 6], pairs[pair, 7], pairs[pair, 8] = wr, wg, wb
-    return pairs, busy
 
 
 @_jit
@@ -183,9 +180,9 @@ def sum_moving_pairs(pairs, starts, lists, busy, totals):  # type: ignore[no-unt
                 totals[lists[pair], k] += pairs[pair, k]
 
 
-@_parallel
-def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyped-def]
-    """Derivatives of the loss by the parameters of M drawn Gaussians, (M, 13).
+@_jit
+def gather(ellipsoids, pinhole, splats, colours, sums, out):  # type: ignore[no-untyped-def]
+    """Writes the derivatives of the loss by the parameters of M drawn Gaussians, (M, 13).
 
     How a colour changes because the Gaussian is seen from elsewhere is left out: `means` move by fractions of their
     size. The other arguments are as in `project` and `differentiate_tiles`.
@@ -193,8 +190,12 @@ def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyp
     means, log_scales, quaternions, opacity_logits = ellipsoids
     W, _, lens, limits = pinhole
     fx, fy = lens[0], lens[1]
-    out = np.zeros((means.shape[0], N_PARAMETERS), np.float32)
-    for i in numba.prange(means.shape[0]):
+    e = np.empty((3, 3), np.float64)  # The rotation's columns in the camera's frame: axis, camera coordinate.
+    a = np.empty((3, 2), np.float64)  # The same in the image.
+    s = np.empty(3, np.float64)
+    slope_j = np.empty((2, 3), np.float64)
+    in_camera = np.empty(3, np.float64)
+    for i in range(means.shape[0]):
         x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
         depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
         across = (W[0, 0] * x + W[0, 1] * y + W[0, 2] * z + W[0, 3]) / depth
@@ -212,10 +213,6 @@ def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyp
         qy, qz = float(quaternions[i, 2]), float(quaternions[i, 3])
         norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         qw, qx, qy, qz = qw / norm, qx / norm, qy / norm, qz / norm
-        # The rotation's columns in the camera's frame, and in the image.
-        e = np.empty((3, 3), np.float64)  # axis, camera coordinate
-        a = np.empty((3, 2), np.float64)
-        s = np.empty(3, np.float64)
         for axis in range(3):
             if axis == 0:
                 r0, r1, r2 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
@@ -231,7 +228,8 @@ def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyp
             if not longest < LARGEST_SPREAD:
                 s[axis] = 0.0  # Drawn as if it were shorter, so nothing follows from its length.
         # dL / dJ (2, 3) = 2 G J Sigma, Sigma in the camera's frame.
-        slope_j = np.zeros((2, 3), np.float64)
+        for k in range(3):
+            slope_j[0, k], slope_j[1, k] = 0.0, 0.0
         for axis in range(3):
             ga_x, ga_y = g_xx * a[axis, 0] + g_xy * a[axis, 1], g_xy * a[axis, 0] + g_yy * a[axis, 1]
             for k in range(3):
@@ -243,7 +241,6 @@ def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyp
             out[i, 6 + axis] = 2 * (s[j] * s[j] - s[k] * s[k]) * mixed
         # J = [[px, 0, -px tx], [0, py, -py ty]] changes with the place, tx = x / z only inside the limits.
         free_x, free_y = (1.0 if tx == across else 0.0), (1.0 if ty == down else 0.0)
-        in_camera = np.empty(3, np.float64)
         in_camera[0] = px * along_x - free_x * px / depth * slope_j[0, 2]
         in_camera[1] = py * along_y - free_y * py / depth * slope_j[1, 2]
         in_camera[2] = (
@@ -259,4 +256,3 @@ def gather(ellipsoids, pinhole, splats, colours, sums):  # type: ignore[no-untyp
         out[i, 9] = sums[i, 0] * (1 - 1 / (1 + math.exp(-float(opacity_logits[i]))))
         for c in range(3):
             out[i, 10 + c] = SH_C0 * sums[i, 6 + c] if colours[i, c] > 0 else 0.0
-    return out

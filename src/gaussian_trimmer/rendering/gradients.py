@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
+from gaussian_trimmer.geometry.compiling import side_by_side
 from gaussian_trimmer.rendering import gradient_kernels as kernels
 from gaussian_trimmer.rendering.numba_cpu import (
     Projection,
@@ -18,6 +18,7 @@ from gaussian_trimmer.rendering.numba_cpu import (
     project_view,
     whole_tiles,
 )
+from gaussian_trimmer.rendering.projection_kernels import Tiles
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +94,9 @@ def slopes_towards(
     Returns:
         For colour and alpha of all pixels of whole tiles, (4, H', W').
     """
-    with KERNEL_LOCK:
-        return np.asarray(
-            kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding), np.float32(invisible))
-        )
+    return np.asarray(
+        kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding), np.float32(invisible))
+    )
 
 
 def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatArray:
@@ -116,26 +116,42 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     moves = moving[projection.rows]
     sums = np.zeros((len(projection.rows), kernels.N_SUMS), np.float32)
     for tiles in projection.parts(camera, kernels.N_SUMS):
-        with KERNEL_LOCK:
-            pairs, busy = kernels.differentiate_tiles(
-                projection.splats,
-                projection.colours,
-                moves,
-                tiles,
-                (camera.width, camera.height),
-                drawing.padded,
-                padded,
-            )
-            kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, busy, sums)
+        pairs, busy = _differentiated(drawing, tiles, moves, padded)
+        kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, busy, sums)
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
+    found = np.empty((len(rows), kernels.N_PARAMETERS), np.float32)
+    pinhole = pinhole_of(camera)
+    splats, colours, sums = projection.splats[chosen], projection.colours[chosen], sums[chosen]
+
+    def gather(first: int, last: int) -> None:
+        part = slice(first, last)
+        ellipsoids = ellipsoids_of(gaussians, rows[part])
+        kernels.gather(ellipsoids, pinhole, splats[part], colours[part], sums[part], found[part])
+
+    side_by_side(gather, len(rows))
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)
-    with KERNEL_LOCK:
-        derivatives[rows] = kernels.gather(
-            ellipsoids_of(gaussians, rows),
-            pinhole_of(camera),
-            projection.splats[chosen],
-            projection.colours[chosen],
-            sums[chosen],
-        )
+    derivatives[rows] = found
     return derivatives
+
+
+def _differentiated(
+    drawing: Drawing, tiles: Tiles, moves: BoolArray, slopes: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """What `differentiate_tiles` finds of some tiles of a view."""
+    projection = drawing.projection
+    pairs, busy = np.zeros((len(tiles.lists), kernels.N_SUMS), np.float32), np.zeros(len(tiles.starts) - 1, np.bool_)
+
+    def differentiate(first: int, last: int) -> None:
+        kernels.differentiate_tiles(
+            projection.splats,
+            projection.colours,
+            moves,
+            tiles,
+            (drawing.padded, slopes),
+            (pairs, busy),
+            (first, last),
+        )
+
+    side_by_side(differentiate, len(busy))
+    return pairs, busy

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.compiling import KERNEL_LOCK
+from gaussian_trimmer.geometry.compiling import side_by_side
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
 from gaussian_trimmer.rendering.projection_kernels import (
@@ -42,6 +42,8 @@ _LISTED_BYTES = 1 << 29
 """Memory for the lists of a view's tiles, and for the weights of their entries."""
 _BYTES_OF_A_PAIR = 6
 _BYTES_OF_A_WEIGHT = 4
+_PROJECTED_TOGETHER = 1 << 16
+"""Gaussians that are projected in one call, so that what is copied of a table stays small."""
 _NO_LABELS = np.zeros((0, 1, 1), np.float32)
 
 
@@ -81,9 +83,9 @@ class Projection:
         begin, end = self.tile_starts[[first, last]]
         starts = self.tile_starts[first : last + 1] - begin
         if self.tiles is not None:
-            return Tiles(first, starts, self.tiles.lists[begin:end], self.tiles.spans[begin:end])
-        with KERNEL_LOCK:
-            return Tiles(first, starts, *bin_gaussians(self.splats, camera.width, camera.height, starts, first))
+            lists, spans = self.tiles.lists[begin:end], self.tiles.spans[begin:end]
+            return Tiles(first, starts, lists, spans, camera.width, camera.height)
+        return _binned(self.splats, starts, first, camera)
 
     def scattered(self, sums: FloatArray, n: int) -> FloatArray:
         """Sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
@@ -137,8 +139,12 @@ class NumbaRenderer:
         projection = self._projection(gaussians, camera)
         ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
         for tiles in projection.parts(camera):
-            with KERNEL_LOCK:
-                top_of_pixels(projection.splats, tiles, camera.width, pixels, ids, weights)
+            side_by_side(
+                lambda first, last, tiles=tiles: top_of_pixels(  # type: ignore[misc]
+                    projection.splats, tiles, pixels[first:last], ids[first:last], weights[first:last]
+                ),
+                len(pixels),
+            )
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
@@ -168,32 +174,59 @@ class NumbaRenderer:
 
 def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None = None) -> Projection:
     """Project, sort by depth (ties by row) and bin into tiles; into those wanted only, (T,), if that is given."""
-    with KERNEL_LOCK:
-        splats, colours, drawn = project(
-            ellipsoids_of(gaussians), gaussians.sh_dc, gaussians.sh_rest, pinhole_of(camera)
-        )
-        # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
-        candidates = np.flatnonzero(drawn)
-        keys = colours[candidates, 3].view(np.uint32).astype(np.uint64) << np.uint64(32) | candidates.astype(np.uint64)
-        keys.sort()
-        rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
-        splats, colours = splats[rows], colours[rows]
-        counts = count_tiles(splats, camera.width, camera.height)
-        if wanted is not None:
-            counts[~wanted] = 0
-        starts = np.zeros(len(counts) + 1, np.int64)
-        np.cumsum(counts, out=starts[1:])
-        check_pairs(int(starts[-1]), camera)
-        tiles = None
-        if starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES:
-            tiles = Tiles(0, starts, *bin_gaussians(splats, camera.width, camera.height, starts, 0))
-    return Projection(rows, splats, colours, starts, tiles)
+    splats, colours, drawn = _projected(gaussians, camera)
+    # A key of depth bits above the row number sorts by depth, ties by row, with one plain sort.
+    candidates = np.flatnonzero(drawn)
+    keys = colours[candidates, 3].view(np.uint32).astype(np.uint64) << np.uint64(32) | candidates.astype(np.uint64)
+    keys.sort()
+    rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    splats, colours = splats[rows], colours[rows]
+    across, down = -(-camera.width // TILE), -(-camera.height // TILE)
+    table = np.zeros((down + 1, across), np.int64)
+    side_by_side(lambda first, last: count_tiles(splats, camera.height, table, first, last), across)
+    counts = table[:-1].ravel()
+    if wanted is not None:
+        counts[~wanted] = 0
+    starts = np.zeros(len(counts) + 1, np.int64)
+    np.cumsum(counts, out=starts[1:])
+    check_pairs(int(starts[-1]), camera)
+    listed = starts[-1] * _BYTES_OF_A_PAIR <= _LISTED_BYTES
+    return Projection(rows, splats, colours, starts, _binned(splats, starts, 0, camera) if listed else None)
 
 
-def ellipsoids_of(gaussians: Gaussians, rows: IntArray | slice = slice(None)) -> Ellipsoids:
+def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """What `project` finds of all Gaussians; columns of a table become arrays of their own share by share."""
+    n = len(gaussians)
+    found = np.empty((n, 8), np.float32), np.empty((n, 4), np.float32), np.zeros(n, np.bool_)
+    pinhole = pinhole_of(camera)
+
+    def part(first: int, last: int) -> None:
+        share = slice(first, last)
+        sh_dc, sh_rest = _owned(gaussians.sh_dc[share]), _owned(gaussians.sh_rest[share])
+        project(ellipsoids_of(gaussians, share), sh_dc, sh_rest, pinhole, *(array[share] for array in found))
+
+    side_by_side(part, n, _PROJECTED_TOGETHER)
+    return found
+
+
+def _binned(splats: FloatArray, starts: IntArray, first_tile: int, camera: Camera) -> Tiles:
+    """The tiles from `first_tile` on whose lists begin at `starts` (T + 1,), with their lists."""
+    lists, spans = np.zeros(starts[-1], np.int32), np.zeros((starts[-1], 2), np.uint8)
+    tiles = Tiles(first_tile, starts, lists, spans, camera.width, camera.height)
+    ends = starts[:-1].copy()
+    side_by_side(lambda first, last: bin_gaussians(splats, tiles, ends, first, last), -(-camera.width // TILE))
+    return tiles
+
+
+def _owned(values: FloatArray) -> FloatArray:
+    """The same array, or a copy if it is a column of a table or cannot be written: kernels are compiled once."""
+    return np.require(values, requirements=("C", "W"))
+
+
+def ellipsoids_of(gaussians: Gaussians, rows: IntArray | slice) -> Ellipsoids:
     """Gaussians, or some of them, as the kernels take them."""
     g = gaussians
-    return Ellipsoids(g.means[rows], g.log_scales[rows], g.quaternions[rows], g.opacity_logits[rows])
+    return Ellipsoids(*(_owned(a[rows]) for a in (g.means, g.log_scales, g.quaternions, g.opacity_logits)))
 
 
 def pinhole_of(camera: Camera) -> Pinhole:
@@ -230,9 +263,14 @@ def blend_view(
     image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
     sums = np.zeros((len(projection.rows), len(labels)), np.float32)
     for tiles in projection.parts(camera, len(labels)):
-        with KERNEL_LOCK:
-            pairs = blend_tiles(projection.splats, values, tiles, camera.width, camera.height, labels, image)
-            sum_pairs(pairs, tiles.lists, sums)
+        pairs = np.zeros((len(tiles.lists), len(labels)), np.float32)
+        side_by_side(
+            lambda first, last, tiles=tiles, pairs=pairs: blend_tiles(  # type: ignore[misc]
+                projection.splats, values, tiles, labels, image, pairs, (first, last)
+            ),
+            len(tiles.starts) - 1,
+        )
+        sum_pairs(pairs, tiles.lists, sums)
     return image, sums
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.rendering import ALPHA_CAP, ALPHA_CUTOFF, TRANSMITTANCE_STOP
-from gaussian_trimmer.rendering.projection_kernels import TILE, _jit, _parallel
+from gaussian_trimmer.rendering.projection_kernels import TILE, _jit
 
 _AREA = TILE * TILE
 _BATCH = 4  # Gaussians whose weights are found before they are added to sums together, which saves memory traffic.
@@ -64,37 +64,38 @@ def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
     return light > _ZERO
 
 
-@_parallel
-def blend_tiles(splats, values, tiles, width, height, labels, image):  # type: ignore[no-untyped-def]
-    """Front-to-back blending of some tiles.
+@_jit
+def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ignore[no-untyped-def]
+    """Front-to-back blending of the tiles of some jobs, of which there are as many as tiles.
 
-    Writes to the image (C + 1, H', W'), with H', W' rounded up to whole tiles, the blended values and, last, alpha.
-    Returns for each pair of `lists` the sum of its blend weights under each of the label images (L, H', W'), (P, L).
+    Writes to the image (C + 1, H', W'), with H', W' rounded up to whole tiles, the blended values and, last, alpha; and
+    to pairs (P, L), zero before, each pair's sum of blend weights under each of the label images (L, H', W').
     """
-    first_tile, starts, lists, spans = tiles
+    first_tile, starts, lists, spans, width, height = tiles
     across = -(-width // TILE)
     n_tiles, n_values, n_labels = len(starts) - 1, values.shape[1], labels.shape[0]
-    pairs = np.zeros((lists.shape[0], n_labels), np.float32)
-    for job in numba.prange(n_tiles):
+    column = np.empty(_AREA, np.float32)
+    row = np.empty(_AREA, np.float32)
+    for p in range(_AREA):
+        column[p] = np.float32(p % TILE) + np.float32(0.5)
+        row[p] = np.float32(p // TILE) + np.float32(0.5)
+    transmittance = np.empty(_AREA, np.float32)
+    weights = np.empty((_BATCH, _AREA), np.float32)
+    factors = np.empty(_BATCH, np.float32)
+    sums = np.empty((n_values, _AREA), np.float32)
+    marks = np.empty((n_labels, _AREA), np.float32)
+    for job in range(jobs[0], jobs[1]):
         # A stride coprime to the number of tiles spreads the busy middle of the image over the threads' equal shares.
         tile = _interleave(job, n_tiles)
         left, top = ((first_tile + tile) % across) * TILE, ((first_tile + tile) // across) * TILE
-        if starts[tile] == starts[tile + 1]:
-            image[:, top : top + TILE, left : left + TILE] = _ZERO
-            continue
-        column = np.empty(_AREA, np.float32)
-        row = np.empty(_AREA, np.float32)
-        for p in range(_AREA):
-            column[p] = np.float32(p % TILE) + np.float32(0.5)
-            row[p] = np.float32(p // TILE) + np.float32(0.5)
-        transmittance = np.ones(_AREA, np.float32)
-        for p in range(_AREA):
-            if left + p % TILE >= width or top + p // TILE >= height:
-                transmittance[p] = -_ONE  # Pixels outside the image count as stopped.
-        weights = np.zeros((_BATCH, _AREA), np.float32)
-        factors = np.zeros(_BATCH, np.float32)
-        sums = np.zeros((n_values, _AREA), np.float32)
-        marks = np.empty((n_labels, _AREA), np.float32)
+        for p in range(_AREA):  # Pixels outside the image count as stopped.
+            outside = left + p % TILE >= width or top + p // TILE >= height
+            transmittance[p] = -_ONE if outside else _ONE
+        for k in range(_BATCH):
+            factors[k] = _ZERO
+        for c in range(n_values):
+            for p in range(_AREA):
+                sums[c, p] = _ZERO
         for label in range(n_labels):
             for p in range(_AREA):
                 marks[label, p] = labels[label, top + p // TILE, left + p % TILE]
@@ -106,7 +107,7 @@ def blend_tiles(splats, values, tiles, width, height, labels, image):  # type: i
             low, high = _AREA, 0
             for k in range(n):
                 low, high = min(low, TILE * spans[begin + k, 0]), max(high, TILE * spans[begin + k, 1])
-            weights[:, low:high] = _ZERO
+            weights[:, low:high] = _ZERO  # As loops it costs the whole kernel a half more.
             for k in range(n):
                 i = lists[begin + k]
                 x, y = splats[i, 0] - np.float32(left), splats[i, 1] - np.float32(top)
@@ -148,7 +149,6 @@ def blend_tiles(splats, values, tiles, width, height, labels, image):  # type: i
                 image[c, top + p // TILE, left + p % TILE] = sums[c, p]
         for p in range(_AREA):
             image[n_values, top + p // TILE, left + p % TILE] = _ONE - abs(transmittance[p])
-    return pairs
 
 
 @numba.njit(cache=CACHE, inline="always")
@@ -178,16 +178,16 @@ def sum_pairs(pairs, lists, totals):  # type: ignore[no-untyped-def]
             totals[lists[pair], label] += pairs[pair, label]
 
 
-@_parallel
-def top_of_pixels(splats, tiles, width, pixels, ids, weights):  # type: ignore[no-untyped-def]
+@_jit
+def top_of_pixels(splats, tiles, pixels, ids, weights):  # type: ignore[no-untyped-def]
     """The largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals.
 
     Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for pixels within the tiles.
     """
-    first_tile, starts, lists, spans = tiles
+    first_tile, starts, lists, spans, width, _ = tiles
     across = -(-width // TILE)
     k = ids.shape[1]
-    for j in numba.prange(pixels.shape[0]):
+    for j in range(pixels.shape[0]):
         x, y = np.float32(pixels[j, 0]) + np.float32(0.5), np.float32(pixels[j, 1]) + np.float32(0.5)
         tile = (pixels[j, 1] // TILE) * across + pixels[j, 0] // TILE - first_tile
         if not 0 <= tile < len(starts) - 1:

@@ -20,15 +20,10 @@ from gaussian_trimmer.rendering import ALPHA_CUTOFF, LARGEST_SPREAD, LARGEST_VAL
 
 TILE = 16
 """Side of a tile in pixels."""
-_PARALLEL_PARTS = 8
-"""Parts of the image, side by side, whose tiles' lists are filled in parallel; each list stays in order."""
 _CANCELLED_SHARE = 1e-8
 """Determinant, as a share of the product of the variances, below which their difference has lost it."""
 
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True)
-_parallel = numba.njit(
-    cache=CACHE, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy", nogil=True, parallel=True
-)
 
 
 class Ellipsoids(NamedTuple):
@@ -64,23 +59,22 @@ class Tiles(NamedTuple):
     """Indices of drawn Gaussians, from near to far, tile after tile, (P,)."""
     spans: NDArray[np.uint8]
     """First and one past the last row of its tile that each entry of `lists` reaches, (P, 2)."""
+    width: int
+    """Width and height of the image in pixels."""
+    height: int
 
 
-@_parallel
-def project(ellipsoids, sh_dc, sh_rest, pinhole):  # type: ignore[no-untyped-def]
+@_jit
+def project(ellipsoids, sh_dc, sh_rest, pinhole, splats, colours, drawn):  # type: ignore[no-untyped-def]
     """EWA projection of N Gaussians.
 
-    Returns splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
-    of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,).
+    Writes splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
+    of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,), false before.
     """
     means, log_scales, quaternions, opacity_logits = ellipsoids
     W, centre, lens, limits = pinhole
-    n = means.shape[0]
-    splats = np.empty((n, 8), np.float32)
-    colours = np.empty((n, 4), np.float32)
-    drawn = np.zeros(n, np.bool_)
     fx, fy, cx, cy, width, height, near = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6]
-    for i in numba.prange(n):
+    for i in range(means.shape[0]):
         x, y, z = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
         depth = W[2, 0] * x + W[2, 1] * y + W[2, 2] * z + W[2, 3]
         opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
@@ -159,7 +153,6 @@ def project(ellipsoids, sh_dc, sh_rest, pinhole):  # type: ignore[no-untyped-def
             colour = max(0.0, 0.5 + _radiance(float(sh_dc[i, c]), sh_rest[i, c], dx, dy, dz))
             colours[i, c] = min(colour, LARGEST_VALUE)
         colours[i, 3] = depth
-    return splats, colours, drawn
 
 
 @numba.njit(cache=CACHE, inline="always")
@@ -224,52 +217,44 @@ def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
     return first, last
 
 
-@_parallel
-def count_tiles(splats, width, height):  # type: ignore[no-untyped-def]
-    """Number of Gaussians that reach each tile, (T,). Takes as long for ellipses of many rows as for those of few."""
-    across, down = -(-width // TILE), -(-height // TILE)
-    counts = np.zeros((down + 1) * across, np.int64)  # First those that begin with a tile less those that end above it.
-    share = -(-across // _PARALLEL_PARTS)
-    for job in numba.prange(-(-across // share)):
-        for i in range(splats.shape[0]):
-            x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
-            for tx in range(x0, x1):
-                first, last = _rows_reached(splats[i], tx * TILE, height)
-                if first < last:
-                    counts[first // TILE * across + tx] += 1
-                    counts[-(-last // TILE) * across + tx] -= 1
-        for tile in range(across, down * across):
-            if share * job <= tile % across < share * (job + 1):
-                counts[tile] += counts[tile - across]
-    return counts[: down * across]
+@_jit
+def count_tiles(splats, height, counts, first_column, end_column):  # type: ignore[no-untyped-def]
+    """Adds the number of Gaussians that reach each tile of some columns to the zeros of counts (rows + 1, columns).
 
-
-@_parallel
-def bin_gaussians(splats, width, height, starts, first_tile):  # type: ignore[no-untyped-def]
-    """Lists of the Gaussians that reach each of some tiles, in the order of `splats`, (P,).
-
-    The tiles are those from `first_tile` on; `starts` (T + 1,) says where each one's list begins. Also the first and
-    one past the last row of the tile that each listed Gaussian reaches, (P, 2).
+    The last row is for the kernel's own use. Takes as long for ellipses of many rows as for those of few.
     """
+    for i in range(splats.shape[0]):
+        x0, x1 = _columns_reached(splats[i], first_column, end_column)
+        for tx in range(x0, x1):
+            first, last = _rows_reached(splats[i], tx * TILE, height)
+            if first < last:  # First those that begin with a tile less those that end above it.
+                counts[first // TILE, tx] += 1
+                counts[-(-last // TILE), tx] -= 1
+    for ty in range(1, counts.shape[0]):
+        for tx in range(first_column, end_column):
+            counts[ty, tx] += counts[ty - 1, tx]
+
+
+@_jit
+def bin_gaussians(splats, tiles, ends, first_column, end_column):  # type: ignore[no-untyped-def]
+    """Fills the tiles' lists and spans with the Gaussians that reach those of some columns, in the order of `splats`.
+
+    `ends` (T,) says where the next entry of each tile goes, at first where its list begins.
+    """
+    first_tile, starts, lists, spans, width, height = tiles
     across, n_tiles = -(-width // TILE), len(starts) - 1
-    lists = np.zeros(starts[-1], np.int32)
-    spans = np.zeros((starts[-1], 2), np.uint8)
-    ends = starts[:-1].copy()
     above, below = first_tile // across, -(-(first_tile + n_tiles) // across)
-    share = -(-across // _PARALLEL_PARTS)
-    for job in numba.prange(-(-across // share)):
-        for i in range(splats.shape[0]):
-            x0, x1 = _columns_reached(splats[i], share * job, min(share * (job + 1), across))
-            for tx in range(x0, x1):
-                first, last = _rows_reached(splats[i], tx * TILE, height)
-                for ty in range(max(first // TILE, above), min(-(-last // TILE), below) if first < last else 0):
-                    tile = ty * across + tx - first_tile
-                    if not 0 <= tile < n_tiles:
-                        continue
-                    place = ends[tile]
-                    # Compiled in two places, the arithmetic above may round in two ways: no list grows beyond its end.
-                    if place < starts[tile + 1]:
-                        lists[place] = i
-                        spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
-                        ends[tile] += 1
-    return lists, spans
+    for i in range(splats.shape[0]):
+        x0, x1 = _columns_reached(splats[i], first_column, end_column)
+        for tx in range(x0, x1):
+            first, last = _rows_reached(splats[i], tx * TILE, height)
+            for ty in range(max(first // TILE, above), min(-(-last // TILE), below) if first < last else 0):
+                tile = ty * across + tx - first_tile
+                if not 0 <= tile < n_tiles:
+                    continue
+                place = ends[tile]
+                # Compiled in two places, the arithmetic above may round in two ways: no list grows beyond its end.
+                if place < starts[tile + 1]:
+                    lists[place] = i
+                    spans[place, 0], spans[place, 1] = max(first - ty * TILE, 0), min(last - ty * TILE, TILE)
+                    ends[tile] += 1
