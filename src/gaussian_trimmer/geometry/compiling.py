@@ -28,16 +28,21 @@ CACHE = _can_cache()
 """Whether Numba keeps compiled kernels on disk; they are compiled in every process where it cannot."""
 
 
-def side_by_side(work: Callable[[int, int], Any], n: int, at_most: int | None = None) -> None:
+WORTH_A_THREAD = 8192
+"""Gaussians from which on another thread saves more than it takes to wake it, where each is little work."""
+
+
+def side_by_side(work: Callable[[int, int], Any], n: int, at_most: int | None = None, at_least: int = 1) -> None:
     """Call work(first, last) for shares that together are the range from 0 to n, on as many threads as Numba is given.
 
     Args:
         work: called with where a share begins and ends; it calls no `side_by_side` itself.
         n: size of the work.
         at_most: size of the largest share; None: there is one share a thread.
+        at_least: size of the smallest share that is worth a thread.
     """
     threads = numba.get_num_threads()
-    size = max(-(-n // threads), 1)
+    size = max(-(-n // threads), at_least)
     if at_most is not None:
         size = min(size, at_most)
     shares = [(first, min(first + size, n)) for first in range(0, n, size)]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.compiling import side_by_side
+from gaussian_trimmer.geometry.compiling import WORTH_A_THREAD, side_by_side
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
 from gaussian_trimmer.rendering.projection_kernels import (
@@ -183,7 +183,8 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
     splats, colours = splats[rows], colours[rows]
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     table = np.zeros((down + 1, across), np.int64)
-    side_by_side(lambda first, last: count_tiles(splats, camera.height, table, first, last), across)
+    least = across if len(splats) < WORTH_A_THREAD else 1
+    side_by_side(lambda first, last: count_tiles(splats, camera.height, table, first, last), across, at_least=least)
     counts = table[:-1].ravel()
     if wanted is not None:
         counts[~wanted] = 0
@@ -205,7 +206,7 @@ def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatA
         sh_dc, sh_rest = _owned(gaussians.sh_dc[share]), _owned(gaussians.sh_rest[share])
         project(ellipsoids_of(gaussians, share), sh_dc, sh_rest, pinhole, *(array[share] for array in found))
 
-    side_by_side(part, n, _PROJECTED_TOGETHER)
+    side_by_side(part, n, _PROJECTED_TOGETHER, at_least=WORTH_A_THREAD)
     return found
 
 
@@ -214,7 +215,9 @@ def _binned(splats: FloatArray, starts: IntArray, first_tile: int, camera: Camer
     lists, spans = np.zeros(starts[-1], np.int32), np.zeros((starts[-1], 2), np.uint8)
     tiles = Tiles(first_tile, starts, lists, spans, camera.width, camera.height)
     ends = starts[:-1].copy()
-    side_by_side(lambda first, last: bin_gaussians(splats, tiles, ends, first, last), -(-camera.width // TILE))
+    across = -(-camera.width // TILE)
+    least = across if len(splats) < WORTH_A_THREAD else 1
+    side_by_side(lambda first, last: bin_gaussians(splats, tiles, ends, first, last), across, at_least=least)
     return tiles
 
 
