@@ -132,7 +132,7 @@ def test_masks_of_whole_numbers_and_row_numbers_are_selections(same):
         (np.array([0, 1]), 2, "both a mask and row numbers"),
         (np.array([0]), 1, "both a mask and row numbers"),
         (np.array([3, 3]), 5, "neither .*'labels == 3'"),
-        (np.array([0, 1, 2, 2, 0]), 5, "neither"),
+        (np.array([0, 1, 2, 2, 0]), 5, "neither a mask nor row numbers"),
         (np.array([0, 1, 255, 0, 0]), 5, "neither"),
         (np.array([0, 1, 1]), 5, "neither"),
         (np.array([-1, 2]), 5, "from -1 to 2"),

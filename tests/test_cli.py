@@ -335,7 +335,8 @@ def test_bad_values_are_one_sentence_without_names_of_python(command, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["tirm"], "available: trim, batch, demo"),
+        (["tirm"], "Unknown command 'tirm'; did you mean trim?"),
+        (["explode"], "available: trim, batch, demo"),
         (["trim"], "'trim' needs SCENE"),
         (["convert", "a.ply"], "'convert' needs TARGET"),
         (["evaluate", "a.ply", "b.ply"], "'evaluate' needs --masks"),

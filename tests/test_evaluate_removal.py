@@ -48,7 +48,10 @@ def rows_of(path):
 def test_a_perfect_background_is_told_from_the_scene_with_the_object(folder, capsys):
     assert evaluate("floor.ply", "--images", "images", "--output", "perfect") == 0
     assert evaluate("scene.ply", "--output", "untouched") == 0
-    assert "grown by 6" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "grown by 6\n" in said and "to ignore" not in said
+    assert evaluate("floor.ply", "--ignore", "masks") == 0
+    assert "grown by 6, where no mask to ignore exceeds 0.1" in capsys.readouterr().out
     assert {path.name for path in (folder / "perfect").iterdir()} >= {"removal.md", "removal.csv", "removal.json"}
     perfect, untouched = (rows_of(folder / name / "removal.csv") for name in ("perfect", "untouched"))
     assert list(perfect) == [*NAMES, "mean"]
@@ -128,7 +131,7 @@ def test_masks_may_have_another_size(folder):
         (["masks"], "'masks' holds no background file"),
         (["floor.ply", "--ignore", "nowhere"], "no folder 'nowhere'"),
         (["floor.ply", "--images", "nowhere"], "no folder 'nowhere'"),
-        (["floor.ply", "--images", "few"], "'few' has no picture named like the camera 'IMG_2.png'"),
+        (["floor.ply", "--images", "few"], "'few' has no picture named like the camera 'IMG_2.png', which has a mask"),
         (["floor.ply", "--ignore", "small"], "different sizes"),
         (["floor.ply", "--masks", "others"], "No mask in 'others'"),
         (["floor.ply", "--masks", "nowhere"], "no folder 'nowhere'"),

@@ -88,6 +88,10 @@ def test_missing_masks_are_refused(tmp_path):
         segmenter.segment([view("a.png")])
     with pytest.raises(InputError, match=r"No mask in .* such as a.png"):
         cameras_with_masks([camera("a.png")], tmp_path)
+    save(tmp_path / "mug" / "a.png")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"Give the folder of one object, such as '.*mug'\."):
+        cameras_with_masks([camera("a.png")], tmp_path)
     with pytest.raises(InputError, match=r"no folder"):
         cameras_with_masks([camera("a.png")], tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"--mask-files.folder"):

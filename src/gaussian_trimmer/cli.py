@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 # Nothing that takes long is imported here: until `main` runs, Ctrl-C would end in a traceback.
+import difflib
 import io
 import os
 import sys
@@ -84,7 +85,9 @@ def _dispatch(arguments: Sequence[str]) -> int:
     elif name in COMMANDS:
         return _parse(name, arguments[used:]).run() or 0
     else:
-        raise InputError(f"Unknown command '{name}'; available: {', '.join(COMMANDS)}.")
+        similar = difflib.get_close_matches(name, COMMANDS, 1)
+        cure = f"did you mean {similar[0]}?" if similar else f"available: {', '.join(COMMANDS)}."
+        raise InputError(f"Unknown command '{name}'; {cure}")
     return 0
 
 

@@ -84,8 +84,9 @@ class EvaluateRemoval:
             rows.append([shown(view.camera.name), pixels, *(cell for score in scores for cell in _cells(score))])
         rows.append(["mean", None, *map(_mean, list(zip(*rows, strict=True))[2:])])
         names = [*_COLUMNS, *(f"inpainting, {name}" for name in _COLUMNS if self.images)]
+        ignored = f", where no mask to ignore exceeds {IGNORED:g}" if self.ignore else ""
         notes = [
-            f"pixels of the object's mask > 0.5, grown by {self.grow}, where no other object's exceeds {IGNORED:g}",
+            f"pixels of the object's mask > 0.5, grown by {self.grow}{ignored}",
             f"views: {len(found)}, those of {len(cameras)} cameras with a picture and a mask; mean over views",
             f"SSIM in a window of 11 pixels; renderer: {renderer.name}",
             *([f"inpainting: OpenCV's after Telea, radius {INPAINT_RADIUS:g}"] if self.images else []),

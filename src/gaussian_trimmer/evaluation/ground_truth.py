@@ -233,7 +233,7 @@ def find_picture(folder: Path, camera: Camera) -> Path:
         return named
     found = find_mask(folder, camera)
     if found is None:
-        raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}'.")
+        raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}', which has a mask.")
     return found
 
 

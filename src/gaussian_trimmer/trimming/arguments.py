@@ -68,9 +68,9 @@ def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
     if is_mask == are_rows:
         raise InputError(
             f"The selection has {len(values)} whole numbers from {lowest} to {highest}, which can be "
-            f"{'both' if is_mask else 'neither'} a mask and row numbers: a mask of {n} Gaussians has {n} numbers that "
-            f"are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once. Give booleans, such as "
-            "'labels == 3'."
+            f"{'both a mask and' if is_mask else 'neither a mask nor'} row numbers: a mask of {n} Gaussians has {n} "
+            f"numbers that are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once. Give booleans, "
+            "such as 'labels == 3'."
         )
     return np.asarray(values != 0) if is_mask else np.isin(np.arange(n), values)
 

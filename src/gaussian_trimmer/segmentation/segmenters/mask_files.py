@@ -119,10 +119,17 @@ def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
         example = shown(cameras[0].name) or "the pictures, but the cameras have no names"
         prompts = sorted({path.name for path in folder.glob("*/chosen_*.png")})
         hint = f" Of LangSplat's answers name one: '{folder}/*/{shown(prompts[0])}'." if prompts else ""
+        if objects := sorted(path for path in folder.glob("*/") if _holds_one(cameras, path)):
+            hint = f" Give the folder of one object, such as '{folder}/{shown(objects[0].name)}'."
         raise InputError(
             f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}.{hint}"
         )
     return found
+
+
+def _holds_one(cameras: Sequence[Camera], folder: Path) -> bool:
+    listing = _Listing()
+    return any(find_mask(folder, camera, listing) is not None for camera in cameras)
 
 
 def _is_pattern(folder: Path) -> bool:
