@@ -9,16 +9,10 @@ import cv2
 import numpy as np
 import pytest
 import toy
-from command_line import SMALL, run, save_ball
+from command_line import SMALL, run
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
-
-
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("ball")
-    return folder, *save_ball(folder)
 
 
 def middle_of(folder, name="0.png"):
@@ -66,6 +60,10 @@ def test_a_second_try_replaces_its_own_files_and_no_others(ball, tmp_path, capsy
     (tmp_path / "foreign" / "notes.txt").write_text("mine")
     assert run(*command, "--click", *middle, "--output", tmp_path / "b.npy", "--trim", tmp_path / "foreign") == 2
     assert "is not empty" in capsys.readouterr().err
+    before = (tmp_path / "out" / "manifest.json").read_bytes()
+    assert run(*command, "--click", *middle, "--output", tmp_path / "b.npy", "--trim", tmp_path / "out") == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert (tmp_path / "out" / "manifest.json").read_bytes() == before
 
 
 def test_a_selection_has_its_scenes_name_and_one_of_another_scene_is_kept(ball, tmp_path, monkeypatch, capsys):

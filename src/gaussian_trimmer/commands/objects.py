@@ -27,7 +27,7 @@ from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.io.manifest import MANIFEST
+from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
@@ -95,7 +95,8 @@ class Objects(TrimSettings):
             _KIND,
             names=FOUND_FILES,
             inputs=[self.scene],
-            overwrite=self.overwrite or (folder / MANIFEST).is_file(),
+            source=self.scene,
+            overwrite=self.overwrite or is_made_of(folder, self.scene),
         )
         renderer = get_renderer(self.renderer)
         start = time.perf_counter()

@@ -20,7 +20,7 @@ from gaussian_trimmer.commands.trim import Loaded, Trim
 from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.manifest import MANIFEST
+from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
@@ -79,7 +79,8 @@ class Select(TrimSettings):
     """File for the selection, .npy. It has booleans, or object numbers with --object-ids; the marks go beside it. An
     earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also trim, and write the results to this folder. All settings of trim can be given."""
+    """Also trim, and write the results to this folder. All settings of trim can be given. Earlier results of the same
+    selection file are replaced; others only with --overwrite."""
     gamma: Annotated[float, Range(-1, 1)] = 0.0
     """Bias of --masks towards the background, from -1 to 1."""
     object_ids: bool = False
@@ -105,7 +106,7 @@ class Select(TrimSettings):
             self._write_views(self.list_views, console)
         elif self.trim is not None:
             settings = {known.name: getattr(self, known.name) for known in fields(TrimSettings)}
-            settings["overwrite"] = self.overwrite or (self.trim / MANIFEST).is_file()
+            settings["overwrite"] = self.overwrite or is_made_of(self.trim, self.selection_path)
             return Trim(self.scene, self.selection_path, output=self.trim, **settings).run(
                 load=lambda: self._select(console)
             )
@@ -208,8 +209,8 @@ class Select(TrimSettings):
         return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
 
     def _write_views(self, folder: Path, console: Console) -> None:
-        overwrite = self.overwrite or (folder / MANIFEST).is_file()
-        with atomic_folder(folder, _LISTING, names=VIEW_FILES, overwrite=overwrite) as part:
+        overwrite = self.overwrite or is_made_of(folder, self.scene)
+        with atomic_folder(folder, _LISTING, names=VIEW_FILES, source=self.scene, overwrite=overwrite) as part:
             scene, cameras = self._read(console)
             up, renderer = find_up(scene, cameras, self.config.up), get_renderer(self.renderer)
             overview = self._overview(scene, cameras, up)

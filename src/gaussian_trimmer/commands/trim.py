@@ -176,6 +176,7 @@ class Trim(TrimInputs):
             RESULTS,
             names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *engine, *pages),
             inputs=self._input_paths(),
+            source=self.selection,
             overwrite=self.overwrite,
         )
 

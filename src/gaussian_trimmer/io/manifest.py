@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError
@@ -13,10 +14,11 @@ MANIFEST = "manifest.json"
 _PROGRAM = "gaussian-trimmer"
 
 
-def write_manifest(folder: Path, kind: str) -> None:
-    """List the files of a folder with their sizes; `kind` is what wrote them."""
+def write_manifest(folder: Path, kind: str, source: Path | None = None) -> None:
+    """List the files of a folder with their sizes; `kind` is what wrote them, `source` what they were made of."""
     sizes = {name: (folder / name).stat().st_size for name in files_in(folder)}
-    contents = {"program": _PROGRAM, "version": __version__, "kind": kind, "files": sizes}
+    made_of = None if source is None else str(source.resolve())
+    contents = {"program": _PROGRAM, "version": __version__, "kind": kind, "source": made_of, "files": sizes}
     (folder / MANIFEST).write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
 
 
@@ -28,15 +30,10 @@ def earlier_results(folder: Path, kind: str) -> list[str]:
     Raises:
         InputError: the folder holds results of another kind.
     """
-    path = folder / MANIFEST
-    if path.is_symlink() or not path.is_file():
-        return []
+    manifest = _read(folder)
     try:
-        manifest = json.loads(path.read_bytes())
-        program, found, sizes = manifest["program"], manifest["kind"], dict(manifest["files"])
-    except (ValueError, RecursionError, LookupError, TypeError):
-        return []
-    if program != _PROGRAM:
+        found, sizes = manifest["kind"], dict(manifest["files"])
+    except (LookupError, ValueError, TypeError):
         return []
     if found != kind:
         raise InputError(
@@ -46,10 +43,27 @@ def earlier_results(folder: Path, kind: str) -> list[str]:
     return [MANIFEST, *(name for name in unchanged if name != MANIFEST)]
 
 
+def is_made_of(folder: Path, source: Path) -> bool:
+    """Whether a folder holds results of an earlier run that were made of a given file or folder."""
+    return _read(folder).get("source") == str(source.resolve())
+
+
 def files_in(folder: Path) -> list[str]:
     """Paths of all files in a folder and below, relative to it, with slashes."""
     paths = (Path(place, name) for place, _, names in os.walk(folder) for name in names)
     return sorted(path.relative_to(folder).as_posix() for path in paths)
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The manifest of a folder; empty where there is none of this program."""
+    path = folder / MANIFEST
+    if path.is_symlink() or not path.is_file():
+        return {}
+    try:
+        manifest = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        return {}
+    return manifest if isinstance(manifest, dict) and manifest.get("program") == _PROGRAM else {}
 
 
 def _has_size(path: Path, size: object) -> bool:

@@ -52,6 +52,18 @@ def atomic_file(path: Path) -> Iterator[Path]:
             part.unlink()
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, where they are missing.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder '{folder}' cannot be made ({error.strerror}).") from error
+
+
 def write_whole(path: Path, data: str | bytes | memoryview) -> None:
     """Write a small file, text as UTF-8, whole or not at all.
 
@@ -82,7 +94,13 @@ def write_array(file: BinaryIO, array: NDArray[Any]) -> None:
 
 @contextmanager
 def atomic_folder(
-    folder: Path, kind: str, *, names: Sequence[str] = (), inputs: Iterable[Path] = (), overwrite: bool = False
+    folder: Path,
+    kind: str,
+    *,
+    names: Sequence[str] = (),
+    inputs: Iterable[Path] = (),
+    source: Path | None = None,
+    overwrite: bool = False,
 ) -> Iterator[Path]:
     """Yield a temporary folder to write to; its files move to `folder` on success and vanish on failure.
 
@@ -94,6 +112,7 @@ def atomic_folder(
         kind: what writes the folder; only results of the same kind are replaced.
         names: glob patterns of the files to come, so that a file in the way is found before anything is computed.
         inputs: files that this run reads, or folders of such files.
+        source: the file or folder that the results are made of, which the manifest names.
         overwrite: replace the results of an earlier run.
 
     Raises:
@@ -119,7 +138,7 @@ def atomic_folder(
                     (staging / "new").mkdir(parents=True)
                 yield staging / "new"
                 with _os_errors_reported(folder, "what was there is unchanged"):
-                    write_manifest(staging / "new", kind)
+                    write_manifest(staging / "new", kind, source)
                     _swap(target, earlier_results(target, kind) if overwrite else [])
             finally:
                 _discard(staging)
