@@ -69,3 +69,22 @@ def one_thread():
 
     with one_thread():
         yield
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """The ball of `toy`, as files in a folder: the folder, the scene and which Gaussians are the ball."""
+    from command_line import save_ball
+
+    folder = tmp_path_factory.mktemp("ball")
+    return folder, *save_ball(folder)
+
+
+@pytest.fixture
+def session(ball):
+    """A session of the app in which the ball's scene is open."""
+    from gaussian_trimmer.app.session import Session
+
+    opened = Session()
+    opened.open(ball[0] / "scene.ply", ball[0] / "cameras.json")
+    return opened

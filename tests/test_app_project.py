@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import toy
-from command_line import save_ball
+from app_session import BALL, FLOOR, TOP, click_on_ball
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.marking import touches
@@ -16,30 +15,7 @@ from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import PALETTE
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import SH_C0
-from gaussian_trimmer.selecting.marks import Click, Sphere, Viewpoint
-
-BALL = Sphere((0.0, 0.0, 1.0), 1.2)
-TOP = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
-FLOOR = Sphere((0.0, 0.0, 0.0), 0.9)
-
-
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("ball")
-    return folder, *save_ball(folder)
-
-
-@pytest.fixture
-def session(ball):
-    opened = Session()
-    opened.open(ball[0] / "scene.ply", ball[0] / "cameras.json")
-    return opened
-
-
-def click_on_ball(session):
-    camera = session.document.cameras.cameras[0]
-    x, y = camera.project(toy.CENTRE[None])[0][0].astype(int).tolist()
-    return Click(x, y, Viewpoint(camera))
+from gaussian_trimmer.selecting.marks import Sphere
 
 
 def test_what_others_hide_or_lock_is_left_alone_and_the_marks_say_so(session, ball):

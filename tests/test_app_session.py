@@ -11,43 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import toy
-from command_line import run, save_ball
+from app_session import BALL, FLOOR, TOP, click_on_ball
+from command_line import run
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import TrimChoices, normal_of
 from gaussian_trimmer.app.saving import Target, command_for
 from gaussian_trimmer.app.session import Cancelled, Session
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.selecting.marks import Box3D, Click, Sphere, Viewpoint
+from gaussian_trimmer.selecting.marks import Box3D, Sphere
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
-
-BALL = Sphere((0.0, 0.0, 1.0), 1.2)
-TOP = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
-FLOOR = Sphere((0.0, 0.0, 0.0), 0.9)
-
-
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("ball")
-    return folder, *save_ball(folder)
-
-
-@pytest.fixture
-def session(ball):
-    opened = Session()
-    opened.open(ball[0] / "scene.ply", ball[0] / "cameras.json")
-    return opened
 
 
 def state(session):
     now = session.now
     return [(part.name, part.colour, part.marks, part.n_selected, part.result) for part in now.objects], now.active
-
-
-def click_on_ball(session):
-    camera = session.document.cameras.cameras[0]
-    x, y = camera.project(toy.CENTRE[None])[0][0].astype(int).tolist()
-    return Click(x, y, Viewpoint(camera))
 
 
 def test_nothing_can_be_done_before_a_scene_is_open():

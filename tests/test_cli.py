@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import toy
-from command_line import SMALL, run, save_ball
+from command_line import SMALL, run
 
 from gaussian_trimmer import __version__, cli, formats
 from gaussian_trimmer.camera_files import read_camera_set
@@ -18,13 +18,6 @@ from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.clock import LOG
-
-
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("ball")
-    scene, truth = save_ball(folder)
-    return folder, scene, truth
 
 
 def report_of(folder):

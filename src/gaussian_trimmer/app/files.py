@@ -28,7 +28,7 @@ from gaussian_trimmer.app.session import Session, stopping
 from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.writing import write_whole
+from gaussian_trimmer.io.writing import make_folder, write_whole
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.result import TrimResult
 
@@ -103,10 +103,7 @@ class Files:
         """
         folder = self._state / "files" / hashlib.sha256(content).hexdigest()[:16]
         path = folder / (Path(name).name or "file")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"The folder '{folder}' cannot be made ({error.strerror}).") from error
+        make_folder(folder)
         write_whole(path, content)
         if is_project(path):
             return self.open_project(path)

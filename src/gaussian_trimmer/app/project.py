@@ -16,7 +16,7 @@ from gaussian_trimmer.app.snapshots import Colour, MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.dataclass_json import from_plain, to_plain
-from gaussian_trimmer.io.writing import write_json
+from gaussian_trimmer.io.writing import make_folder, write_json
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Marks, Point, point_of
 from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json, read_json
@@ -89,10 +89,7 @@ def write_project(now: Snapshot, path: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder '{path.parent}' cannot be made ({error.strerror}).") from error
+    make_folder(path.parent)
     write_json(project_as_json(now, path.parent), path)
 
 
