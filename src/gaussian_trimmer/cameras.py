@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.gaussians import BoolArray, Float64Array
 
 _MAX_SQUARABLE = 1e150
 """Squares of numbers between this and its inverse neither overflow nor vanish."""
@@ -61,6 +61,10 @@ class Camera:
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = homogeneous[:, :2] / np.where(depths > 0, depths, np.nan)[:, None]
         return pixels, depths
+
+    def contains(self, pixels: Float64Array) -> BoolArray:
+        """Which pixels of `project` (N, 2) lie in the image, (N,); NaN, as behind the camera, does not."""
+        return np.asarray(((pixels >= 0) & (pixels < (self.width, self.height))).all(axis=1), np.bool_)
 
     def ray_directions(self, pixels: Float64Array) -> Float64Array:
         """Unit world directions of the rays through pixel coordinates (P, 2), as (P, 3)."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 # Nothing that takes long is imported here: until `main` runs, Ctrl-C would end in a traceback.
-import difflib
 import io
 import os
 import sys
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.commands import COMMANDS, kind_of
-from gaussian_trimmer.errors import InputError, explained, printable
+from gaussian_trimmer.errors import InputError, did_you_mean, explained, printable
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -85,8 +84,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
     elif name in COMMANDS:
         return _parse(name, arguments[used:]).run() or 0
     else:
-        similar = difflib.get_close_matches(name, COMMANDS, 1)
-        cure = f"did you mean {similar[0]}?" if similar else f"available: {', '.join(COMMANDS)}."
+        cure = did_you_mean(name, COMMANDS) or f"available: {', '.join(COMMANDS)}."
         raise InputError(f"Unknown command '{name}'; {cure}")
     return 0
 

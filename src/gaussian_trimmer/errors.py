@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # at start-up, an import of these takes longer than what they are for
+    from collections.abc import Iterable
+
 _MESSAGE_LENGTH = 1000
 _NAME_LENGTH = 80
 
@@ -57,6 +61,18 @@ def explained(error: BaseException) -> str | None:
         case MemoryError():
             return "There is not enough memory for this."
     return None
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str | None:
+    """A question after the known word that is most like a mistyped one; None if none is like it.
+
+    >>> did_you_mean("trimm", ["select", "trim"])
+    'did you mean trim?'
+    """
+    from difflib import get_close_matches  # takes 10 ms, which a run without mistakes need not spend
+
+    similar = get_close_matches(word, known, 1)
+    return f"did you mean {similar[0]}?" if similar else None
 
 
 def _without_middle(text: str, length: int) -> str:

@@ -11,7 +11,6 @@ The options in a manifest of a batch are read in the same way.
 
 from __future__ import annotations
 
-import difflib
 import re
 import types
 from collections import deque
@@ -24,7 +23,7 @@ from tyro.conf import Positional, Suppress, UseAppendAction
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from gaussian_trimmer.cameras import AXIS, vector_of_up
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, did_you_mean, shown
 from gaussian_trimmer.settings import hints_of
 
 Path = tuple[str, ...]
@@ -231,6 +230,6 @@ def _wanted(option: Option) -> str:
 
 def _refuse_unknown(word: str, flags: Iterable[str], command: str) -> NoReturn:
     flag = word.partition("=")[0]
-    similar = difflib.get_close_matches(flag, flags, 1) if flag.startswith("--") else []
-    cure = f"did you mean {similar[0]}?" if similar else f"see gaussian-trimmer {command} --help."
+    cure = did_you_mean(flag, flags) if flag.startswith("--") else None
+    cure = cure or f"see gaussian-trimmer {command} --help."
     raise InputError(f"{shown(flag)} is not an option or argument of '{command}'; {cure}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
@@ -105,6 +106,16 @@ def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:
 def mask_overlap(first: BoolArray, second: BoolArray) -> float:
     """Intersection over union of two masks (H, W); 0 if both are empty."""
     return int(np.count_nonzero(first & second)) / max(int(np.count_nonzero(first | second)), 1)
+
+
+def grown(mask: BoolArray, radius: int) -> BoolArray:
+    """A mask (H, W) and all pixels within a radius of it.
+
+    >>> grown(np.array([[False, False, False, True]]), 1)
+    array([[False, False,  True,  True]])
+    """
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
 def bounding_box(mask: BoolArray, margin: int = 0) -> Box:

@@ -114,8 +114,7 @@ def check_cameras(scene: Gaussians, cameras: CameraSet, path: Path) -> None:
     points = scene.means[:: max(1, len(scene) // _CHECKED_GAUSSIANS)].astype(np.float64)
     shown = np.zeros(len(points), np.bool_)
     for camera in cameras.cameras:
-        pixels, _ = camera.project(points)  # NaN behind the camera, which no comparison lets through
-        shown |= ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
+        shown |= camera.contains(camera.project(points)[0])
     if shown.mean() < _LEAST_SHARE_IN_PICTURES:
         raise InputError(
             f"The cameras of '{path}' show only {100 * shown.mean():.0f} % of this scene, so they seem to be another "

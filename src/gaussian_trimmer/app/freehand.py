@@ -66,9 +66,7 @@ def rows_drawn(
     shrunk = None if radius is None else radius * camera.width / view.camera.width
     mask = drawn_mask(camera, places, shrunk)
     pixels, depths = camera.project(gaussians.means.astype(np.float64))
-    with np.errstate(invalid="ignore"):  # what lies behind the camera is nowhere in the picture
-        inside = (depths > camera.near) & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
-    rows = np.flatnonzero(inside)
+    rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
     x, y = pixels[rows].astype(np.int64).T
     rows, x, y = (values[mask[y, x]] for values in (rows, x, y))
     if not through and len(rows):

@@ -20,6 +20,7 @@ from gaussian_trimmer.evaluation.metrics import THRESHOLD, psnr, similarity_map
 from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
+from gaussian_trimmer.views import grown
 
 IGNORED = 0.1
 """Coverage by another object above which a pixel does not count."""
@@ -110,16 +111,6 @@ def _view(camera: Camera, folders: RemovalFolders, grow: int) -> RemovalView:
     without = read_photograph(find_picture(folders.without, camera), width, height)
     photograph = read_photograph(find_picture(folders.images, camera), width, height) if folders.images else None
     return RemovalView(at_size(camera, width, height, path), without, covered, counted, photograph)
-
-
-def grown(mask: BoolArray, radius: int) -> BoolArray:
-    """A mask (H, W) and all pixels within a radius of it.
-
-    >>> grown(np.array([[False, False, False, True]]), 1)
-    array([[False, False,  True,  True]])
-    """
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
 def likeness(picture: FloatArray, view: RemovalView) -> Likeness | None:

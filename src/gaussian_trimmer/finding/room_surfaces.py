@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.finding.visible_surface import VisibleSurface
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
+from gaussian_trimmer.geometry.support_plane import plane_through
 
 _DIRECTIONS_AROUND = 48
 """Number of horizontal directions that a wall may face."""
@@ -171,13 +172,10 @@ def _fitted(
         near &= np.abs(surface.points @ normal - offset) < _CORE_BINS * bin_height
         if np.count_nonzero(near) < _MIN_GAUSSIANS // 2:
             break
-        points, areas = surface.points[near], surface.areas[near]
-        middle = np.average(points, axis=0, weights=areas)
-        tilted = np.linalg.eigh((points - middle).T * areas @ (points - middle))[1][:, 0]
-        tilted = tilted * (np.sign(tilted @ direction) or 1.0)
-        if tilted @ direction < _MAX_TILT_COSINE:
+        plane = plane_through(surface.points[near], surface.areas[near], direction, _MAX_TILT_COSINE)
+        if plane is None:
             break
-        normal, offset = tilted, float(middle @ tilted)
+        normal, offset = plane
     return normal, offset
 
 

@@ -18,7 +18,7 @@ from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Viewpoint
-from gaussian_trimmer.selecting.overview import drawn_rows, plan_overview
+from gaussian_trimmer.selecting.overview import drawn_part, plan_overview
 from gaussian_trimmer.selecting.surface_estimates import colour_bins, directions_to, estimate_surface
 from gaussian_trimmer.selecting.viewed_scene import shown_weight
 
@@ -114,8 +114,7 @@ def find_visible_surface(
     shown = np.zeros((len(views), len(scene)), np.float32)
     for number, view in enumerate(views):
         looked(number + 1)
-        rows = drawn_rows(scene.means, view)
-        drawn = scene if len(rows) == len(scene) else scene.select(rows)
+        drawn, rows = drawn_part(scene, view)
         shown[number, rows] = shown_weight(drawn, view.camera, renderer)
     total = shown.sum(axis=0)
     rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
@@ -181,8 +180,7 @@ def _inside(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
     """Share of the cameras in whose pictures each centre lies, (S,)."""
     inside, means = np.zeros(len(gaussians), np.float32), gaussians.means.astype(np.float64)
     for camera in cameras:
-        pixels, depths = camera.project(means)
-        inside += (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+        inside += camera.contains(camera.project(means)[0])
     return inside / np.float32(len(cameras))
 
 

@@ -105,6 +105,23 @@ def find_support_plane(
     return SupportPlane(layer[0], config.thickness, on_surface, above)
 
 
+def plane_through(
+    points: Float64Array, weights: Float64Array, direction: Float64Array, min_cosine: float
+) -> tuple[Float64Array, float] | None:
+    """Unit normal and offset of the plane through points, by weighted least squares; None if it is too steep.
+
+    Args:
+        points: (N, 3), at least three.
+        weights: (N,).
+        direction: the side that the normal faces.
+        min_cosine: smallest cosine of the angle between normal and direction.
+    """
+    centre = np.average(points, axis=0, weights=weights)
+    normal = np.linalg.eigh((points - centre).T * weights @ (points - centre))[1][:, 0]
+    normal = normal * (np.sign(normal @ direction) or 1.0)
+    return None if normal @ direction < min_cosine else (normal, float(centre @ normal))
+
+
 def densest_layer(
     heights: Float64Array, weights: NDArray[np.floating], lowest: float, highest: float, bin_height: float
 ) -> tuple[float, float] | None:

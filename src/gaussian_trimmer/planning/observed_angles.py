@@ -55,5 +55,4 @@ def observed_angles(cameras: Sequence[Camera], bounds: Bounds, wished_pitch: flo
 
 def _shows_any(camera: Camera, points: Float64Array) -> bool:
     """Whether one of some points (P, 3) lies in the camera's picture."""
-    pixels, _ = camera.project(points)  # those behind the camera are NaN, which no comparison lets through
-    return bool(((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1).any())
+    return bool(camera.contains(camera.project(points)[0]).any())

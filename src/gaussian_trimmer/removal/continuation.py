@@ -25,8 +25,8 @@ from gaussian_trimmer.removal.ghosts import Hidden
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
-from gaussian_trimmer.removal.texture_completion import complete, grown
-from gaussian_trimmer.views import HALF_COVERAGE
+from gaussian_trimmer.removal.texture_completion import complete
+from gaussian_trimmer.views import HALF_COVERAGE, grown
 
 _RIM_PIXELS = 4
 """Pixels around a hole that are filled, too, since their colours are already those of the object."""

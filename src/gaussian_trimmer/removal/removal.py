@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, concatenate
-from gaussian_trimmer.removal.continuation import continue_surfaces
+from gaussian_trimmer.removal.continuation import Continuation, continue_surfaces
 from gaussian_trimmer.removal.ghosts import find_hidden, foreign_colours
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import find_surfaces
@@ -46,26 +46,24 @@ def remove(place: Place, *, fill: bool) -> Removal:
         place: the object in views from all around.
         fill: let the surfaces that the object stood on or leaned against go on where it hid them.
     """
-    n = len(place.gaussians)
-    nobody, same = np.zeros(n, np.bool_), np.ones(n)
     surfaces = find_surfaces(place.gaussians.means, place.removed, place.seen.sum(axis=1), place.bounds)
     hidden = find_hidden(place, surfaces)
     going_on = continue_surfaces(place, surfaces, hidden) if fill and surfaces else None
     not_filled = None
     if fill and going_on is None:
         not_filled = NOT_SEEN if surfaces else NO_SURFACE
-    filled = place.gaussians.select(slice(0)) if going_on is None else going_on.filled
-    replaced = nobody if going_on is None else going_on.replaced
-    left = ~(place.removed | hidden.ghosts | hidden.to_object | replaced)
+    n, none = len(place.gaussians), place.gaussians.select(slice(0))
+    going_on = going_on or Continuation(none, np.zeros(n, np.bool_), np.ones(n))
+    left = ~(place.removed | hidden.ghosts | hidden.to_object | going_on.replaced)
     unseen = left & foreign_colours(place) & (place.seen.sum(axis=1) <= _MAX_SEEN_SHARE * hidden.shown)
     return Removal(
         to_object=hidden.to_object,
         ghosts=hidden.ghosts,
-        filled=filled,
-        replaced=replaced,
-        gain=same if going_on is None else going_on.gain,
+        filled=going_on.filled,
+        replaced=going_on.replaced,
+        gain=going_on.gain,
         not_filled=not_filled,
-        unseen=_share_in_silhouettes(place, concatenate([place.gaussians.select(left), filled]), unseen[left]),
+        unseen=_share_in_silhouettes(place, concatenate([place.gaussians.select(left), going_on.filled]), unseen[left]),
     )
 
 

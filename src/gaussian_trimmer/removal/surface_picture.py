@@ -12,10 +12,9 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
-from gaussian_trimmer.removal.texture_completion import grown
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.rendering.reference import view_colours
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.views import HALF, grown
 
 PIXELS_A_RADIUS = 64
 _HALF_WIDTH_RADII = 2.0
@@ -112,9 +111,8 @@ def _sights(place: Place, surface: Surface, surfaces: Sequence[Surface], coordin
     for camera, silhouette, rendering in zip(place.cameras, place.silhouettes, place.renderings, strict=True):
         if camera not in before:
             continue
-        pixels, depths = camera.project(points)
-        inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
-        rows = np.flatnonzero(inside)
+        pixels, _ = camera.project(points)
+        rows = np.flatnonzero(camera.contains(pixels))
         x, y = pixels[rows].astype(np.int64).T
         height = _heights_of_what_is_seen(camera, rendering, surface)[y, x]
         of_object, near_it = silhouette[y, x], grown(silhouette, _EDGE_PIXELS)[y, x]

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import densest_layer
+from gaussian_trimmer.geometry.support_plane import densest_layer, plane_through
 
 THICKNESS_RADII = 0.05
 """Half of a surface's thickness, in object radii."""
@@ -113,13 +113,10 @@ def _fitted(
         near = np.abs(points @ normal - offset) < THICKNESS_RADII
         if near.sum() < _MIN_GAUSSIANS:
             break
-        centre = np.average(points[near], axis=0, weights=weights[near])
-        spread = (points[near] - centre).T * weights[near] @ (points[near] - centre)
-        tilted = np.linalg.eigh(spread)[1][:, 0]
-        tilted *= np.sign(tilted @ first) or 1.0
-        if tilted @ first < np.cos(np.radians(_MAX_TILT_DEGREES)):
+        plane = plane_through(points[near], weights[near], first, np.cos(np.radians(_MAX_TILT_DEGREES)))
+        if plane is None:
             break
-        normal, offset = tilted, float(centre @ tilted)
+        normal, offset = plane
     return normal, offset
 
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
-from gaussian_trimmer.views import bounding_box, box_slices
+from gaussian_trimmer.views import bounding_box, box_slices, grown
 
 _MARGIN_PIXELS = 72
 """Examples are taken from this far around the hole."""
@@ -90,12 +90,6 @@ def _complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> tuple[Float
     clear = known & ~grown(gain > _SHADOWED_GAIN, 1)
     examples = clear if (clear & grown(hole, 2 * _RING_PIXELS)).sum() >= _FEWEST_PIXELS else known
     return _filled(lit, examples, hole, _RING_PIXELS), gain
-
-
-def grown(mask: BoolArray, radius: int) -> BoolArray:
-    """A mask (H, W) and all pixels within a radius of it."""
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
 def _shadow(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 from weakref import ref
 
 import cv2
@@ -183,8 +184,7 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
     splats, colours = splats[rows], colours[rows]
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     table = np.zeros((down + 1, across), np.int64)
-    least = across if len(splats) < WORTH_A_THREAD else 1
-    side_by_side(lambda first, last: count_tiles(splats, camera.height, table, first, last), across, at_least=least)
+    _by_columns(lambda first, last: count_tiles(splats, camera.height, table, first, last), across, len(splats))
     counts = table[:-1].ravel()
     if wanted is not None:
         counts[~wanted] = 0
@@ -216,9 +216,13 @@ def _binned(splats: FloatArray, starts: IntArray, first_tile: int, camera: Camer
     tiles = Tiles(first_tile, starts, lists, spans, camera.width, camera.height)
     ends = starts[:-1].copy()
     across = -(-camera.width // TILE)
-    least = across if len(splats) < WORTH_A_THREAD else 1
-    side_by_side(lambda first, last: bin_gaussians(splats, tiles, ends, first, last), across, at_least=least)
+    _by_columns(lambda first, last: bin_gaussians(splats, tiles, ends, first, last), across, len(splats))
     return tiles
+
+
+def _by_columns(work: Callable[[int, int], Any], across: int, n_splats: int) -> None:
+    """Call work(first, last) for columns of tiles, side by side if there are many Gaussians to go through for each."""
+    side_by_side(work, across, at_least=1 if n_splats >= WORTH_A_THREAD else across)
 
 
 def _owned(values: FloatArray) -> FloatArray:

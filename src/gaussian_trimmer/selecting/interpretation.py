@@ -35,7 +35,7 @@ from gaussian_trimmer.selecting.marks import (
 )
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_model
-from gaussian_trimmer.selecting.overview import drawn_rows
+from gaussian_trimmer.selecting.overview import drawn_part
 from gaussian_trimmer.selecting.row_packing import unpack_rows
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene, look_at_pixel
@@ -198,8 +198,7 @@ class MarkInterpreter:
     def _viewed(self, view: View) -> tuple[ViewedScene, IntArray]:
         """What is drawn in a view, and its rows in the scene."""
         assert isinstance(view, Viewpoint), "views are resolved"
-        rows = drawn_rows(self._scene.means, view)
-        drawn = self._scene if len(rows) == len(self._scene) else self._scene.select(rows)
+        drawn, rows = drawn_part(self._scene, view)
         return ViewedScene(drawn, view.camera, self._up, self._renderer, self._seen_from), rows
 
     def _from_file(self, mark: FromFile) -> tuple[BoolArray, list[str]]:

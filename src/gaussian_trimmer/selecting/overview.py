@@ -97,6 +97,12 @@ def drawn_rows(means: FloatArray, view: Viewpoint) -> IntArray:
     return np.flatnonzero(distance <= np.float32(view.drawn_radius))
 
 
+def drawn_part(scene: Gaussians, view: Viewpoint) -> tuple[Gaussians, IntArray]:
+    """The M Gaussians of a scene that are drawn in a view, and their rows, (M,)."""
+    rows = drawn_rows(scene.means, view)
+    return scene if len(rows) == len(scene) else scene.select(rows), rows
+
+
 def _framing_ring(bounds: Bounds, config: OverviewConfig, fill: float) -> list[Camera]:
     """Views whose middle `fill` holds the bounds, nearer or farther by the factor of the configuration."""
     yaws, pitch = _angles(config)
