@@ -52,8 +52,10 @@ def _run(arguments: Sequence[str]) -> int:
         # A name with an umlaut must not end in a traceback where the terminal knows ASCII alone.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    # Threads that spin while they wait for each other halve the speed where another program keeps a core busy.
+    # Threads that wait for each other lose their time to whatever else runs: a product of small matrices then takes
+    # fifty times as long.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")  # Warnings of libraries tell a user nothing; `python -W` shows them.

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, rotation_matrices
+from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
 from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
 
@@ -73,9 +75,10 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
     order = _spread(len(targets))
     current = gaussians
     for step in range(steps):
+        seen = [targets[order[(_VIEWS_PER_STEP * step + k) % len(order)]] for k in range(_VIEWS_PER_STEP)]
         gradient = np.zeros_like(change)
-        for k in range(_VIEWS_PER_STEP):
-            gradient += _gradient(current, moving, targets[order[(_VIEWS_PER_STEP * step + k) % len(order)]])[rows]
+        for of_view in map_side_by_side(partial(_gradient, current, moving), seen):
+            gradient += of_view[rows]
         gradient /= _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
         gradient += np.float32(_PRIOR_WEIGHT) * change

@@ -21,7 +21,7 @@ from gaussian_trimmer.decomposition.evidence import (
 from gaussian_trimmer.decomposition.underside import find_underside, reaching_into_ground
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.support_plane import SupportPlane
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.views import OCCLUDER_DISTANCE, TrimmedView, to_reference
 
@@ -52,13 +52,15 @@ def weigh_scene(
         renderer: gives blend weights.
         config: whether Gaussians are excused where something nearer hides the object.
     """
-    weights = []
-    for trimmed in accepted:
+
+    def weighed(trimmed: TrimmedView) -> FloatArray:
         labels = np.full(trimmed.mask.shape, OUTSIDE, np.uint8)
         if trimmed.view.hidden is not None:
             labels[trimmed.view.hidden] = HIDDEN
         labels[trimmed.mask] = INSIDE
-        weights.append(renderer.blend_weights(scope.local, trimmed.view.camera, labels, 3))
+        return renderer.blend_weights(scope.local, trimmed.view.camera, labels, 3)
+
+    weights = list(over_views(renderer, weighed, accepted))
     visible_outside, inside, hidden = to_reference(np.sum(weights, axis=0), scope.cameras).T
     outside = visible_outside + hidden
     # Where something hides the object, what little shows of it there says nothing against it.
@@ -94,15 +96,17 @@ def weigh_isolated(
         accepted: views whose masks were accepted.
         renderer: draws the object and gives blend weights.
     """
-    rows, weights = np.flatnonzero(members), []
+    rows = np.flatnonzero(members)
     isolated = scope.local.select(rows)
-    for trimmed in accepted if len(rows) else ():
+
+    def weighed(trimmed: TrimmedView) -> FloatArray:
         camera, nearest_depth = trimmed.view.camera, trimmed.view.depth
         depth = renderer.render(isolated, camera).depth
         occluded = (nearest_depth > 0) & (nearest_depth < depth - OCCLUDER_DISTANCE * scope.bounds.radius)
         labels = np.where(trimmed.mask, np.uint8(INSIDE), np.where(occluded, np.uint8(HIDDEN), np.uint8(OUTSIDE)))
-        weights.append(renderer.blend_weights(isolated, camera, labels, 3))
-    return IsolatedObject(rows, isolated, weights)
+        return renderer.blend_weights(isolated, camera, labels, 3)
+
+    return IsolatedObject(rows, isolated, list(over_views(renderer, weighed, accepted if len(rows) else ())))
 
 
 def prune_halo(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -20,6 +21,7 @@ from gaussian_trimmer.decomposition.fit_target import coverage_target, thin_shar
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
+from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.rendering.gradients import Drawing, draw
 from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import HALF
@@ -94,24 +96,24 @@ def refine(
         config: settings.
     """
     together = concatenate([inner, background])
-    drawings = [draw(inner, camera) for camera in cameras]
+    drawings = list(map_side_by_side(partial(draw, inner), cameras))
     thin = thin_share(drawings) if masks is None else 0.0
     if thin > config.max_thin:
         return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
     given: Sequence[FloatArray | None] = [None] * len(cameras) if masks is None else masks
-    targets = [coverage_target(alone, together, radius, mask) for alone, mask in zip(drawings, given, strict=True)]
+    targets = list(
+        map_side_by_side(lambda alone, mask: coverage_target(alone, together, radius, mask), drawings, given)
+    )
     if masks is None and (doubt := _doubt(drawings, targets, config)):
         return _unchanged(inner, doubt)
-    wrong = np.zeros((len(inner), 2), np.float32)
-    for alone, target in zip(drawings, targets, strict=True):
-        wrong += _wrong_weight(alone, target)
+    wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
     pieces, parent = inner, np.arange(len(inner))
     for _ in range(_MAX_CUTS):
         coarse = _worth_it(wrong, len(targets), config) & (wrong[:, 0] > config.cut_above * len(targets))
         if not coarse.any():
             break
         pieces, parent = _cut(pieces, parent, coarse)
-        wrong = np.sum([_wrong_weight(draw(pieces, target.camera), target) for target in targets], axis=0)
+        wrong = np.sum(list(map_side_by_side(partial(_wrong_weight_once_drawn, pieces), targets)), axis=0)
     moving = _worth_it(wrong, len(targets), config)
     pieces = _sound(fit(pieces, moving, targets, config.steps, _FIRST_STEP), pieces)
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
@@ -144,6 +146,10 @@ def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
     wrong = np.abs(alone.image[3] - target.picture[3]) * target.weight[3]
     scale = _REFERENCE_PIXELS / (target.camera.width * target.camera.height)
     return alone.weigh(np.stack([wrong, np.ones_like(wrong)])) * np.float32(scale)
+
+
+def _wrong_weight_once_drawn(pieces: Gaussians, target: Target) -> FloatArray:
+    return _wrong_weight(draw(pieces, target.camera), target)
 
 
 def _worth_it(wrong: FloatArray, views: int, config: RefineConfig) -> BoolArray:

@@ -14,7 +14,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlane
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.views import HALF
 
 _MAX_ROUNDS = 3
@@ -59,7 +59,8 @@ def find_underside(
     if not in_ground.any() or not (keep & ~in_ground).any():
         return hanging
     labelled = _coloured(gaussians, keep)
-    visible = [renderer.render(labelled, camera).rgb[..., 0] > HALF for camera in cameras]
+    drawn = over_views(renderer, lambda camera: renderer.render(labelled, camera), cameras)
+    visible = [rendering.rgb[..., 0] > HALF for rendering in drawn]
     seen_outside, seen_inside = _weights(labelled, cameras, visible, renderer)
     for _ in range(_MAX_ROUNDS):
         rows = np.flatnonzero(keep & ~hanging)
@@ -77,8 +78,11 @@ def _weights(
     part: Gaussians, cameras: Sequence[Camera], visible: Sequence[BoolArray], renderer: Renderer
 ) -> tuple[FloatArray, FloatArray]:
     """Blend weights outside and inside what is visible of the object, summed over the views, (N,) each."""
-    views = zip(cameras, visible, strict=True)
-    outside, inside = np.sum([renderer.blend_weights(part, c, mask.astype(np.uint8), 2) for c, mask in views], axis=0).T
+
+    def weighed(camera: Camera, mask: BoolArray) -> FloatArray:
+        return renderer.blend_weights(part, camera, mask.astype(np.uint8), 2)
+
+    outside, inside = np.sum(list(over_views(renderer, weighed, cameras, visible)), axis=0).T
     return outside, inside
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,12 @@ from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, IntArray
+from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
 from gaussian_trimmer.result import RowLabel, TrimResult
+from gaussian_trimmer.views import TrimmedView
 
 LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
 """Names of the labels of rows, by number."""
@@ -48,24 +51,36 @@ def write_results(
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
+    (folder / "views").mkdir()
+    before_after = draw_before_after(result)
+    files = [
+        lambda: write_picture(before_after, folder / "before_after.png"),
+        lambda: _write_splats(result, folder, suffix, background),
+        *(partial(_write_view, view, i, folder / "views") for i, view in enumerate(result.views)),
+        lambda: write_labels(
+            folder / "labels.npz",
+            source_index=result.source_index.astype(np.int32),
+            label=result.label,
+            n_object=np.int64(len(result.object)),
+            fitted=result.fitted.astype(np.int32),
+            dropped=result.dropped.astype(np.int32),
+            selected=np.flatnonzero(result.selection).astype(np.int32),
+            n_scene=np.int64(len(result.scene)),
+        ),
+        lambda: write_json(report, folder / "report.json"),
+    ]
+    for _ in map_side_by_side(lambda write: write(), files):
+        pass
+
+
+def _write_splats(result: TrimResult, folder: Path, suffix: str, background: bool) -> None:
     formats.write(result.object, folder / f"object{suffix}")
     if background and len(result.source_index) > len(result.object):
         formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
-    write_labels(
-        folder / "labels.npz",
-        source_index=result.source_index.astype(np.int32),
-        label=result.label,
-        n_object=np.int64(len(result.object)),
-        fitted=result.fitted.astype(np.int32),
-        dropped=result.dropped.astype(np.int32),
-        selected=np.flatnonzero(result.selection).astype(np.int32),
-        n_scene=np.int64(len(result.scene)),
-    )
-    (folder / "views").mkdir()
-    for i, view in enumerate(result.views):
-        write_picture(draw_view(view, i), folder / "views" / f"{i:02d}.png")
-    write_picture(draw_before_after(result), folder / "before_after.png")
-    write_json(report, folder / "report.json")
+
+
+def _write_view(view: TrimmedView, number: int, folder: Path) -> None:
+    write_picture(draw_view(view, number), folder / f"{number:02d}.png")
 
 
 def write_labels(path: Path, **arrays: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering import Renderer, Rendering
+from gaussian_trimmer.rendering import Renderer, Rendering, over_views
 from gaussian_trimmer.views import HALF
 
 
@@ -33,12 +33,13 @@ class Place:
     def silhouettes(self) -> list[BoolArray]:
         """The object alone in each view, (H, W)."""
         alone = self.gaussians.select(self.own)
-        return [self.renderer.render(alone, camera).alpha > HALF for camera in self.cameras]
+        drawn = over_views(self.renderer, lambda camera: self.renderer.render(alone, camera), self.cameras)
+        return [rendering.alpha > HALF for rendering in drawn]
 
     @cached_property
     def renderings(self) -> list[Rendering]:
         """The views with everything in them."""
-        return [self.renderer.render(self.gaussians, camera) for camera in self.cameras]
+        return list(over_views(self.renderer, lambda c: self.renderer.render(self.gaussians, c), self.cameras))
 
     @cached_property
     def seen(self) -> FloatArray:
@@ -51,6 +52,10 @@ class Place:
             np.zeros((len(part), 2), np.float32),
             self.gaussians if part.all() else self.gaussians.select(part),
         )
-        for camera, silhouette in zip(self.cameras, self.silhouettes, strict=True):
-            total[part] += self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
+
+        def weighed(camera: Camera, silhouette: BoolArray) -> FloatArray:
+            return self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
+
+        for weights in over_views(self.renderer, weighed, self.cameras, self.silhouettes):
+            total[part] += weights
         return total

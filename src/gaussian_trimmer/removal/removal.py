@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, concatenate
 from gaussian_trimmer.removal.continuation import Continuation, continue_surfaces
 from gaussian_trimmer.removal.ghosts import find_hidden, foreign_colours
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import find_surfaces
+from gaussian_trimmer.rendering import over_views
 
 NO_SURFACE = "no flat surface that the object stands on or leans against was found, so nothing was made up where it was"
 NOT_SEEN = "too little is seen of the surfaces around the object, so nothing was made up where it was"
@@ -69,8 +71,11 @@ def remove(place: Place, *, fill: bool) -> Removal:
 
 def _share_in_silhouettes(place: Place, background: Gaussians, some: BoolArray) -> float:
     """Share of the silhouettes that the first of a background's Gaussians make up where `some` is true."""
-    weight, pixels = 0.0, 0
-    for camera, silhouette in list(zip(place.cameras, place.silhouettes, strict=True))[::2]:
-        shown = place.renderer.blend_weights(background, camera, silhouette.astype(np.uint8), 2)[: len(some), 1]
-        weight, pixels = weight + float(shown[some].sum()), pixels + int(silhouette.sum())
-    return weight / max(pixels, 1)
+
+    def weight(camera: Camera, silhouette: BoolArray) -> float:
+        weights = place.renderer.blend_weights(background, camera, silhouette.astype(np.uint8), 2)
+        return float(weights[: len(some), 1][some].sum())
+
+    silhouettes = place.silhouettes[::2]
+    pixels = sum(int(silhouette.sum()) for silhouette in silhouettes)
+    return sum(over_views(place.renderer, weight, place.cameras[::2], silhouettes)) / max(pixels, 1)

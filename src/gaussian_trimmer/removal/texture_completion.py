@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.views import bounding_box, box_slices, grown
 
 _MARGIN_PIXELS = 72
@@ -160,8 +161,9 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
     here, ring_here = rgb[window], ring[window]
     rows, columns = np.nonzero(hole[window])
     sharpness = _SHARPNESS * (differences[0] + _LEAST_DIFFERENCE)
-    values, weights = [], []
-    for (down, right), difference in zip(shifts, differences, strict=True):
+
+    def found_at(shift: tuple[int, int], difference: float) -> tuple[FloatArray, FloatArray]:
+        down, right = shift
         moved, there = _moved(rgb, down, right, window), _moved(examples, down, right, window)
         both = (there & ring_here).astype(np.float32)
         apart = (here - moved) * both[..., None]
@@ -170,8 +172,9 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
         shades = _smoothed(np.dstack([apart, both]), 2 * _NEARBY_PIXELS)
         corrected = moved + shades[..., :3] / (shades[..., 3:] + 0.02)
         weight = (np.exp(-np.minimum(disagreement / sharpness, 60)) + 1e-12) * there
-        values.append(corrected[rows, columns])
-        weights.append(weight[rows, columns])
+        return corrected[rows, columns], weight[rows, columns]
+
+    values, weights = zip(*map_side_by_side(found_at, shifts, differences), strict=True)
     colours, found = _middle_half(np.array(values), np.array(weights))
     here[rows[found], columns[found]] = np.clip(colours[found], 0, 1)
     done = np.zeros_like(hole)
@@ -213,10 +216,12 @@ def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Fl
     """
     colours = rgb.astype(np.float64)
     squared = (colours**2).sum(axis=2)
-    first, second = _spectrum(here), _spectrum(there)
-    total = np.conj(_spectrum(here * squared)) * second + np.conj(first) * _spectrum(there * squared)
-    for channel in colours.transpose(2, 0, 1):
-        total -= 2 * np.conj(_spectrum(here * channel)) * _spectrum(there * channel)
+    images = [np.ones_like(squared), squared, *colours.transpose(2, 0, 1)]
+    spectra = list(map_side_by_side(_spectrum, [part * image for image in images for part in (here, there)]))
+    first, second = spectra[:2]
+    total = np.conj(spectra[2]) * second + np.conj(first) * spectra[3]
+    for ours, theirs in zip(spectra[4::2], spectra[5::2], strict=True):
+        total -= 2 * np.conj(ours) * theirs
     return np.maximum(_by_shift(total, here.shape), 0), _by_shift(np.conj(first) * second, here.shape)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Protocol, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 
+Made = TypeVar("Made")
 ALPHA_CAP = 0.99
 """Largest alpha that one Gaussian reaches at a pixel."""
 ALPHA_CUTOFF = 1.0 / 255.0
@@ -47,7 +49,10 @@ class Rendering:
 
 
 class Renderer(Protocol):
-    """Rasterises Gaussians as the original implementation does: EWA splatting, front to back by centre depth."""
+    """Rasterises Gaussians as the original implementation does: EWA splatting, front to back by centre depth.
+
+    One that may be called from several threads at once, and is faster then, has `thread_safe = True`.
+    """
 
     name: str
 
@@ -81,6 +86,13 @@ class Renderer(Protocol):
         Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
         """
         ...
+
+
+def over_views(renderer: Renderer, work: Callable[..., Made], *views: Iterable[Any]) -> Iterator[Made]:
+    """Like `map`, for work with a renderer on each of some views: side by side if the renderer allows it."""
+    from gaussian_trimmer.geometry.compiling import map_side_by_side  # imports Numba, which conversions need not
+
+    return map_side_by_side(work, *views) if getattr(renderer, "thread_safe", False) else map(work, *views)
 
 
 def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:

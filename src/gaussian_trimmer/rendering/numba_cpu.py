@@ -99,6 +99,7 @@ class NumbaRenderer:
     """Renders on the CPU. Accurate to about 1e-4 in colour against the float64 reference."""
 
     name = "numba"
+    thread_safe = True
 
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[int, int], tuple[ref[Gaussians], ref[Camera], Projection]] = OrderedDict()

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.views import View, mask_overlap
 
 _CONFIDENCE_WEIGHT = 0.32
@@ -127,15 +127,17 @@ def _shares_elsewhere(
 
     Half for Gaussians that the other views do not show.
     """
-    weights = [
-        renderer.blend_weights(gaussians, view.camera, mask.astype(np.uint8), 2) * np.float32(is_trusted)
-        for view, mask, is_trusted in zip(views, masks, trusted, strict=True)
-    ]
+
+    def weighed(view: View, mask: BoolArray, is_trusted: bool) -> FloatArray:
+        return renderer.blend_weights(gaussians, view.camera, mask.astype(np.uint8), 2) * np.float32(is_trusted)
+
+    weights = list(over_views(renderer, weighed, views, masks, trusted))
     total = np.sum(weights, axis=0)
-    shares = []
-    for view, own in zip(views, weights, strict=True):
+
+    def shown(view: View, own: FloatArray) -> FloatArray:
         outside, inside = (total - own).T
         seen = outside + inside
         share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > _MIN_SEEN_PIXELS)
-        shares.append(renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0])
-    return shares
+        return renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0]
+
+    return list(over_views(renderer, shown, views, weights))

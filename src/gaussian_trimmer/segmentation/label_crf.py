@@ -213,5 +213,5 @@ def _blurred_histogram(bins: NDArray[np.int64], weights: Float64Array) -> Float6
     """Normalised colour histogram, blurred by one bin's standard deviation, flat."""
     counts = np.bincount(bins, weights, _BINS_PER_CHANNEL**3).reshape((_BINS_PER_CHANNEL,) * 3)
     for _ in range(3):  # The last axis is blurred and comes first, so that after three times all are in order again.
-        counts = np.tensordot(_BLUR_MATRIX, counts, axes=(1, 2))
+        counts = np.moveaxis(counts @ _BLUR_MATRIX, 2, 0)  # many small products, for which no threads are woken
     return np.asarray((counts / max(counts.sum(), 1e-12)).reshape(-1))

@@ -11,6 +11,8 @@ The three weights below are a logistic regression of whether a region's change w
 
 from __future__ import annotations
 
+from threading import Thread
+
 import cv2
 import numpy as np
 
@@ -36,6 +38,11 @@ _BLUR_PIXELS = 1.0
 _EDGE_REACH_PIXELS = 8
 """Farthest that the edges of a pixel are found from, in pixels: by the blur, the slope and the neighbourhood."""
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
+
+
+def prepare() -> None:
+    """Have OpenCV make its tables for Lab colours, which takes a tenth of a second, while other things are done."""
+    Thread(target=_colour_edges, args=(np.zeros((1, 1, 3), np.float32),), daemon=True).start()
 
 
 def supported_silhouette(view: View) -> BoolArray:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import FloatArray
-from gaussian_trimmer.rendering import Renderer, Rendering
+from gaussian_trimmer.gaussians import FloatArray, Gaussians
+from gaussian_trimmer.rendering import Renderer, Rendering, over_views
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE, View, bounding_box, to_reference
 
@@ -30,9 +30,11 @@ class SceneRenderings:
 
 def render_scope(scope: Scope, renderer: Renderer) -> SceneRenderings:
     """Draw a scope and the selected object in it for each of its cameras."""
-    pictures = [renderer.render(scope.local, camera, weights=True) for camera in scope.cameras]
-    selected = scope.local.select(scope.selected)
-    isolated = [renderer.render(selected, camera, weights=True) for camera in scope.cameras]
+
+    def drawn(gaussians: Gaussians) -> list[Rendering]:
+        return list(over_views(renderer, lambda c: renderer.render(gaussians, c, weights=True), scope.cameras))
+
+    pictures, isolated = drawn(scope.local), drawn(scope.local.select(scope.selected))
     visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
     return SceneRenderings(pictures, isolated, visible, alone)
 
@@ -60,8 +62,9 @@ def complete_views(
     """
     shares = np.stack([scope.selected.astype(np.float32), probability], axis=1)
     views = []
-    for camera, picture, alone in zip(scope.cameras, renderings.pictures, renderings.isolated, strict=True):
-        shown = renderer.blend_values(scope.local, camera, shares)
+    values = over_views(renderer, lambda camera: renderer.blend_values(scope.local, camera, shares), scope.cameras)
+    drawn = zip(scope.cameras, renderings.pictures, renderings.isolated, values, strict=True)
+    for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
         whole = alone.alpha > HALF
         nearer = (picture.depth > 0) & (picture.depth < alone.depth - OCCLUDER_DISTANCE * scope.bounds.radius)

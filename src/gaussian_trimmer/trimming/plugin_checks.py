@@ -21,6 +21,7 @@ class CheckedRenderer:
 
     def __init__(self, renderer: Renderer) -> None:
         self.name = _name_of(renderer)
+        self.thread_safe = bool(getattr(renderer, "thread_safe", False))
         self._renderer = renderer
 
     def render(
