@@ -3,13 +3,15 @@
 import os
 import subprocess
 import sys
+import threading
+import time
 
 import numba
 import pytest
 import toy
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.geometry.compiling import CACHE, side_by_side
+from gaussian_trimmer.geometry.compiling import CACHE, map_side_by_side, side_by_side
 
 
 def test_kernels_are_kept_here():
@@ -83,3 +85,46 @@ def test_shares_are_worked_on_after_a_fork():
     environment = {**os.environ, "NUMBA_NUM_THREADS": "2"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60)
     assert done.stdout == "7\n", done.stderr
+
+
+@pytest.fixture
+def two_threads():
+    before = numba.get_num_threads()
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("Numba was started with one thread.")
+    numba.set_num_threads(2)
+    yield
+    numba.set_num_threads(before)
+
+
+def test_what_is_found_ahead_comes_in_order_on_several_threads(two_threads):
+    names = set()
+
+    def work(first, second):
+        time.sleep(0.01 * (first % 3))
+        names.add(threading.current_thread().name)
+        inner = list(map_side_by_side(str, "ab"))  # goes on in the same thread
+        return first * second, inner, numba.get_num_threads()
+
+    found = list(map_side_by_side(work, range(12), range(12)))
+    assert found == [(i * i, ["a", "b"], 1) for i in range(12)]
+    assert len(names) == 2 and threading.current_thread().name not in names
+
+
+def test_an_exception_ends_the_others_before_it_is_seen(two_threads):
+    running = []
+
+    def work(item):
+        running.append(item)
+        time.sleep(0.02)
+        if item == 1:
+            raise ValueError(item)
+        running.remove(item)
+
+    with pytest.raises(ValueError, match="1"):
+        list(map_side_by_side(work, range(50)))
+    before = list(running)
+    time.sleep(0.1)
+    assert running == before == [1]
+    with pytest.raises(ValueError, match="argument"):
+        list(map_side_by_side(max, range(2), range(3)))

@@ -198,3 +198,13 @@ def test_what_the_objects_hid_leaves_the_common_background():
     assert dark[clean.dropped].sum() > 40 and dark[clean.dropped].mean() > 0.9
     for one, other in zip(clean.objects, exact.objects, strict=True):
         assert np.array_equal(one.source_index, other.source_index)
+
+
+def test_the_order_of_the_objects_does_not_change_the_scene_without_them():
+    config = toy.small_config(background="filled")
+    backgrounds = []
+    for ids in ((3, 7), (7, 3)):
+        rest = trim_objects(SCENE, {number: ROUGH[number] for number in ids}, config=config).background
+        backgrounds.append(rest.select(np.lexsort(rest.means.T)))
+    assert np.array_equal(backgrounds[0].means, backgrounds[1].means)
+    assert np.array_equal(backgrounds[0].opacity_logits, backgrounds[1].opacity_logits)

@@ -11,13 +11,14 @@ import cv2
 import numba
 import numpy as np
 import pytest
-from toy import TightMasks, ball_on_floor, dilated, small_config
+from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
 
 from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.trimming.several_objects import trim_objects
 from gaussian_trimmer.trimming.trim import trim
 
 N_CALLS = 12
@@ -72,6 +73,16 @@ def trimmed():
     return digest([result.source_index, result.label, *parts, *(view.mask for view in result.views)])
 
 
+def together():
+    """Two objects trimmed together, with outlines fitted and the floor continued."""
+    scene, *masks = two_balls()
+    config = small_config(refine="fit", background="filled", plan=PlanConfig(size=96))
+    result = trim_objects(scene, masks, config=config)
+    rest = result.background
+    parts = [part.gaussians for part in result.objects]
+    return digest([rest.means, rest.sh_dc, *(part.means for part in parts), *(part.opacity_logits for part in parts)])
+
+
 def at_the_same_time(function):
     """What many calls return, four of them running at any time."""
     with ThreadPoolExecutor(4) as pool:
@@ -98,7 +109,7 @@ def threads():
     numba.set_num_threads(before)
 
 
-@pytest.mark.parametrize("work", [rendered, neighbours, trimmed])
+@pytest.mark.parametrize("work", [rendered, neighbours, trimmed, together])
 def test_one_and_two_threads_agree(work, threads):
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("Numba was started with one thread.")
@@ -128,6 +139,6 @@ def test_eight_threads_agree_however_few_cores_there_are():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("work", [rendered, neighbours, trimmed])
+@pytest.mark.parametrize("work", [rendered, neighbours, trimmed, together])
 def test_simultaneous_calls_agree(work):
     assert at_the_same_time(work) == {work()}

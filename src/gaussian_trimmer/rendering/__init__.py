@@ -89,7 +89,7 @@ class Renderer(Protocol):
 
 
 def over_views(renderer: Renderer, work: Callable[..., Made], *views: Iterable[Any]) -> Iterator[Made]:
-    """Like `map`, for work with a renderer on each of some views: side by side if the renderer allows it."""
+    """Like `map`, for work with a renderer on some views or objects: side by side if the renderer allows it."""
     from gaussian_trimmer.geometry.compiling import map_side_by_side  # imports Numba, which conversions need not
 
     return map_side_by_side(work, *views) if getattr(renderer, "thread_safe", False) else map(work, *views)

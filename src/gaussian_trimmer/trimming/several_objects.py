@@ -1,4 +1,4 @@
-"""Several objects of one scene: decided one after the other, shared out, and finished; none has another's Gaussians.
+"""Several objects of one scene: decided one by one, shared out, and finished; none has another's Gaussians.
 
 What belongs to each object is decided as if it were alone. Where two of them claim a Gaussian, the one whose selection
 had it keeps it, and else the one that most of its nearest neighbours belong to. Only then are outlines fitted. The
@@ -25,8 +25,8 @@ from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.removal.continuation import brightened
 from gaussian_trimmer.removal.place import Place
-from gaussian_trimmer.removal.removal import remove
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
+from gaussian_trimmer.removal.removal import Removal, remove
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, over_views
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
@@ -128,19 +128,22 @@ def trim_objects(
     plug_ins, n = PlugIns.of(renderer, segmenter), len(scene)
     masks = [mask_of_selection(selection, n) for _, _, selection in named]
     known_up, from_all = _common_up(scene, np.any(masks, axis=0), config, cameras), mask_of_excluded(None, excluded, n)
-    clock, claims = Clock(progress), []
-    for (number, name, selection), mask in zip(named, masks, strict=True):
+
+    def claimed(number: int, name: str, selection: ArrayLike, mask: BoolArray) -> _Claim:
         kept_out = from_all | mask_of_excluded(selection, None, n)
-        task = Task(scene, mask, kept_out, config, plug_ins, cameras, known_up=known_up)
+        return _claim(number, name, Task(scene, mask, kept_out, config, plug_ins, cameras, known_up=known_up))
+
+    clock, claims, found = Clock(progress), [], plug_ins.map(claimed, *zip(*named, strict=True), masks)
+    for number, _, _ in named:
         with clock(f"object {number}"):
-            claims.append(_claim(number, name, task))
+            claims.append(next(found))
     with clock("share out"):
         owner, contested = share_out(
             scene, [claim.members for claim in claims], [claim.task.selection for claim in claims]
         )
         shared = [_shared(claim, owner == place) for place, claim in enumerate(claims)]
     with clock("finish"):
-        finished = [_finished(claim) for claim in shared]
+        finished = list(plug_ins.map(_finished, shared))
     rest = _Rest.of(scene, owner == _NOBODY)
     if config.background != "exact":
         with clock("remove"):
@@ -273,17 +276,19 @@ def remove_all(scene: Gaussians, claims: Sequence[_Claim], owner: IntArray, rend
     """
     rest = _Rest.of(scene, owner == _NOBODY)
     filled, why_not = [rest.filled], []
-    for place, claim in enumerate(claims):
-        own, bounds = owner == place, claim.decision.scope.bounds
-        if claim.decision.parts is None or not own.any():
-            continue
+
+    def without(place: int) -> tuple[IntArray, BoolArray, Removal]:
+        own, bounds = owner == place, claims[place].decision.scope.bounds
         distances = np.linalg.norm(scene.means - bounds.centre.astype(np.float32), axis=1)
-        reach = max(claim.task.config.context_radius, CONTEXT_RADIUS) * bounds.radius
-        rows = np.flatnonzero((own | (distances < reach)) & ~rest.dropped)
+        reach = max(claims[place].task.config.context_radius, CONTEXT_RADIUS) * bounds.radius
+        rows = np.flatnonzero(own | (distances < reach))
         removed = owner[rows] != _NOBODY
-        removal = remove(
-            Place(scene.select(rows), own[rows], removed, bounds, views_of_place(bounds), renderer), fill=fill
-        )
+        at = Place(scene.select(rows), own[rows], removed, bounds, views_of_place(bounds), renderer)
+        return rows, removed, remove(at, fill=fill)
+
+    trimmed = [place for place, claim in enumerate(claims) if claim.decision.parts is not None and place in owner]
+    for place, (rows, removed, removal) in zip(trimmed, over_views(renderer, without, trimmed), strict=True):
+        claim = claims[place]
         rest.dropped[rows[(removal.ghosts | removal.replaced) & ~removed]] = True
         rest.gain[rows] = np.maximum(rest.gain[rows], removal.gain)
         filled.append(removal.filled)

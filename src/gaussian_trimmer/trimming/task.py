@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.rendering import Renderer, get_renderer
+from gaussian_trimmer.rendering import Renderer, get_renderer, over_views
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.trimming.plugin_checks import CheckedRenderer, CheckedSegmenter
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,11 @@ class PlugIns:
         renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
         segmenter = get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter
         return cls(renderer, segmenter, CheckedRenderer(renderer), CheckedSegmenter(segmenter))
+
+    def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
+        """Like `map`, for work with both: side by side if both allow it."""
+        alone = not getattr(self.given_segmenter, "thread_safe", False)
+        return map(work, *items) if alone else over_views(self.given_renderer, work, *items)
 
     def report_parts_to(self, report: Callable[[str], None]) -> None:
         """Have the segmenter say which view it is at, if it can."""

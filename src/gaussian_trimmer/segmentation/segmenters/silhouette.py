@@ -25,6 +25,7 @@ class SilhouetteSegmenter:
 
     name = "silhouette"
     mask_source: MaskSource = "labels"
+    thread_safe = True
 
     def __init__(self, config: SilhouetteConfig | None = None) -> None:
         self.config = config or SilhouetteConfig()
