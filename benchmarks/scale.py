@@ -29,9 +29,9 @@ from rich.table import Table
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.local import cores
-from gaussian_trimmer.gaussians import Float64Array, Gaussians, quaternions_of, rotation_matrices
+from gaussian_trimmer.gaussians import rotation_matrices
 from gaussian_trimmer.io.reading import is_file
-from gaussian_trimmer.rendering.reference import sh_basis
+from gaussian_trimmer.output.engines import turned
 
 DATA = Path(__file__).parent / "data"
 _SAMPLE_PAUSE = 0.1
@@ -51,8 +51,10 @@ class Arguments:
     engines: tuple[Literal["local", "ray"], ...] = ("local",)
     workers: tuple[int, ...] = (1, 2)
     output: Path = Path("out/scale")
+    background: bool = True
+    """Write the background of each item, too."""
     loop: bool = True
-    """Measure the loop in Python too."""
+    """Measure the loop in Python too, which writes backgrounds."""
     repeat: int = 1
     """Measure everything so many times; the best counts."""
 
@@ -91,7 +93,7 @@ def make_manifest(roots: Sequence[Path], kind: str, n: int, folder: Path) -> Pat
         rotation = rotation_matrices(rng.normal(size=(1, 4)).astype(np.float32))[0].astype(np.float64)
         name = f"{root.name}-{copy:03d}"
         if not is_file(folder / f"{name}.ply"):
-            formats.write(turned(formats.read(root / "scene.ply"), rotation), folder / f"{name}.ply")
+            formats.write(turned(formats.read(root / "scene.ply").replace(extras={}), rotation), folder / f"{name}.ply")
         up = " ".join(f"{value:.9f}" for value in rotation @ np.array([0.0, 0.0, 1.0]))
         for selection in sorted((root / "coarse").glob(f"*/{kind}.npy")):
             own = f"{root.name}-{selection.parent.name}.npy"
@@ -103,29 +105,6 @@ def make_manifest(roots: Sequence[Path], kind: str, n: int, folder: Path) -> Pat
     return manifest
 
 
-def turned(scene: Gaussians, rotation: Float64Array) -> Gaussians:
-    """A scene after a rotation (3, 3) about the origin, with colours that turn along."""
-    rest = scene.sh_rest.astype(np.float64)
-    directions = np.random.default_rng(1).normal(size=(200, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    here, there = sh_basis(directions), sh_basis(directions @ rotation)
-    first = 1
-    for degree in (1, 2, 3):
-        columns = slice(first, first + 2 * degree + 1)
-        if columns.stop - 1 <= rest.shape[2]:
-            # Colour in direction d afterwards is what it was in direction R^T d.
-            change = np.linalg.lstsq(here[:, columns], there[:, columns], rcond=None)[0]
-            part = slice(columns.start - 1, columns.stop - 1)
-            rest[..., part] = rest[..., part] @ change.T
-        first = columns.stop
-    return scene.replace(
-        means=(scene.means @ rotation.T).astype(np.float32),
-        quaternions=quaternions_of(rotation @ rotation_matrices(scene.quaternions)),
-        sh_rest=rest.astype(np.float32),
-        extras={},
-    )
-
-
 def measure(engine: str, workers: int, manifest: Path, arguments: Arguments) -> Record:
     """Run a batch, or the loop; seconds, items a minute, and the peak of all its processes' memory together."""
     output = arguments.output / f"{engine}-{workers}"
@@ -135,6 +114,7 @@ def measure(engine: str, workers: int, manifest: Path, arguments: Arguments) -> 
     else:
         command = [sys.executable, "-m", "gaussian_trimmer", "batch", str(manifest), "--output", str(output), "--quiet"]
         command += ["--engine", engine, "--workers", str(workers)]
+        command += [] if arguments.background else ["--no-background"]
     start = time.perf_counter()
     process = subprocess.Popen(command)
     peak = _Peak(process.pid)
