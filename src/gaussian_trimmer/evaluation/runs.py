@@ -105,14 +105,14 @@ def measure(task: Task, variants: Mapping[str, Variant], judge: Judge, *, fideli
         judge: the rules of the comparison.
         fidelity: also compare object and background together with the untouched scene.
     """
-    before = mean_scores(judge.score(judge.show(task.before, view.camera), view) for view in task.views)
+    before = mean_scores(judge.score_views(task.before, task.views))
     untouched = [judge.renderer.render(task.gaussians, view.camera).rgb for view in task.views if fidelity]
     for name, variant in variants.items():
         start = time.perf_counter()
         result = variant.trim(task, judge.renderer)
         seconds = time.perf_counter() - start
         cut = Cut(result.object, result.background)
-        scores = [judge.score(judge.show(cut, view.camera), view) for view in task.views]
+        scores = judge.score_views(cut, task.views)
         for score, view, picture in zip(scores, task.views, untouched, strict=False):
             score |= judge.fidelity(cut, view.camera, picture)
         counts = {label.name.lower(): result.count(label) for label in RowLabel}

@@ -17,7 +17,7 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, over_views
 
 Scores = dict[str, float]
 """Metric -> percentage, or dB for `psnr` and `fidelity`; a metric that is not known is missing."""
@@ -98,6 +98,11 @@ class Judge:
         member = np.zeros((len(whole), 1), np.float32)
         member[: len(cut.object)] = 1
         return Shown(alone.rgb, alone.alpha, self.renderer.blend_values(whole, camera, member)[..., 0])
+
+    def score_views(self, cut: Cut, views: Sequence[TestView]) -> list[Scores]:
+        """The metrics of each view, see `score`."""
+        shown = over_views(self.renderer, lambda view: self.show(cut, view.camera), views)
+        return [self.score(picture, view) for picture, view in zip(shown, views, strict=True)]
 
     def score(self, shown: Shown, view: TestView) -> Scores:
         """The metrics of one view, without `fidelity`; without `psnr` too if the view has no picture."""

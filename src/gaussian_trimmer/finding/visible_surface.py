@@ -16,7 +16,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.overview import drawn_part, plan_overview
 from gaussian_trimmer.selecting.surface_estimates import colour_bins, directions_to, estimate_surface
@@ -112,10 +112,14 @@ def find_visible_surface(
     """
     views = [replace(view, camera=_small(view.camera)) for view in views]
     shown = np.zeros((len(views), len(scene)), np.float32)
-    for number, view in enumerate(views):
-        looked(number + 1)
+
+    def weighed(view: Viewpoint) -> tuple[IntArray, FloatArray]:
         drawn, rows = drawn_part(scene, view)
-        shown[number, rows] = shown_weight(drawn, view.camera, renderer)
+        return rows, shown_weight(drawn, view.camera, renderer)
+
+    for number, (rows, weights) in enumerate(over_views(renderer, weighed, views)):
+        looked(number + 1)
+        shown[number, rows] = weights
     total = shown.sum(axis=0)
     rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
     if len(rows) < _MIN_NODES:

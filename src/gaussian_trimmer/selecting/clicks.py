@@ -20,7 +20,7 @@ from gaussian_trimmer.planning.camera_rings import ring_poses
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.segment_in_box import fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
-from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weight
+from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weights
 from gaussian_trimmer.views import HALF, Box, box_slices
 
 _VISIBILITY_SCALE = 0.5
@@ -149,7 +149,7 @@ def _majority_of_points(points: BoolArray, of: IntArray, count: int) -> BoolArra
 def _visible_around(scene: ViewedScene, target: Target) -> FloatArray:
     """How much each Gaussian shows in the view and in others around the point, (N,)."""
     cameras = _views_around(scene.camera, target, scene.up)
-    return visible_weight([shown_weight(scene.gaussians, view, scene.renderer) for view in cameras], cameras)
+    return visible_weight(shown_weights(scene.gaussians, cameras, scene.renderer), cameras)
 
 
 def _views_around(camera: Camera, target: Target, up: Float64Array) -> list[Camera]:

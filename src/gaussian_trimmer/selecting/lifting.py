@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
+from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.views import HALF_COVERAGE
 
@@ -110,8 +110,12 @@ def sum_label_weights(
 ) -> Float64Array:
     """Blend weights of each Gaussian summed over the pixels of each label and all views, (N, n_labels)."""
     weights = np.zeros((len(gaussians), n_labels))
-    for camera, image in zip(cameras, labels, strict=True):
-        weights += renderer.blend_weights(gaussians, camera, image, n_labels)
+
+    def weighed(camera: Camera, image: LabelArray) -> FloatArray:
+        return renderer.blend_weights(gaussians, camera, image, n_labels)
+
+    for of_view in over_views(renderer, weighed, cameras, labels):
+        weights += of_view
     return weights
 
 

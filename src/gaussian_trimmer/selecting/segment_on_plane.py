@@ -12,12 +12,14 @@ move with the seed, and windows and gaps come from one ladder of lengths for all
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
+from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import densest_layer
@@ -93,17 +95,27 @@ def pieces_on_plane(
         windows: radii of the windows, as `windows_around` gives them.
     """
     distance, shows = np.linalg.norm(positions, axis=1), visible > _MIN_VISIBLE
-    found: list[tuple[float, float, _Piece, BoolArray]] = []  # height of the layer, radius of the window
+
+    def found_in(clearance: float, radius: float) -> list[tuple[float, float, _Piece, BoolArray]]:
+        """Height of the layer and radius of the window, a piece that stands there, and it with what it hides."""
+        surface = _find_layer(positions, visible, radius)
+        if surface is None:
+            return []
+        above = (positions[:, 2] > surface + clearance * radius) & (distance < _MAX_DEPTH * radius)
+        rows, hidden = np.flatnonzero(above & shows), np.flatnonzero(above & ~shows)
+        return [
+            (surface, radius, piece, _with_hidden(positions, piece, hidden))
+            for piece in _stable_pieces(positions, seeds, visible, rows, _GAP_RADII * radius)
+            if piece.radius <= _MAX_RADIUS * radius and _stands(positions, shows, piece, surface, radius)
+        ]
+
+    found: list[tuple[float, float, _Piece, BoolArray]] = []
     for clearance in _CLEARANCES:
-        for radius in windows.tolist() if not found else ():
-            surface = _find_layer(positions, visible, radius)
-            if surface is None:
-                continue
-            above = (positions[:, 2] > surface + clearance * radius) & (distance < _MAX_DEPTH * radius)
-            rows, hidden = np.flatnonzero(above & shows), np.flatnonzero(above & ~shows)
-            for piece in _stable_pieces(positions, seeds, visible, rows, _GAP_RADII * radius):
-                if piece.radius <= _MAX_RADIUS * radius and _stands(positions, shows, piece, surface, radius):
-                    found.append((surface, radius, piece, _with_hidden(positions, piece, hidden)))
+        found = [
+            one for of_window in map_side_by_side(partial(found_in, clearance), windows.tolist()) for one in of_window
+        ]
+        if found:
+            break
     highest = max((surface for surface, *_ in found), default=0.0)
 
     def order(candidate: tuple[float, float, _Piece, BoolArray]) -> tuple[bool, int, bool]:

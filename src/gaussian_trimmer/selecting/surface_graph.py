@@ -33,7 +33,7 @@ from gaussian_trimmer.selecting.surface_estimates import (
     directions_to,
     estimate_surface,
 )
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene, shown_weight
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene, shown_weight, shown_weights
 from gaussian_trimmer.views import HALF
 
 _REACH_RADII = 3.0
@@ -160,7 +160,7 @@ def build_surface_graph(
     views = _views_around(scene, centre, reach * radius)
     pixels = radius * camera.K[0, 0] / float(np.linalg.norm(camera.centre - centre))
     in_view = shown_weight(gaussians, camera, scene.renderer)[near] * np.float32((_REFERENCE_RADIUS / pixels) ** 2)
-    weights = [shown_weight(local, view, scene.renderer) for view in views]
+    weights = shown_weights(local, views, scene.renderer)
     visible = in_view + (visible_weight(weights, views) if views else np.float32(0))
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, over_views
 
 CONTRIBUTORS, _MIN_ALPHA = 10, 0.3
 """Number of the largest contributors to a pixel that are looked at, and least opacity at which something is visible."""
@@ -64,6 +64,11 @@ def shown_weight(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Fl
     """Blend weight of each Gaussian in a view, in pixels, (N,)."""
     labels = np.zeros((camera.height, camera.width), np.uint8)
     return renderer.blend_weights(gaussians, camera, labels, 1)[:, 0]
+
+
+def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> list[FloatArray]:
+    """The same in each of several views, (N,) each."""
+    return list(over_views(renderer, lambda camera: shown_weight(gaussians, camera, renderer), cameras))
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:
