@@ -68,7 +68,8 @@ def shown_weight(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Fl
 
 def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> list[FloatArray]:
     """The same in each of several views, (N,) each."""
-    return list(over_views(renderer, lambda camera: shown_weight(gaussians, camera, renderer), cameras))
+    plain = gaussians.replace(sh_rest=gaussians.sh_rest[:, :, :0])  # how much they show does not depend on colours
+    return list(over_views(renderer, lambda camera: shown_weight(plain, camera, renderer), cameras))
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:
