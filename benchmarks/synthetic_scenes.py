@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, intrinsics
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate, rotation_matrices
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.rendering.numba_cpu import project_view
 
 KERNEL_GAUSSIANS = 50_000
@@ -33,25 +33,6 @@ def tiled(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, Bo
     shift[:, first], shift[:, second] = 1.5 * extents[first] * (tile % across), 1.5 * extents[second] * (tile // across)
     made = _with_full_sh(scene).select(row)
     return made.replace(means=made.means + shift), selection[row] & (tile == 0)
-
-
-def with_object_of(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, BoolArray]:
-    """The scene with an object of n Gaussians instead of the selected ones."""
-    made = concatenate([densified(scene.select(selection), n), scene.select(~selection)])
-    return made, np.arange(len(made)) < n
-
-
-def densified(gaussians: Gaussians, n: int) -> Gaussians:
-    """As many Gaussians as asked for that cover about the same: samples of each, smaller the more there are."""
-    rng = np.random.default_rng(0)
-    rows = np.arange(n) % len(gaussians) if n > len(gaussians) else rng.choice(len(gaussians), n, replace=False)
-    chosen, share = gaussians.select(rows), len(gaussians) / n
-    local = rng.normal(size=(n, 3)) * chosen.scales * np.sqrt(max(0.0, 1.0 - share))
-    offsets = np.einsum("nij,nj->ni", rotation_matrices(chosen.quaternions), local)
-    return chosen.replace(
-        means=(chosen.means + offsets).astype(np.float32),
-        log_scales=chosen.log_scales + np.float32(0.5 * np.log(share)),
-    )
 
 
 def _with_full_sh(gaussians: Gaussians) -> Gaussians:

@@ -1,0 +1,248 @@
+"""What people wait for: the command, trims, clicks, batches, each in a process of its own; see `speed.py`.
+
+Times of another commit are taken in turn with those of this one, from its sources in a worktree of their own, so that
+both meet the same machine. Ratios of such pairs hold where seconds change from hour to hour.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import cv2
+import numpy as np
+from benchmark_scenes import open_scene
+from synthetic_scenes import tiled
+
+import gaussian_trimmer as gt
+from gaussian_trimmer import formats
+from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import CameraSet, only_training
+from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+
+SOURCES = Path(__file__).parents[1]
+_WARM_RUNS = 3
+_MILLION, _LARGE = 1_000_000, 3_000_000
+_COPIES = 4
+
+
+@dataclass(frozen=True)
+class Wait:
+    """What is measured, and on what."""
+
+    task: str
+    root: str
+    """Folder of a benchmark scene."""
+    object: str
+    """One of its objects."""
+    folder: str
+    """Where files may be made; what one process leaves there another one finds."""
+
+    def scene(self) -> Gaussians:
+        return formats.read(Path(self.root) / "scene.ply")
+
+    def cameras(self) -> CameraSet:
+        return only_training(read_camera_set(Path(self.root) / "cameras.json"))
+
+    def selection(self, name: str = "") -> BoolArray:
+        return open_scene(Path(self.root)).coarse(name or self.object, "dilated")
+
+    def file(self, name: str, make: Callable[[Path], None]) -> Path:
+        """A file of the folder, made if it is not there yet."""
+        path = Path(self.folder) / name
+        if not path.exists():
+            make(path)
+        return path
+
+
+def _warm(work: Callable[[], Any], before: Callable[[], Any] = lambda: None) -> float:
+    """Median seconds of some work that was done once already, each time after something that does not count."""
+    seconds = []
+    for _ in range(_WARM_RUNS + 1):
+        before()
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return median(seconds[1:])
+
+
+def _run(*command: Any, **environment: str) -> float:
+    start = time.perf_counter()
+    words = [sys.executable, "-m", "gaussian_trimmer", *map(str, command)]
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL, env={**os.environ, **environment})
+    return time.perf_counter() - start
+
+
+def help_page(wait: Wait) -> float:
+    return _run("--help")
+
+
+def first_run(wait: Wait) -> float:
+    """The demo where no kernel has been compiled yet."""
+    with tempfile.TemporaryDirectory(dir=wait.folder) as empty:
+        return _run("demo", "--output", f"{empty}/demo", "--quiet", NUMBA_CACHE_DIR=empty)
+
+
+def command(wait: Wait) -> float:
+    selection = wait.file(f"{wait.object}.npy", partial(_save_selection, wait, ""))
+    root, output = Path(wait.root), Path(wait.folder) / "trimmed"
+    return _run("trim", root / "scene.ply", selection, "--cameras", root / "cameras.json", "--output", output,
+                "--overwrite", "--quiet")  # fmt: skip
+
+
+def trim(wait: Wait, **settings: Any) -> float:
+    scene, selection, cameras = wait.scene(), wait.selection(), wait.cameras()
+    return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=TrimConfig(**settings)))
+
+
+def trim_alone(wait: Wait) -> float:
+    return trim(wait, refine="off", background="exact")
+
+
+def large_scene(wait: Wait) -> float:
+    """The trim with copies of the scene beside it, three million Gaussians in all."""
+    scene, selection = tiled(wait.scene(), wait.selection(), _LARGE)
+    cameras = wait.cameras()
+    return _warm(lambda: gt.trim(scene, selection, cameras=cameras))
+
+
+def objects_together(wait: Wait) -> float:
+    """Objects of the scene together, relative to the slowest of them alone."""
+    scene, cameras, found = wait.scene(), wait.cameras(), open_scene(Path(wait.root))
+    selections = {name: found.coarse(name, "dilated") for name in found.objects[:5]}
+    alone = [_warm(lambda s=s: gt.trim(scene, s, cameras=cameras)) for s in selections.values()]  # type: ignore[misc]
+    return _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras)) / max(alone)
+
+
+def click(wait: Wait, path: Path | None = None) -> float:
+    """A click in the app's session, in the view that shows most of the object, where it is thickest."""
+    from gaussian_trimmer.app.session import Session
+    from gaussian_trimmer.selecting.marks import Click, Viewpoint
+
+    root, session = Path(wait.root), Session()
+    session.open(path or root / "scene.ply", root / "cameras.json")
+    masks = {
+        path.name: cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in (root / "masks" / wait.object).iterdir()
+    }
+    name = max(masks, key=lambda name: int(np.count_nonzero(np.asarray(masks[name]) > 127)))
+    depth = cv2.distanceTransform((np.asarray(masks[name]) > 127).astype(np.uint8), cv2.DIST_L2, 5)
+    y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    document = session.document
+    assert document.cameras is not None
+    camera = next(camera for camera in document.cameras.cameras if Path(camera.name).name == name)
+    mark = Click(int(x), int(y), Viewpoint(camera))
+    return _warm(lambda: session.mark(mark), session.clear)
+
+
+def click_in_a_million(wait: Wait) -> float:
+    def make(path: Path) -> None:
+        formats.write(tiled(wait.scene(), wait.selection(), _MILLION)[0], path)
+
+    return click(wait, wait.file("million.ply", make))
+
+
+def batch(wait: Wait, *options: str) -> float:
+    """Seconds an item of a batch takes on two processes: the objects of copies of the scene."""
+    root, found = Path(wait.root), open_scene(Path(wait.root))
+
+    def copy_scene(path: Path) -> None:
+        shutil.copyfile(root / "scene.ply", path)
+
+    rows = ["scene,selection,cameras,name"]
+    for copy in range(_COPIES):
+        scene = wait.file(f"copy{copy}.ply", copy_scene)
+        for name in found.objects:
+            file = wait.file(f"{name}.npy", partial(_save_selection, wait, name))
+            rows.append(f"{scene},{file},{root / 'cameras.json'},{name}{copy}")
+    manifest = Path(wait.folder) / "manifest.csv"
+    manifest.write_text("\n".join(rows) + "\n")
+    with tempfile.TemporaryDirectory(dir=wait.folder) as output:
+        words = ["batch", manifest, "--output", f"{output}/out", "--quiet", "--workers", 2, *options]
+        return _run(*words) / (len(rows) - 1)
+
+
+def _save_selection(wait: Wait, name: str, path: Path) -> None:
+    np.save(path, wait.selection(name))
+
+
+TASKS: dict[str, Callable[[Wait], float]] = {
+    "first run": first_run,
+    "--help": help_page,
+    "command": command,
+    "trim": trim,
+    "trim without fit and background": trim_alone,
+    "trim in a scene of 3 million": large_scene,
+    "up to five objects together, in trims of the slowest": objects_together,
+    "click": click,
+    "click in a scene of 1 million": click_in_a_million,
+    "batch, an item on two processes": batch,
+    "batch without backgrounds": lambda wait: batch(wait, "--no-background"),
+}
+OF_AN_OBJECT = ("command", "trim", "trim without fit and background", "trim in a scene of 3 million", "click")
+"""Tasks that are measured for each object."""
+
+
+def measure(
+    root: Path, objects: Sequence[str], runs: int, against: str, left_out: Sequence[str]
+) -> Iterator[dict[str, Any]]:
+    """A record for each task: medians in seconds of this version and the other, and of the ratios of pairs."""
+    with tempfile.TemporaryDirectory(prefix="waits-") as folder, _sources_of(against) as before:
+        versions = {"before": before, "now": SOURCES} if before else {"now": SOURCES}
+        for task in TASKS:
+            for name in objects if task in OF_AN_OBJECT else objects[:1]:
+                if task in left_out:
+                    continue
+                wait = Wait(task, str(root.absolute()), name, folder)
+                times: dict[str, list[float]] = {version: [] for version in versions}
+                for _ in range(runs + 1):
+                    for version, sources in versions.items():
+                        times[version].append(_in_process(wait, sources))
+                counted = {version: seconds[1:] for version, seconds in times.items()}
+                record: dict[str, Any] = {"task": f"{task}, {name}" if task in OF_AN_OBJECT else task}
+                record |= {version: median(seconds) for version, seconds in counted.items()}
+                if before:
+                    pairs = zip(counted["now"], counted["before"], strict=True)
+                    record["ratio"] = median(now / then for now, then in pairs)
+                yield record
+
+
+@contextmanager
+def _sources_of(commit: str) -> Iterator[Path | None]:
+    """A folder with the sources of a commit; None for no commit."""
+    if not commit:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(prefix="before-") as folder:
+        git = ["git", "-C", str(SOURCES), "worktree"]
+        subprocess.run([*git, "add", "--quiet", "--detach", f"{folder}/sources", commit], check=True)
+        try:
+            yield Path(folder) / "sources"
+        finally:
+            subprocess.run([*git, "remove", "--force", f"{folder}/sources"], check=True)
+
+
+def _in_process(wait: Wait, sources: Path) -> float:
+    environment = {**os.environ, "PYTHONPATH": str(sources / "src")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    done = subprocess.run(
+        [sys.executable, __file__, json.dumps(asdict(wait))], env=environment, check=True, stdout=subprocess.PIPE
+    )
+    return float(done.stdout.split()[-1])
+
+
+if __name__ == "__main__":
+    asked = Wait(**json.loads(sys.argv[1]))
+    print(TASKS[asked.task](asked))
