@@ -125,7 +125,7 @@ class Recorder:
     """A renderer that keeps what it returns, or gives again what another one has kept, in the same order."""
 
     def __init__(self, renderer: Renderer) -> None:
-        self.name, self._renderer, self._replay = renderer.name, renderer, False
+        self.name, self.thread_safe, self._renderer, self._replay = renderer.name, False, renderer, False
         self.results: list[tuple[str, Any]] = []
 
     def replayed(self) -> Recorder:
