@@ -4,6 +4,7 @@ import hashlib
 import os
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -17,6 +18,7 @@ from gaussian_trimmer.config import BoundaryConfig, SplitConfig
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.several_objects import trim_objects
 from gaussian_trimmer.trimming.trim import trim
@@ -118,6 +120,33 @@ def test_one_and_two_threads_agree(work, threads):
         threads(n)
         results.add(work())
     assert len(results) == 1
+
+
+class Watched(NumbaRenderer):
+    """A renderer that notes in which threads it is called."""
+
+    def __init__(self):
+        super().__init__()
+        self.threads = set()
+
+    def render(self, *arguments, **options):
+        self.threads.add(threading.get_ident())
+        return super().render(*arguments, **options)
+
+
+class Shared(Watched):
+    thread_safe = True
+
+
+@pytest.mark.parametrize("renderer", [Watched, Shared])
+def test_a_renderer_of_ones_own_stays_in_one_thread_unless_it_says_otherwise(renderer, threads):
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("Numba was started with one thread.")
+    threads(2)
+    scene, *masks = two_balls()
+    watched = renderer()
+    trim_objects(scene, masks, config=small_config(plan=PlanConfig(size=96)), renderer=watched)
+    assert (watched.threads == {threading.get_ident()}) == (renderer is Watched)
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ class Rendering:
 class Renderer(Protocol):
     """Rasterises Gaussians as the original implementation does: EWA splatting, front to back by centre depth.
 
-    One that may be called from several threads at once, and is faster then, has `thread_safe = True`.
+    One that may be called from several threads at once says so by `thread_safe = True`, see `is_thread_safe`.
     """
 
     name: str
@@ -88,11 +88,20 @@ class Renderer(Protocol):
         ...
 
 
+def is_thread_safe(plug_in: object) -> bool:
+    """Whether a renderer or segmenter may be called from several threads at once: its own class, or it, says so.
+
+    What a class inherits does not count, since a subclass may keep what it should not.
+    """
+    said = {**vars(type(plug_in)), **getattr(plug_in, "__dict__", {})}
+    return bool(said.get("thread_safe", False))
+
+
 def over_views(renderer: Renderer, work: Callable[..., Made], *views: Iterable[Any]) -> Iterator[Made]:
     """Like `map`, for work with a renderer on some views or objects: side by side if the renderer allows it."""
     from gaussian_trimmer.geometry.compiling import map_side_by_side  # imports Numba, which conversions need not
 
-    return map_side_by_side(work, *views) if getattr(renderer, "thread_safe", False) else map(work, *views)
+    return map_side_by_side(work, *views) if is_thread_safe(renderer) else map(work, *views)
 
 
 def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:

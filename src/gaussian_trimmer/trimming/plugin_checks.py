@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer, Rendering
+from gaussian_trimmer.rendering import Renderer, Rendering, is_thread_safe
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.views import HALF_COVERAGE, View
 
@@ -21,7 +21,7 @@ class CheckedRenderer:
 
     def __init__(self, renderer: Renderer) -> None:
         self.name = _name_of(renderer)
-        self.thread_safe = bool(getattr(renderer, "thread_safe", False))
+        self.thread_safe = is_thread_safe(renderer)
         self._renderer = renderer
 
     def render(
