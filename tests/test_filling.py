@@ -41,6 +41,14 @@ def test_the_hole_is_closed_in_the_colour_of_the_floor(results):
     assert np.abs(closed.rgb[middle].mean(axis=(0, 1)) - toy.WHITE).max() < 0.1
 
 
+def test_a_hole_that_is_seen_through_the_open_back_of_the_object_is_closed_too():
+    back = TRUTH & (SCENE.means[:, 1] > -0.2)
+    scene, truth = SCENE.select(~back), TRUTH[~back]
+    rest = trim(scene, truth, config=CONFIG).background
+    (camera,), _ = plan_cameras(SCENE.select(TRUTH), toy.UP, PlanConfig(views=1, size=96, pitch_degrees=80))
+    assert get_renderer("numba").render(rest, camera).alpha[44:52, 44:52].mean() > 0.9
+
+
 def test_what_was_filled_is_marked(results, tmp_path):
     without, filled = results
     count = len(filled.filled)

@@ -91,6 +91,7 @@ def take_picture(
     for other in others:
         before &= other.heights(points).reshape(size, size) > 0
     empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
+    empty &= ~_seen_through_the_object(empty, picture, place)
     known = (seen >= np.maximum(through, 1)) & (alpha > HALF)
     hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
     for other in others:
@@ -172,11 +173,26 @@ def _opened(mask: BoolArray) -> BoolArray:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
 
 
+def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, place: Place) -> BoolArray:
+    """The connected parts of what is empty that come near to the object and do not reach the edge of the picture.
+
+    What nobody photographed from behind is open there: one looks into it, and through the hole that it stands on.
+    """
+    _, parts = cv2.connectedComponents(empty.astype(np.uint8))
+    at_edge = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
+    near = np.unique(parts[_near_the_object(picture, place)])
+    return np.isin(parts, np.setdiff1d(near, at_edge)) & empty
+
+
+def _near_the_object(picture: SurfacePicture, place: Place) -> BoolArray:
+    """Where the object is as it is seen from above, and a little around it, (P, P)."""
+    pixels, inside = picture.pixels_of(place.gaussians.means[place.own])
+    below = np.zeros_like(picture.hole)
+    below[tuple(pixels[:, inside])] = True
+    return grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
+
+
 def _at_the_object(hole: BoolArray, picture: SurfacePicture, place: Place) -> BoolArray:
     """The connected parts of the hole that come near to the object as it is seen from above."""
-    pixels, inside = picture.pixels_of(place.gaussians.means[place.own])
-    below = np.zeros_like(hole)
-    below[tuple(pixels[:, inside])] = True
-    below = grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
     _, parts = cv2.connectedComponents(hole.astype(np.uint8))
-    return np.asarray(hole & np.isin(parts, np.unique(parts[hole & below])))
+    return np.asarray(hole & np.isin(parts, np.unique(parts[hole & _near_the_object(picture, place)])))
