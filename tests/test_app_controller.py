@@ -14,7 +14,8 @@ from command_line import save_ball
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.display import Showing, shown_rows
-from gaussian_trimmer.app.gestures import Gesture
+from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture
+from gaussian_trimmer.app.wipe import compared
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
@@ -154,6 +155,60 @@ def test_the_scene_without_the_object_is_one_button_away(controller):
     do(controller, lambda: controller.show_part(controls.WITHOUT))
     assert controller.session.now.object.result is not None
     assert controller.panels.showing == Showing("background", "after", "own")
+
+
+def test_two_states_are_compared_until_something_else_is_done(controller):
+    panels, tab = controller.panels, client(controller)
+
+    def page_has_its_picture():
+        controller._heard(gesture(STILL_TAKEN), tab)
+        finish(controller)
+
+    def wipe():
+        controller.switch_wipe(tab)
+        finish(controller)
+
+    select_ball(controller)
+    wipe()
+    assert "cut the object out first" in panels.status_text and not panels.compare[controls.WIPE]
+    do(controller, controller.cut_out)
+    shown = panels.showing
+    wipe()
+    assert (
+        panels.compare[controls.WIPE] and panels.compared is None
+    )  # until there is a picture
+    page_has_its_picture()
+    assert panels.compared == Showing("object", "before", "own")
+    assert panels.showing == shown  # which marks and results go by
+    wipe()
+    assert panels.compared is None and not panels.compare[controls.WIPE]
+    page_has_its_picture()  # too late
+    assert panels.compared is None
+    do(controller, lambda: controller.show_part(controls.WITHOUT))
+    wipe()
+    page_has_its_picture()
+    assert panels.compared == Showing("both", "before", "own")
+    controller._moved(tab)
+    finish(controller)
+    assert panels.compared is None and "views accepted" in panels.status_text
+    wipe()
+    page_has_its_picture()
+    do(controller, lambda: controller.step("Undo"))
+    assert panels.compared is None and not panels.compare[controls.WIPE]
+
+
+@pytest.mark.parametrize(
+    ("shown", "other", "is_left"),
+    [
+        (Showing("object", "before", "changes"), Showing("object", "after", "changes"), True),
+        (Showing("object", "after", "own"), Showing("object", "before", "own"), False),
+        (Showing("background", "after", "changes"), Showing("both", "before", "own"), False),
+        (Showing("both", "before", "objects"), Showing("background", "after", "own"), True),
+    ],
+)
+def test_what_is_before_is_at_the_left(shown, other, is_left):
+    comparison = compared(shown)
+    assert (comparison.other, comparison.still.is_left) == (other, is_left)
 
 
 def test_a_correction_of_what_was_cut_out_is_cut_out_again_and_is_one_step(controller):

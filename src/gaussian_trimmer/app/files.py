@@ -204,6 +204,19 @@ class Files:
         return data.getvalue()
 
 
+def ask_whether_scene(client: Any, name: str, answered: Callable[[bool], None]) -> None:
+    """Ask in a tab whether splats are a scene or a selection, and call a function with the answer."""
+    question = client.gui.add_modal(f"What is {name}?")
+
+    def answer(as_scene: bool) -> None:
+        question.close()
+        answered(as_scene)
+
+    with question:
+        client.gui.add_button("A scene to open").on_click(lambda event: answer(True))
+        client.gui.add_button("A selection of the open scene").on_click(lambda event: answer(False))
+
+
 def path_of(text: str) -> Path | None:
     """The path that a field names, as browsers and file managers copy it, too; None if there is none."""
     text = text.strip().strip("\"'")

@@ -54,10 +54,10 @@ _BRUSH_STEP = 1.25
 class Tools:
     """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
-    def __init__(self, server: Any, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
+    def __init__(self, channel: GestureChannel, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
+        self._channel = channel
         self._session, self._panels, self._view, self._do = session, panels, view, do
         self._corners: list[Point] = []
-        self._channel = GestureChannel(server.gui, self.heard)
         panels.tool.on_click(lambda event: self.choose(panels.tool.value, event.client))
         panels.three_points.on_click(lambda event: self.choose(POINTS, event.client))
         panels.brush.on_update(lambda event: self._tell_page())
