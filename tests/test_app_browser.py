@@ -236,7 +236,7 @@ def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthous
     tab.press("Grow")
     tab.wait("grown by")
     tab.page.keyboard.press("x")
-    tab.wait("Move the box")
+    tab.wait("Drag the box")
     finish(app)
     tab.press("Apply the box")
     until(lambda: any(isinstance(mark, Box3D) for mark in session.now.object.marks), "the box in space")

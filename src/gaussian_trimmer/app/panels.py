@@ -52,7 +52,7 @@ _HINTS = {
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
-    BOX3D: "Move the box by its arrows, set its size, then apply it.",
+    BOX3D: "Drag the box's faces by their arrows, and the box by the squares in it; then apply it.",
     POINTS: "Click three points on the ground.",
 }
 _WELCOME = "Cut one object out of a splat scene. Open a scene, or press 'Open' for the sample that is filled in."
