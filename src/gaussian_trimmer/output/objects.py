@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObje
 _CELL_PIXELS = 240
 _OBJECTS_A_ROW = 2
 _MAX_DRAWN = 60
+_LONGEST_NAME = 60
 _COLUMN_HEADINGS = ("selection", "trimmed object", "the scene without it")
 
 
@@ -55,9 +56,10 @@ def write_objects(
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
+    stems = file_stems((part.id, part.name) for part in result.objects)
     for part in result.objects:
         if len(part.gaussians):
-            formats.write(part.gaussians, folder / _file_of(part, suffix))
+            formats.write(part.gaussians, folder / f"{stems[part.id]}{suffix}")
     if len(result.background_rows) or len(result.appended):
         formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     sizes = np.array([len(part.gaussians) for part in result.objects], np.int64)
@@ -82,6 +84,7 @@ def write_objects(
 
 def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: str = ".ply") -> dict[str, Any]:
     """The report as JSON holds it: what all objects share, and the report of each, with the name of its file."""
+    stems = file_stems((part.id, part.name) for part in result.objects)
     return {
         "version": __version__,
         "inputs": dict(inputs),
@@ -100,7 +103,8 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: s
             {
                 **part.report,
                 "id": part.id,
-                "file": _file_of(part, suffix) if len(part.gaussians) else None,
+                "name": part.name,
+                "file": f"{stems[part.id]}{suffix}" if len(part.gaussians) else None,
                 "gaussians": len(part.gaussians),
                 "counts": _counts(result, part),
             }
@@ -111,8 +115,23 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: s
     }
 
 
-def _file_of(part: TrimmedObject, suffix: str) -> str:
-    return f"object_{part.id}{suffix}"
+def file_stems(objects: Iterable[tuple[int, str]]) -> dict[int, str]:
+    """Names of objects' files without their endings, by the objects' ids.
+
+    >>> file_stems([(1, "1"), (2, "red mug"), (3, "Red_Mug"), (4, "object 9")])
+    {1: 'object_1', 2: 'object_red_mug', 3: 'object_Red_Mug_3', 4: 'object_9'}
+
+    Args:
+        objects: ids and names; the name of one without a name is its id.
+    """
+    stems: dict[int, str] = {}
+    for number, name in objects:
+        safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)[:_LONGEST_NAME]
+        stem = safe if safe.startswith("object_") else f"object_{safe}"
+        while stem.casefold() in map(str.casefold, stems.values()):
+            stem = f"{stem}_{number}"
+        stems[number] = stem
+    return stems
 
 
 def _counts(result: ObjectsResult, part: TrimmedObject) -> dict[str, int]:
@@ -147,7 +166,7 @@ def _block(result: ObjectsResult, part: TrimmedObject) -> Picture:
         draw_cells(shown, side, result.used_renderer) for side in (camera, _from_behind(camera, part.bounds))
     )
     pictures = np.vstack([headed(_COLUMN_HEADINGS, front), captioned("from the other side", back)])
-    return captioned(f"object {part.id}: {state}", pictures)
+    return captioned(f"{part.title}: {state}", pictures)
 
 
 def _from_behind(camera: Camera, bounds: Bounds) -> Camera:
