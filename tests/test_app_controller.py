@@ -117,6 +117,40 @@ def test_the_box_in_space_is_of_lines_and_around_the_selection(controller):
     assert np.allclose(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).max() / view.frame.scale, 2.2, atol=0.3)
 
 
+def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(controller, folder):
+    session, panels = controller.session, controller.panels
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    first, marked = session.now.object.result, session.now.object.n_selected
+    do(controller, lambda: controller.change_objects("New"))
+    open_scene(controller, folder / "scene.ply", folder / "cameras.json")
+    finish(controller)
+    again = session.now.objects[0].result
+    assert again is not first and session.now.objects[0].n_selected == marked
+    assert np.array_equal(again.source_index, first.source_index)
+    assert np.array_equal(again.object.means, first.object.means)
+    assert "What you had cut out is back: 1 object." in panels.status_text
+    do(controller, lambda: controller.step("Undo"))
+    assert not session.now.has_work  # it was one step
+
+
+def test_what_is_to_be_cut_out_again_is_so_after_another_restart_too(controller, folder):
+    session = controller.session
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    follow, controller._follow = controller._follow, lambda client: None  # the program ends before it comes to it
+    try:
+        for _ in range(2):
+            open_scene(controller, folder / "scene.ply", folder / "cameras.json")
+            assert session.now.object.result is None and session.now.object.to_cut_out
+            assert "is being cut out again" in controller.panels.status_text
+    finally:
+        controller._follow = follow
+    do(controller, lambda: session.mark(TINY) and "")
+    finish(controller)
+    assert session.now.object.result is None  # another mark: no longer what was cut out
+
+
 def test_a_face_of_the_box_in_space_is_dragged_and_the_opposite_one_stays(controller):
     session, view, panels = controller.session, controller._view, controller.panels
     session.mark(BALL)

@@ -17,7 +17,8 @@ from command_line import run
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import TrimChoices, normal_of
 from gaussian_trimmer.app.saving import Target, command_for
-from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks

@@ -15,27 +15,21 @@ from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.files import Files, ask_whether_scene, path_of
 from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture, GestureChannel
 from gaussian_trimmer.app.keys import bind_keys
-from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, WITHOUT, Panels
+from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, PROGRAM_ENDED, WITHOUT, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import first_look, look_at_points
 from gaussian_trimmer.app.wipe import Wipe
-from gaussian_trimmer.app.worker import Worker
+from gaussian_trimmer.app.worker import Cancelled, Worker
 from gaussian_trimmer.errors import InputError
 
-_STAGES_OF_A_TRIM = 12
-"""About as many stages as a trim has, for the progress bar."""
-_STAGES_OF_FINDING = 19
-"""The same of finding objects."""
+_STAGES_OF_A_TRIM, _STAGES_OF_FINDING = 12, 19
+"""About as many stages as a trim and finding objects have, for the progress bar."""
 _REST_SECONDS = 0.4
 """How long a view has to rest until it is refined."""
-_PROGRAM_ENDED = (
-    "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
-    "marked is kept, and is back when you open the scene."
-)
 
 
 class Controller:
@@ -67,9 +61,9 @@ class Controller:
             self._rest.cancel()
         self.worker.stop()
         self.panels.busy("", 0)
-        self.panels.say(_PROGRAM_ENDED)
+        self.panels.say(PROGRAM_ENDED)
         for client in self._server.get_clients().values():
-            client.add_notification("The program has ended", _PROGRAM_ENDED, color="red", auto_close_seconds=None)
+            client.add_notification("The program has ended", PROGRAM_ENDED, color="red", auto_close_seconds=None)
         self._server.flush()
 
     def do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
@@ -167,19 +161,24 @@ class Controller:
             self._complain(text, client)
 
     def _follow(self, client: Any) -> None:
-        """If a mark has corrected what was trimmed, trim again; whatever else is done goes first."""
+        """Trim again what a mark has corrected, or what was trimmed last time; whatever else is done goes first."""
         now = self.session.glance()
-        if now is None or now is self._given_up or self.panels.when.value == "Before":
+        if now is None or now is self._given_up:
             return
-        if now.object.earlier is None or not now.object.n_selected:
+        lost = any(part.to_cut_out for part in now.objects)
+        corrected = now.object.earlier is not None and now.object.n_selected and self.panels.when.value == "After"
+        if not lost and not corrected:
             return
 
         def again() -> str:
-            self._given_up = self.session.now  # unless it is to give way, it is tried once
             try:
-                return self.trim(joined=True)
+                if not lost:
+                    return self.trim(joined=True)
+                return self.session.cut_out_again(self._stages(_STAGES_OF_A_TRIM, "Again: "), self.worker.cancelled)
             except Cancelled:
                 return self.session.now.sentence
+            finally:
+                self._given_up = self.session.now  # unless it is to give way, it is tried once
 
         self.worker.submit_if_idle(lambda: self._job("Cutting out again", again, client))
 

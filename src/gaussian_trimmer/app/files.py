@@ -24,8 +24,9 @@ from gaussian_trimmer.app.project import (
     write_project,
 )
 from gaussian_trimmer.app.saving import Target
-from gaussian_trimmer.app.session import Session, stopping
+from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Snapshot
+from gaussian_trimmer.app.worker import stopping
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.writing import make_folder, write_whole
@@ -178,7 +179,8 @@ class Files:
         self._session.restore(restored(project, self._session.document, progress))
         now = self._session.now
         n = sum(bool(part.marks) for part in now.objects)
-        return f"Your work is back: {n} object{'s' if n > 1 else ''} marked. Undo takes it away. {now.sentence}"
+        again = " What was cut out is being cut out again." if any(part.to_cut_out for part in now.objects) else ""
+        return f"Your work is back: {n} object{'s' if n > 1 else ''} marked.{again} Undo takes it away. {now.sentence}"
 
     def _written(self, result: TrimResult, what: str, folder: Path, name: str) -> Path:
         """The path of one part of a trim, written into a folder."""

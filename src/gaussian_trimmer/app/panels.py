@@ -56,6 +56,10 @@ _HINTS = {
     POINTS: "Click three points on the ground.",
 }
 _WELCOME = "Cut one object out of a splat scene. Open a scene, or press 'Open' for the sample that is filled in."
+PROGRAM_ENDED = (
+    "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
+    "marked is kept, and is back when you open the scene."
+)
 HELP = """
 | key | |
 |---|---|
