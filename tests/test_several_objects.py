@@ -14,6 +14,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.objects import two_sides
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.trimming.several_objects import _by_id, trim_objects
@@ -120,6 +121,16 @@ def test_objects_may_have_names_or_neither(objects, ids, names):
 def test_arguments_that_cannot_be_used_are_named(objects, more, sentence):
     with pytest.raises(InputError, match=sentence):
         trim_objects(SCENE, objects, **more)
+
+
+def test_the_whole_object_is_in_the_pictures_from_both_sides(result):
+    for part in result.objects:
+        for way in np.eye(3):
+            middle = part.bounds.centre
+            means = middle + (part.gaussians.means - middle) @ (np.eye(3) + np.outer(way, way)) + 0.5 * way
+            wide = replace(part, gaussians=part.gaussians.replace(means=means.astype(np.float32)))
+            for camera in two_sides(wide):
+                assert camera.contains(camera.project(means)[0]).all()
 
 
 def test_ids_of_gaussians_are_objects():

@@ -19,11 +19,13 @@ from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
     Picture,
     captioned,
+    close_up,
     draw_cells,
     headed,
     nearby_rows,
-    whole_close_up,
     write_picture,
+    zoom_to_whole,
+    zoomed,
 )
 from gaussian_trimmer.output.report import count_selected, write_labels
 from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
@@ -157,21 +159,33 @@ def draw_objects(result: ObjectsResult) -> Picture:
 
 def _block(result: ObjectsResult, part: TrimmedObject) -> Picture:
     assert part.view is not None
-    camera, scene = whole_close_up(part.view, part.bounds, part.gaussians, _CELL_PIXELS), result.scene
+    scene = result.scene
     around = nearby_rows(scene, result.background_rows, part.bounds)
     background = concatenate([scene.select(around), result.appended])
     shown = [scene.select(part.selection), part.gaussians, background]
     state = f"not trimmed: {part.refused}" if part.refused else f"{len(part.gaussians):,} Gaussians"
-    front, back = (
-        draw_cells(shown, side, result.used_renderer) for side in (camera, _from_behind(camera, part.bounds))
-    )
+    front, back = (draw_cells(shown, side, result.used_renderer) for side in two_sides(part))
     pictures = np.vstack([headed(_COLUMN_HEADINGS, front), captioned("from the other side", back)])
     return captioned(f"{part.title}: {state}", pictures)
 
 
+def two_sides(part: TrimmedObject) -> tuple[Camera, Camera]:
+    """Two cameras that show the whole object, equally large: from where a view of it looks, and from behind."""
+    assert part.view is not None
+    camera = close_up(part.view, part.bounds, _CELL_PIXELS)
+    sides = camera, _from_behind(camera, part.bounds)
+    zoom = min(zoom_to_whole(side, part.gaussians) for side in sides)
+    return zoomed(sides[0], zoom), zoomed(sides[1], zoom)
+
+
 def _from_behind(camera: Camera, bounds: Bounds) -> Camera:
-    """The camera after half a turn about the upright axis through the object's centre."""
-    up, half_turn = bounds.axes[2], np.eye(4)
+    """The camera after half a turn about the upright axis through the object's centre.
+
+    What lay to the left of the centre lies to the right of it then, so the picture is cut out as far on its other side.
+    """
+    up, half_turn, mirrored = bounds.axes[2], np.eye(4), np.eye(3)
     half_turn[:3, :3] = 2 * np.outer(up, up) - np.eye(3)
     half_turn[:3, 3] = bounds.centre - half_turn[:3, :3] @ bounds.centre
-    return replace(camera, world_to_camera=camera.world_to_camera @ half_turn)
+    centre, _ = camera.project(bounds.centre[None])
+    mirrored[0, 2] = camera.width - 2 * float(centre[0, 0])
+    return replace(camera, world_to_camera=camera.world_to_camera @ half_turn, K=mirrored @ camera.K)
