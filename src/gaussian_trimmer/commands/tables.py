@@ -38,7 +38,7 @@ class TableOptions:
     json: bool = False
     """Print the tables as one JSON document instead."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also write all tables to this folder, as .md, .csv, .json and .tex."""
+    """Also write all tables here, in every format."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
 
