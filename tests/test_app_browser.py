@@ -170,6 +170,41 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
 
 
 @pytest.mark.slow
+def test_a_line_is_dragged_between_the_scene_with_the_object_and_without_it(browser, app, lighthouse):
+    panels, session = app.controller.panels, app.controller.session
+    tab = Tab(browser, app, *SMALL)
+    tab.wait("59,472 Gaussians")
+    app.controller.do("Loading", lambda: app.controller.files.load(sample.SELECTION))
+    tab.wait("Gaussians selected")
+    tab.switch("Scene without it")
+    until(lambda: session.now.object.result is not None, "the scene without it")
+    finish(app)
+    beside = lighthouse + np.array([0.4, 0, 0])
+    tab.until_colour(beside, lambda colour: colour.max() > 60)
+    tab.page.wait_for_timeout(2000)
+    without, view = tab.colour(lighthouse), tab.place(lighthouse)
+    tab.page.keyboard.press("Shift+Space")
+    tab.wait("Left of the line: with it; right: without it.")
+    until(lambda: panels.compared is not None, "the page's picture")
+    box = tab.page.locator("canvas").first.bounding_box()
+
+    def drag_line(x):
+        drag(tab, (box["x"] + box["width"] / 2, box["y"] + 500), (x, box["y"] + 510))
+
+    drag_line(view[0] + 60)
+    with_it = tab.until_colour(lighthouse, lambda colour: np.abs(colour - without).max() > 40)
+    drag_line(view[0] - 60)
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - without).max() < 8)
+    drag_line(view[0] + 60)
+    tab.until_colour(lighthouse, lambda colour: np.abs(colour - with_it).max() < 8)
+    assert tab.place(lighthouse) == view  # the drag moves the line, not the view
+    tab.page.mouse.wheel(0, -200)
+    until(lambda: panels.compared is None, "the end of the comparison")
+    until(lambda: not tab.page.get_by_text("Without it", exact=True).is_visible(), "the line to go")
+    assert tab.errors == []
+
+
+@pytest.mark.slow
 def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthouse):
     session = app.controller.session
     tab = Tab(browser, app, *SMALL)
@@ -201,7 +236,7 @@ def test_box_lasso_polygon_box_in_space_and_up_by_points(browser, app, lighthous
     tab.press("Grow")
     tab.wait("grown by")
     tab.page.keyboard.press("x")
-    tab.wait("Move the box")
+    tab.wait("Drag the box")
     finish(app)
     tab.press("Apply the box")
     until(lambda: any(isinstance(mark, Box3D) for mark in session.now.object.marks), "the box in space")

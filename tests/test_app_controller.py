@@ -14,9 +14,11 @@ from command_line import save_ball
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.display import Showing, shown_rows
-from gaussian_trimmer.app.gestures import Gesture
+from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture
+from gaussian_trimmer.app.wipe import compared
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
+from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 
 pytest.importorskip("viser", reason="needs viser: the app extra")
@@ -108,20 +110,76 @@ def test_the_box_in_space_is_of_lines_and_around_the_selection(controller):
     session.mark(BALL)
     before = session.now.object.selected.mask
     do(controller, lambda: tools.begin(controls.BOX3D, client(controller)))
-    session.mark(view.box_mark(controller.panels.box_size.value, session.now.up.direction, "intersect"), TINY)
+    session.mark(view.box_mark(session.now.up.direction, "intersect"), TINY)
     assert (session.now.object.selected.mask & before).sum() == before.sum()  # it cuts nothing off
-    edges = view._box[1].points
+    edges = view._box._edges.points
     assert edges.shape == (12, 2, 3)
     assert np.allclose(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).max() / view.frame.scale, 2.2, atol=0.3)
+
+
+def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(controller, folder):
+    session, panels = controller.session, controller.panels
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    first, marked = session.now.object.result, session.now.object.n_selected
+    do(controller, lambda: controller.change_objects("New"))
+    open_scene(controller, folder / "scene.ply", folder / "cameras.json")
+    finish(controller)
+    again = session.now.objects[0].result
+    assert again is not first and session.now.objects[0].n_selected == marked
+    assert np.array_equal(again.source_index, first.source_index)
+    assert np.array_equal(again.object.means, first.object.means)
+    assert "What you had cut out is back: 1 object." in panels.status_text
+    do(controller, lambda: controller.step("Undo"))
+    assert not session.now.has_work  # it was one step
+
+
+def test_what_is_to_be_cut_out_again_is_so_after_another_restart_too(controller, folder):
+    session = controller.session
+    select_ball(controller)
+    do(controller, controller.cut_out)
+    follow, controller._follow = controller._follow, lambda client: None  # the program ends before it comes to it
+    try:
+        for _ in range(2):
+            open_scene(controller, folder / "scene.ply", folder / "cameras.json")
+            assert session.now.object.result is None and session.now.object.to_cut_out
+            assert "is being cut out again" in controller.panels.status_text
+    finally:
+        controller._follow = follow
+    do(controller, lambda: session.mark(TINY) and "")
+    finish(controller)
+    assert session.now.object.result is None  # another mark: no longer what was cut out
+
+
+def test_a_face_of_the_box_in_space_is_dragged_and_the_opposite_one_stays(controller):
+    session, view, panels = controller.session, controller._view, controller.panels
+    session.mark(BALL)
+    do(controller, lambda: controller.tools.begin(controls.BOX3D, client(controller)))
+    up, before = session.now.up.direction, view.box_mark(session.now.up.direction, "add")
+    axes = up_frame(up)
+    for number, axis, end in ((0, 0, "low"), (5, 2, "high")):
+        face = np.array(getattr(before, end)) @ axes
+        sign = 1 if end == "high" else -1
+        view._box.drag_face(number, view.frame.to_viewer(face + sign * 0.5 * axes[axis]))
+        after = view.box_mark(up, "add")
+        moved = np.array(getattr(after, end)) - getattr(before, end)
+        assert np.allclose(moved, sign * 0.5 * np.eye(3)[axis], atol=1e-5)
+        other = "low" if end == "high" else "high"
+        assert np.allclose(getattr(after, other), getattr(before, other), atol=1e-5)
+        assert np.allclose(panels.box_size.value, np.array(after.high) - after.low, atol=1e-4)
+        before = after
+    view._box.drag_face(5, view.frame.to_viewer(np.array(before.low) @ axes - 3 * axes[2]))  # past the other face
+    flat = view.box_mark(up, "add")
+    assert before.low[2] == pytest.approx(flat.low[2], abs=1e-5) and flat.high[2] > flat.low[2]
 
 
 def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(controller):
     do(controller, lambda: controller.tools.begin(controls.BOX3D, client(controller)))
     up = controller.session.now.up.direction
-    box = controller._view.box_mark(controller.panels.box_size.value, up, "add")
+    box = controller._view.box_mark(up, "add")
     assert isinstance(box, Box3D)
     eye = controller.tools.viewpoint(client(controller)).camera.centre
-    centre = controller._view.frame.to_scene(controller._view._box[0].position)
+    centre = controller._view.frame.to_scene(controller._view._box.centre)
     assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(controller.panels.box_size.value)
     do(controller, lambda: controller.session.mark(box))
     assert controller.session.now.object.n_selected  # something is in it
@@ -154,6 +212,58 @@ def test_the_scene_without_the_object_is_one_button_away(controller):
     do(controller, lambda: controller.show_part(controls.WITHOUT))
     assert controller.session.now.object.result is not None
     assert controller.panels.showing == Showing("background", "after", "own")
+
+
+def test_two_states_are_compared_until_something_else_is_done(controller):
+    panels, tab = controller.panels, client(controller)
+
+    def page_has_its_picture():
+        controller._heard(gesture(STILL_TAKEN), tab)
+        finish(controller)
+
+    def wipe():
+        controller.switch_wipe(tab)
+        finish(controller)
+
+    select_ball(controller)
+    wipe()
+    assert "cut the object out first" in panels.status_text and not panels.compare[controls.WIPE]
+    do(controller, controller.cut_out)
+    shown = panels.showing
+    wipe()
+    assert panels.compare[controls.WIPE] and panels.compared is None  # until there is a picture
+    page_has_its_picture()
+    assert panels.compared == Showing("object", "before", "own")
+    assert panels.showing == shown  # which marks and results go by
+    wipe()
+    assert panels.compared is None and not panels.compare[controls.WIPE]
+    page_has_its_picture()  # too late
+    assert panels.compared is None
+    do(controller, lambda: controller.show_part(controls.WITHOUT))
+    wipe()
+    page_has_its_picture()
+    assert panels.compared == Showing("both", "before", "own")
+    controller._moved(tab)
+    finish(controller)
+    assert panels.compared is None and "views accepted" in panels.status_text
+    wipe()
+    page_has_its_picture()
+    do(controller, lambda: controller.step("Undo"))
+    assert panels.compared is None and not panels.compare[controls.WIPE]
+
+
+@pytest.mark.parametrize(
+    ("shown", "other", "is_left"),
+    [
+        (Showing("object", "before", "changes"), Showing("object", "after", "changes"), True),
+        (Showing("object", "after", "own"), Showing("object", "before", "own"), False),
+        (Showing("background", "after", "changes"), Showing("both", "before", "own"), False),
+        (Showing("both", "before", "objects"), Showing("background", "after", "own"), True),
+    ],
+)
+def test_what_is_before_is_at_the_left(shown, other, is_left):
+    comparison = compared(shown)
+    assert (comparison.other, comparison.still.is_left) == (other, is_left)
 
 
 def test_a_correction_of_what_was_cut_out_is_cut_out_again_and_is_one_step(controller):

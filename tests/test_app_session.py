@@ -17,7 +17,8 @@ from command_line import run
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import TrimChoices, normal_of
 from gaussian_trimmer.app.saving import Target, command_for
-from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
@@ -303,14 +304,19 @@ def test_several_objects_share_nothing(session, tmp_path):
     session.mark(BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
     session.add_object()
     session.mark(BALL, Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
+    session.describe_object("the floor's", (1, 2, 3))
     session.save_objects(Target(tmp_path / "out", "ply"))
     labels = np.load(tmp_path / "out" / "labels.npz")
     ends = np.cumsum([*labels["object_rows"], len(labels["source_index"])])
     first, second = (labels["source_index"][start:end] for start, end in zip((0, *ends), ends[:2], strict=False))
     assert len(first) and len(second) and not np.intersect1d(first, second).size
-    names = "object_1", "object_2", "background"
+    names = "object_1", "object_the_floor_s", "background"
     assert sum(len(formats.read(tmp_path / "out" / f"{name}.ply")) for name in names) == len(labels["label"])
-    assert read_marks(tmp_path / "out" / "selection_2.json").marks == session.now.object.marks
+    assert read_marks(tmp_path / "out" / "selection_the_floor_s.json").marks == session.now.object.marks
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [(each["name"], each["file"]) for each in report["objects"]] == [
+        ("object 1", "object_1.ply"), ("the floor's", "object_the_floor_s.ply"),
+    ]  # fmt: skip
     with pytest.raises(Cancelled):
         session.save_objects(Target(tmp_path / "never"), cancelled=lambda: True)
     assert not (tmp_path / "never").exists()

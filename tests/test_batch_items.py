@@ -91,8 +91,8 @@ def test_objects_of_labels_are_items(tmp_path):
     ("text", "said"),
     [
         ("scene\n", "no rows"),
-        ("scene,colour\na.ply,red\n", "line 2: 'colour'"),
-        ("name\na\n", "line 2: The column 'scene'"),
+        ("scene,colour\na.ply,red\n", "line 1: 'colour'"),
+        ("name\na\n", "line 1: The column 'scene'"),
         ("scene,selection\na.ply\n", "line 2: It does not have as many columns"),
         ("scene,selection\na.ply,b,c\n", "line 2: It does not have as many columns"),
         ('scene\n"a.ply\n', "unexpected end of data"),

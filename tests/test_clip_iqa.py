@@ -113,7 +113,7 @@ def test_on_the_command_line(clip, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     save_ball(tmp_path)
     common = ["scene.ply", "rough.npy", "--masks", "masks", "--cameras", "cameras.json", "--clip", clip]
-    assert run("evaluate", *common, "--format", "json") == 0
+    assert run("evaluate", *common, "--json") == 0
     table = json.loads(capsys.readouterr().out)
     assert 0 < table["rows"][-1]["CLIP-IQA clear boundary (%)"] < 100
     assert any("tiny-clip" in note for note in table["notes"])

@@ -64,7 +64,7 @@ def test_a_trim_is_compared_with_what_it_began_with(folder, capsys):
 
 
 def test_any_object_is_measured(folder, capsys):
-    assert evaluate("object.ply", "--before", "rough.npy", "--format", "json") == 0
+    assert evaluate("object.ply", "--before", "rough.npy", "--json") == 0
     table = json.loads(capsys.readouterr().out)
     mean = table["rows"][-1]
     assert mean["IoU (%)"]["after"] > 97 > mean["IoU (%)"]["before"]
@@ -82,7 +82,7 @@ def test_rules_are_named_and_photographs_bring_the_extraction_psnr(folder, capsy
 def test_an_object_of_no_known_rows_is_measured_alone(folder, capsys):
     scene = formats.read("object.ply")
     formats.write(scene.replace(means=scene.means[::-1] * 3, sh_dc=scene.sh_dc + 5), folder / "strange.ply")
-    assert evaluate("strange.ply", "--format", "json") == 0
+    assert evaluate("strange.ply", "--json") == 0
     table = json.loads(capsys.readouterr().out)
     assert "IoU (%)" in table["rows"][-1] and "IoU in scene (%)" not in table["rows"][-1]
     assert any("match no row" in note for note in table["notes"])

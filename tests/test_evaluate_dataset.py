@@ -77,7 +77,7 @@ def test_lerf_mask_takes_means_by_scene(folder, capsys):
 def test_several_methods_share_a_table(folder, capsys):
     for method in ("SAGA", "SAGD"):
         dataset_layouts.save_spin_nerf(folder / "spin", folder / method)
-    arguments = ["--predictions", "SAGA", "SAGD", "--preset", "paper", "--format", "json", *SMALL]
+    arguments = ["--predictions", "SAGA", "SAGD", "--preset", "paper", "--json", *SMALL]
     assert run("evaluate", "spin-nerf", "spin", *arguments) == 0
     tasks, _, means, statistics = json.loads(capsys.readouterr().out)  # one document for all tables
     iou = tasks["rows"][0]["IoU alone (%)"]

@@ -49,7 +49,7 @@ def test_the_command_says_what_was_found(tmp_path, capsys):
     half = truth & (np.cumsum(truth) % 2 == 0)
     np.save(tmp_path / "right.npy", truth.astype(np.int32))
     np.save(tmp_path / "wrong.npy", np.where(half, 1, np.where(truth, 2, 0)).astype(np.int32))
-    command = ["--masks", tmp_path / "all", "--cameras", tmp_path / "cameras.json", "--format", "json"]
+    command = ["--masks", tmp_path / "all", "--cameras", tmp_path / "cameras.json", "--json"]
     scores = {}
     for name in ("right", "wrong"):
         assert run("evaluate", "objects", tmp_path / "scene.ply", tmp_path / f"{name}.npy", *command) == 0

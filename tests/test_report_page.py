@@ -10,7 +10,7 @@ from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
 from gaussian_trimmer.config import AcceptanceConfig
-from gaussian_trimmer.output.html.changes import DROPPED, FITTED, coloured_changes, legend_of
+from gaussian_trimmer.output.html.changes import FITTED, LEFT_OUT, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
 from gaussian_trimmer.result import RowLabel
@@ -70,11 +70,11 @@ def test_counts_times_settings_and_doubts_are_told(result):
 
 def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page, result):
     legend = legend_of(result)
-    assert [change.name for change in legend] == [*LABEL_NAMES, DROPPED, FITTED]
+    assert [change.name for change in legend] == [*LABEL_NAMES, LEFT_OUT, FITTED]
     assert len({change.colour for change in legend}) == len(legend)
     counts = {change.name: change.count for change in legend}
     assert counts["removed"] == result.count(RowLabel.REMOVED) > 0
-    assert (counts[DROPPED], counts[FITTED]) == (len(result.dropped), len(result.fitted))
+    assert (counts[LEFT_OUT], counts[FITTED]) == (len(result.dropped), len(result.fitted))
     for change in legend:
         assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")
 

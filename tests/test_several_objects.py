@@ -14,9 +14,10 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.objects import two_sides
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.trimming.several_objects import trim_objects
+from gaussian_trimmer.trimming.several_objects import _by_id, trim_objects
 
 CONFIG = toy.small_config()
 SHIFT = np.float32([2.4, 0, 0])
@@ -109,7 +110,8 @@ def test_objects_may_have_names_or_neither(objects, ids, names):
     [
         ({}, {}, "no object to trim"),
         ([], {}, "no object to trim"),
-        (np.zeros(3), {}, "The objects are a ndarray"),
+        (np.zeros(3), {}, "The objects are an array of float64"),
+        ("labels.npy", {}, "The objects are a str"),
         (ROUGH, {"config": "paper"}, "The config is a str"),
         (ROUGH, {"up": "w"}, "The up vector is 'w'"),
         (ROUGH, {"views": 0}, "plan.views is 0"),
@@ -119,6 +121,35 @@ def test_objects_may_have_names_or_neither(objects, ids, names):
 def test_arguments_that_cannot_be_used_are_named(objects, more, sentence):
     with pytest.raises(InputError, match=sentence):
         trim_objects(SCENE, objects, **more)
+
+
+def test_the_whole_object_is_in_the_pictures_from_both_sides(result):
+    for part in result.objects:
+        for way in np.eye(3):
+            middle = part.bounds.centre
+            means = middle + (part.gaussians.means - middle) @ (np.eye(3) + np.outer(way, way)) + 0.5 * way
+            wide = replace(part, gaussians=part.gaussians.replace(means=means.astype(np.float32)))
+            for camera in two_sides(wide):
+                assert camera.contains(camera.project(means)[0]).all()
+
+
+def test_ids_of_gaussians_are_objects():
+    labels = np.zeros(len(SCENE), np.int32)
+    for number, mask in ROUGH.items():
+        labels[mask] = number
+    labels[-1] = -1
+    found = _by_id(labels)
+    assert [(number, name) for number, name, _ in found] == [(3, "3"), (7, "7")]
+    for number, _, mask in found:
+        assert np.array_equal(mask, labels == number)
+    for wrong, sentence in (
+        (labels > 0, "array of bool"),
+        (labels * 0, "name no object"),
+        (labels[None], r"array of int32 \(1, "),
+        (labels[:5] * 0 + 1, "booleans are needed"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            trim_objects(SCENE, wrong)
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +174,9 @@ def test_labels_on_the_command_line(files, tmp_path, capsys):
     report = json.loads((out / "report.json").read_text())
     assert [entry["id"] for entry in report["objects"]] == [3, 7]
     assert cv2.imread(str(out / "objects.png")).shape[1] > 900
+    assert run("info", out) == 0
+    said = capsys.readouterr().out
+    assert "results of a trim" in said and "object_3.ply" in said and "trim SCENE --labels" in said
     again = load_objects(out / "labels.npz", SCENE)
     assert {number: mask.sum() for number, mask in again.items()} == {3: len(parts[0]), 7: len(parts[1])}
     assert run(*command, "--objects", 7, "--output", tmp_path / "one") == 0

@@ -10,40 +10,26 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.files import Files, path_of
+from gaussian_trimmer.app.files import Files, ask_whether_scene, path_of
+from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture, GestureChannel
 from gaussian_trimmer.app.keys import bind_keys
-from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, WITHOUT, Panels
+from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, PROGRAM_ENDED, WITHOUT, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Cancelled, Session
+from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.tools import Tools
-from gaussian_trimmer.app.worker import Worker
+from gaussian_trimmer.app.viewpoints import first_look, look_at_points
+from gaussian_trimmer.app.wipe import Wipe
+from gaussian_trimmer.app.worker import Cancelled, Worker
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.selecting.marks import Point, point_of
-from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 
-_STAGES_OF_A_TRIM = 12
-"""About as many stages as a trim has, for the progress bar."""
-_STAGES_OF_FINDING = 19
-"""The same of finding objects."""
-_AXIS_DIRECTIONS: dict[str, Point] = {
-    f"{sign}{name}": point_of(factor * axis)
-    for name, axis in zip("XYZ", np.eye(3), strict=True)
-    for sign, factor in (("+", 1.0), ("-", -1.0))
-}
-_VIEW_DISTANCE_RADII = 3.0
-"""Distance from which something is looked at, in its radius."""
+_STAGES_OF_A_TRIM, _STAGES_OF_FINDING = 12, 19
+"""About as many stages as a trim and finding objects have, for the progress bar."""
 _REST_SECONDS = 0.4
 """How long a view has to rest until it is refined."""
-_PROGRAM_ENDED = (
-    "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
-    "marked is kept, and is back when you open the scene."
-)
 
 
 class Controller:
@@ -58,7 +44,9 @@ class Controller:
         self._rest: threading.Timer | None = None
         self.files = Files(session, self.panels, state, self._stages, self.worker.cancelled)
         self._given_up: Snapshot | None = None
-        self.tools = Tools(server, session, self.panels, self._view, self.do)
+        channel = GestureChannel(server.gui, self._heard)
+        self.tools = Tools(channel, session, self.panels, self._view, self.do)
+        self._wipe = Wipe(self.panels, channel)
         self._presenter.refresh()
         self._connect()
         bind_keys(server.gui, self)
@@ -73,9 +61,9 @@ class Controller:
             self._rest.cancel()
         self.worker.stop()
         self.panels.busy("", 0)
-        self.panels.say(_PROGRAM_ENDED)
+        self.panels.say(PROGRAM_ENDED)
         for client in self._server.get_clients().values():
-            client.add_notification("The program has ended", _PROGRAM_ENDED, color="red", auto_close_seconds=None)
+            client.add_notification("The program has ended", PROGRAM_ENDED, color="red", auto_close_seconds=None)
         self._server.flush()
 
     def do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
@@ -120,12 +108,14 @@ class Controller:
         """Let a tab look at the selection, or at the scene if nothing is selected, from where it looks now."""
         now, means = self.session.now, self.session.document.scene.means
         rows = now.object.selected.mask
-        points = (means if whole or not rows.any() else means[rows]).astype(np.float64)
-        centre = np.median(points, axis=0)
-        radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
-        eye = centre - _VIEW_DISTANCE_RADII * radius * self.tools.viewpoint(client).camera.forward
-        self._view.look(client, point_of(eye), point_of(centre))
+        points = means if whole or not rows.any() else means[rows]
+        self._view.look(client, *look_at_points(points, self.tools.viewpoint(client).camera.forward))
         return self.panels.status_text
+
+    def switch_wipe(self, client: Any) -> None:
+        """Compare what is shown with its other state, or show one state again."""
+        on = not self._wipe.on
+        self.do("Comparing", lambda: self._wipe.begin(self.session.now) if on else self.session.now.sentence, client)
 
     def step(self, name: str) -> str:
         """Undo, redo, or clear; returns what was done."""
@@ -151,6 +141,7 @@ class Controller:
 
     def _job(self, name: str, work: Callable[[], str], client: Any) -> None:
         self.panels.busy(name, 0)
+        self._wipe.end()
         text, wrong = "", True
         try:
             try:
@@ -170,19 +161,24 @@ class Controller:
             self._complain(text, client)
 
     def _follow(self, client: Any) -> None:
-        """If a mark has corrected what was trimmed, trim again; whatever else is done goes first."""
+        """Trim again what a mark has corrected, or what was trimmed last time; whatever else is done goes first."""
         now = self.session.glance()
-        if now is None or now is self._given_up or self.panels.when.value == "Before":
+        if now is None or now is self._given_up:
             return
-        if now.object.earlier is None or not now.object.n_selected:
+        lost = any(part.to_cut_out for part in now.objects)
+        corrected = now.object.earlier is not None and now.object.n_selected and self.panels.when.value == "After"
+        if not lost and not corrected:
             return
 
         def again() -> str:
-            self._given_up = self.session.now  # unless it is to give way, it is tried once
             try:
-                return self.trim(joined=True)
+                if not lost:
+                    return self.trim(joined=True)
+                return self.session.cut_out_again(self._stages(_STAGES_OF_A_TRIM, "Again: "), self.worker.cancelled)
             except Cancelled:
                 return self.session.now.sentence
+            finally:
+                self._given_up = self.session.now  # unless it is to give way, it is tried once
 
         self.worker.submit_if_idle(lambda: self._job("Cutting out again", again, client))
 
@@ -235,6 +231,7 @@ class Controller:
             connect(choice, "Showing", lambda: panels.status_text)
         for control in (panels.name, panels.colour):
             control.on_update(lambda event: self._describe() if event.client is not None else None)
+        panels.compare.on_click(lambda event: self.switch_wipe(event.client))
         panels.upload.on_upload(lambda event: self._receive(event.target.value, event.client))
         panels.cancel.on_click(lambda event: self.worker.cancel())
         self._server.on_client_connect(self._welcome)
@@ -246,7 +243,22 @@ class Controller:
             text = "All tabs show and change the same scene."
             client.add_notification("Open in several tabs", text, auto_close_seconds=8.0)
 
+    def _heard(self, gesture: Gesture, client: Any) -> None:
+        """Do what the page has said."""
+        if gesture.tool == STILL_TAKEN:
+            self.worker.submit(lambda: self._change_wipe(self._wipe.show_other))
+        else:
+            self.tools.heard(gesture, client)
+
+    def _change_wipe(self, change: Callable[[], None]) -> None:
+        change()
+        if not self._wipe.on:
+            self.panels.say(self.session.now.sentence)
+        self._presenter.refresh()
+
     def _moved(self, client: Any) -> None:
+        if self._wipe.on:
+            self.worker.submit(lambda: self._change_wipe(self._wipe.end))
         if self._rest is not None:
             self._rest.cancel()
         look = partial(
@@ -285,19 +297,11 @@ class Controller:
 
         if self.session.glance() is None or not any(file.name.lower().endswith(end) for end in formats.FORMATS):
             take(None)
-            return
-        question = client.gui.add_modal(f"What is {file.name}?")
-
-        def answer(as_scene: bool) -> None:
-            question.close()
-            take(as_scene)
-
-        with question:
-            client.gui.add_button("A scene to open").on_click(lambda event: answer(True))
-            client.gui.add_button("A selection of the open scene").on_click(lambda event: answer(False))
+        else:
+            ask_whether_scene(client, file.name, take)
 
     def _set_up(self, name: str) -> str:
-        up = self.session.set_up(_AXIS_DIRECTIONS.get(name))
+        up = self.session.set_up(controls.UPS[name])
         self._show_object()
         self._look_from_camera()
         return controls.describe_up(up)
@@ -338,12 +342,7 @@ class Controller:
     def _look_from_camera(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
         document, up = self.session.document, self.session.now.up.direction
-        if document.cameras is not None:
-            camera = document.cameras.cameras[0]
-        else:
-            camera = views_to_click_in(document.scene, None, up)[0].camera
-        ahead = (document.scene.means - camera.centre) @ camera.forward
-        depth = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else 1.0
+        eye, target = first_look(document.scene, document.cameras, up)
         self._view.show_up(up)
         for client in (None, *self._server.get_clients().values()):
-            self._view.look(client, point_of(camera.centre), point_of(camera.centre + depth * camera.forward))
+            self._view.look(client, eye, target)

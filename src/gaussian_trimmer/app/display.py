@@ -154,14 +154,14 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     if showing.part == "object":
         removed = changed_rows(now.object)[1] if showing.colours == "changes" else False
         return np.asarray((owner == now.active) | removed)
-    dropped = np.zeros(len(owner), np.bool_)
+    unseen = np.zeros(len(owner), np.bool_)
     for place, part in enumerate(now.objects):
         if part.hidden:
-            dropped |= owner == place
+            unseen |= owner == place
         elif after and part.trimmed is not None:
-            dropped[part.trimmed.dropped] = True
-            dropped[part.trimmed.source_index[part.trimmed.label == RowLabel.RELIT]] = True
-    return ~dropped & (owner < 0) if showing.part == "background" else ~dropped
+            unseen[part.trimmed.dropped] = True
+            unseen[part.trimmed.source_index[part.trimmed.label == RowLabel.RELIT]] = True
+    return ~unseen & (owner < 0) if showing.part == "background" else ~unseen
 
 
 def markable_rows(now: Snapshot, showing: Showing) -> BoolArray:

@@ -24,8 +24,9 @@ from gaussian_trimmer.app.project import (
     write_project,
 )
 from gaussian_trimmer.app.saving import Target
-from gaussian_trimmer.app.session import Session, stopping
+from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Snapshot
+from gaussian_trimmer.app.worker import stopping
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.writing import make_folder, write_whole
@@ -178,7 +179,8 @@ class Files:
         self._session.restore(restored(project, self._session.document, progress))
         now = self._session.now
         n = sum(bool(part.marks) for part in now.objects)
-        return f"Your work is back: {n} object{'s' if n > 1 else ''} marked. Undo takes it away. {now.sentence}"
+        again = " What was cut out is being cut out again." if any(part.to_cut_out for part in now.objects) else ""
+        return f"Your work is back: {n} object{'s' if n > 1 else ''} marked.{again} Undo takes it away. {now.sentence}"
 
     def _written(self, result: TrimResult, what: str, folder: Path, name: str) -> Path:
         """The path of one part of a trim, written into a folder."""
@@ -202,6 +204,19 @@ class Files:
             for path in sorted(folder.rglob("*")):
                 archive.write(path, path.relative_to(folder.parent))
         return data.getvalue()
+
+
+def ask_whether_scene(client: Any, name: str, answered: Callable[[bool], None]) -> None:
+    """Ask in a tab whether splats are a scene or a selection, and call a function with the answer."""
+    question = client.gui.add_modal(f"What is {name}?")
+
+    def answer(as_scene: bool) -> None:
+        question.close()
+        answered(as_scene)
+
+    with question:
+        client.gui.add_button("A scene to open").on_click(lambda event: answer(True))
+        client.gui.add_button("A selection of the open scene").on_click(lambda event: answer(False))
 
 
 def path_of(text: str) -> Path | None:

@@ -20,6 +20,8 @@ _SCRIPT = Path(__file__).with_name("page.js")
 _EFFECTS: dict[str, Effect] = {"shift": "add", "ctrl": "remove", "both": "intersect"}
 """What keys that are held make of a mark."""
 _MOST_CHARACTERS = 200_000
+STILL_TAKEN = "Still taken"
+"""In place of a tool: the page has its picture."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,16 @@ class Gesture:
     """A click's place, a box's corners, a polygon's corners, or the way of lasso or brush."""
     effect: Effect | None
     """What keys ask for; None: what the panel says."""
+
+
+@dataclass(frozen=True)
+class Still:
+    """The picture that the page lays over one side of the view to compare it with what is shown."""
+
+    names: tuple[str, str]
+    """What stands at the left and at the right of the line."""
+    is_left: bool
+    """Whether the picture is at the left."""
 
 
 class GestureChannel:
@@ -51,11 +63,25 @@ class GestureChannel:
                 heard(gesture, event.client)
 
         field.on_update(answer)
-        self.show("Look", 0)
+        self._tool, self._still, self._stills = "data-tool='Look' data-radius='0'", "", 0
+        self._tell()
 
     def show(self, tool: str, radius: float) -> None:
         """Tell the page the tool, and the brush's radius in pixels."""
-        self._state.content = f'<span data-tool="{html.escape(tool)}" data-radius="{radius:g}"></span>'
+        self._tool = f"data-tool='{html.escape(tool)}' data-radius='{radius:g}'"
+        self._tell()
+
+    def tell_still(self, still: Still | None) -> None:
+        """Have the page take a picture of what is shown and lay it over one side, or take it away again."""
+        self._still = ""
+        if still is not None:
+            self._stills += 1
+            side, sides = "left" if still.is_left else "right", html.escape("|".join(still.names))
+            self._still = f" data-still='{side}' data-number='{self._stills}' data-sides='{sides}'"
+        self._tell()
+
+    def _tell(self) -> None:
+        self._state.content = f"<span {self._tool}{self._still}></span>"
 
 
 def parse_gesture(text: str) -> Gesture | None:

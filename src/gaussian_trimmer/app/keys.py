@@ -46,6 +46,7 @@ def bind_keys(gui: Any, app: Controller) -> None:
     for key, part in zip("123", controls.PARTS, strict=True):
         bind_work(f"Show: {part}", key, partial(app.show_part, part))
     bind_work("Before / after", "space", lambda: app.choose_next(panels.when))
+    bind("Before / after, with a line to drag", "space", app.switch_wipe, "shift")
     bind_work("Colours", "V", lambda: app.choose_next(panels.colours))
     bind_work("Hide the object", "H", app.hide)
     bind_work("Show all objects", "U", lambda: app.change_objects("Show all"))

@@ -1,5 +1,6 @@
 // What the page itself does for the tools: it draws the brush's ring, the lasso and the box while they are used, tells the
-// program what was drawn, and takes files that are dropped. Everything is said through one hidden text field.
+// program what was drawn, compares two states by a line to drag, and takes files that are dropped. Everything is said
+// through one hidden text field.
 (() => {
   const CHANNEL = "gesture:";
   const FREE_PIXELS = 12; // a press that moves less is a click
@@ -54,6 +55,67 @@
     input.dispatchEvent(new Event("input", { bubbles: true }));
   }
 
+  // Comparing: a picture of what was shown lies over one side of the line, and the 3D view shows the other state.
+  const wipe = { line: shape("line", { stroke: "#fff", "stroke-width": 2 }), names: [], share: 0.5 };
+  wipe.grip = shape("circle", { r: 11, fill: "#fff", stroke: "#000", "stroke-opacity": 0.4 });
+  for (const anchor of ["end", "start"]) {
+    const look = "font:600 14px sans-serif;paint-order:stroke;stroke:#000;stroke-width:4px;stroke-linejoin:round";
+    wipe.names.push(shape("text", { "text-anchor": anchor, fill: "#fff", style: look }));
+  }
+
+  function drawWipe() {
+    const { still, sides } = state();
+    const box = document.querySelector("canvas")?.getBoundingClientRect();
+    const shown = wipe.still && box ? "inline" : "none";
+    for (const element of [wipe.line, wipe.grip, ...wipe.names]) element.style.display = shown;
+    if (shown === "none") return;
+    const x = box.left + wipe.share * box.width;
+    for (const [end, y] of [[1, box.top], [2, box.bottom]]) {
+      wipe.line.setAttribute(`x${end}`, x), wipe.line.setAttribute(`y${end}`, y);
+    }
+    wipe.grip.setAttribute("cx", x), wipe.grip.setAttribute("cy", (box.top + box.bottom) / 2);
+    wipe.names.forEach((name, i) => {
+      name.textContent = sides?.split("|")[i] ?? "";
+      name.setAttribute("x", x + (i ? 12 : -12)), name.setAttribute("y", box.top + 28);
+    });
+    const cut = still === "left" ? `inset(0 ${100 * (1 - wipe.share)}% 0 0)` : `inset(0 0 0 ${100 * wipe.share}%)`;
+    wipe.still.setAttribute(
+      "style",
+      `position:fixed;pointer-events:none;z-index:1;left:${box.left}px;top:${box.top}px;` +
+        `width:${box.width}px;height:${box.height}px;clip-path:${cut}`,
+    );
+  }
+
+  // Take the picture when the program asks for it, and away when it does no more.
+  function followWipe() {
+    const wanted = document.hidden ? undefined : state().number;
+    if (wanted === wipe.number) return;
+    wipe.still?.remove();
+    [wipe.still, wipe.number] = [null, wanted];
+    if (wanted) {
+      const canvas = [...document.querySelectorAll("canvas")].find((each) => each.width);
+      const picture = document.createElement("canvas");
+      [picture.width, picture.height] = [canvas.width, canvas.height];
+      picture.getContext("2d").drawImage(canvas, 0, 0);
+      wipe.still = picture;
+      wipe.share = 0.5;
+      canvas.after(picture);
+      say("Still taken", [], {});
+    }
+    drawWipe();
+  }
+  const watch = new MutationObserver(followWipe);
+  watch.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-number"] });
+  page.signal.addEventListener("abort", () => (watch.disconnect(), wipe.still?.remove()));
+
+  function dragWipe(event) {
+    const box = document.querySelector("canvas").getBoundingClientRect();
+    wipe.share = Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1);
+    event.stopImmediatePropagation(); // the drag is the line's, and does not turn the view
+    event.preventDefault();
+    drawWipe();
+  }
+
   function draw(at) {
     const { tool, radius } = state();
     const corners = tool === "Box" && active ? boxOf(drawn) : active === "Polygon" && at ? [...drawn, at] : drawn;
@@ -78,6 +140,7 @@
     const { tool } = state();
     if (event.button !== 0 || event.altKey || !(event.target instanceof HTMLCanvasElement)) return;
     document.activeElement?.blur();
+    if (wipe.still) return (wipe.dragged = true), dragWipe(event);
     const at = [event.clientX, event.clientY];
     press = { at, moved: 0 };
     if (!["Box", "Lasso", "Polygon", "Brush"].includes(tool)) return;
@@ -92,6 +155,7 @@
   });
 
   listen("pointermove", (event) => {
+    if (wipe.dragged && wipe.still) return dragWipe(event);
     const { tool } = state();
     const at = [event.clientX, event.clientY];
     if (press) press.moved = Math.max(press.moved, apart(at, press.at));
@@ -103,6 +167,7 @@
   });
 
   listen("pointerup", (event) => {
+    if (wipe.dragged) return (wipe.dragged = false), event.stopImmediatePropagation();
     const { tool } = state();
     const at = [event.clientX, event.clientY];
     const still = press && press.moved < FREE_PIXELS && !event.altKey;
@@ -120,6 +185,7 @@
   });
 
   listen("dblclick", (event) => active === "Polygon" && drawn.length > 2 && finish("Polygon", event));
+  listen("resize", drawWipe);
   listen("contextmenu", (event) => event.target instanceof HTMLCanvasElement && event.preventDefault());
 
   listen("keydown", (event) => {
@@ -130,6 +196,7 @@
     else if (event.key === "[" || event.key === "]") return say(event.key, [], event);
     draw(null);
   });
+  drawWipe();
 
   const upload = () => document.querySelector('input[type="file"]');
   listen("dragover", (event) => event.dataTransfer.types.includes("Files") && event.preventDefault());

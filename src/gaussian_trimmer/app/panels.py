@@ -6,6 +6,8 @@ import html
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.buttons import Choice, Switches
 from gaussian_trimmer.app.display import Colouring, Part, Showing, When
@@ -13,6 +15,7 @@ from gaussian_trimmer.app.documents import TrimChoices
 from gaussian_trimmer.app.saving import Target
 from gaussian_trimmer.app.snapshots import Colour, Snapshot
 from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.selecting.marks import Point, point_of
 
 TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "3D box")
 LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
@@ -30,8 +33,13 @@ BACKDROPS: dict[str, Colour | None] = {
     "Checker": None,
 }
 THROUGH = "Through"
-UPS = ("Automatic", "+X", "-X", "+Y", "-Y", "+Z", "-Z")
+UPS: dict[str, Point | None] = {"Automatic": None} | {
+    f"{sign}{name}": point_of(factor * axis)
+    for name, axis in zip("XYZ", np.eye(3), strict=True)
+    for sign, factor in (("+", 1.0), ("-", -1.0))
+}
 AS_SCENE = "as the scene"
+WIPE = "Wipe"
 VIEWS, ARROW = "Virtual cameras", "Up arrow"
 UPRIGHT = "Upright at the origin"
 DOWNLOADS = (OBJECT, WITHOUT, "Everything", "Web page")
@@ -44,10 +52,14 @@ _HINTS = {
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
-    BOX3D: "Move the box by its arrows, set its size, then apply it.",
+    BOX3D: "Drag the box's faces by their arrows, and the box by the squares in it; then apply it.",
     POINTS: "Click three points on the ground.",
 }
 _WELCOME = "Cut one object out of a splat scene. Open a scene, or press 'Open' for the sample that is filled in."
+PROGRAM_ENDED = (
+    "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
+    "marked is kept, and is back when you open the scene."
+)
 HELP = """
 | key | |
 |---|---|
@@ -60,7 +72,7 @@ HELP = """
 | Ctrl+Shift+A | clear the selection |
 | T | cut out |
 | 1 2 3 | everything, the object, the scene without it |
-| Space | before / after |
+| Space, Shift+Space | before / after; both, with a line to drag |
 | V | colours: own, objects, changes |
 | H, U | hide the object, show all again |
 | F, Home | look at the selection, at the whole scene |
@@ -76,6 +88,8 @@ class Panels:
     def __init__(self, gui: Any, path: str, camera_path: str) -> None:
         self.status_text = _WELCOME
         """The sentence at the top while nothing is going on."""
+        self.compared: Showing | None = None
+        """What is to be seen in place of `showing`, to be compared with it."""
         self._offered = ""
         self.status = gui.add_html("")
         self._make_tools(gui)
@@ -195,6 +209,7 @@ class Panels:
     def _make_views(self, gui: Any) -> None:
         self.part = Choice(gui, "Show", tuple(PARTS))
         self.when = Choice(gui, "Trim", tuple(WHENS))
+        self.compare = Switches(gui, "Compare", (WIPE,))
         self.colours = Choice(gui, "Colours", tuple(COLOURS))
         self.colours.value = OBJECTS
         self.backdrop = Choice(gui, "Backdrop", tuple(BACKDROPS))
@@ -209,7 +224,7 @@ class Panels:
         self.save_project = gui.add_button("Download the project", icon="download", color="gray")
         gui.add_divider()
         self.up_text = gui.add_markdown("")
-        self.up = gui.add_button_group("Up is", UPS)
+        self.up = gui.add_button_group("Up is", tuple(UPS))
         self.three_points = gui.add_button("Up by three clicks on the ground", icon="dots", color="gray")
 
     def _make_objects(self, gui: Any) -> None:

@@ -31,7 +31,8 @@ class Presenter:
             self._view.show_backdrop(BACKDROPS[self._panels.backdrop.value])
         if now is None:
             return
-        painter, showing, overlays = self.painter(), self._panels.showing, self._panels.overlays
+        painter, overlays = self.painter(), self._panels.overlays
+        showing = self._panels.compared or self._panels.showing
         if self._is_new("splats", (now, showing, self._eye)):
             self._view.show(painter.paint(now, showing, self._eye))
         if self._is_new("up", now.up):

@@ -35,6 +35,8 @@ class _SavedObject:
     locked: bool
     choices: TrimChoices
     marks: Marks
+    cut_out: bool = False
+    """Whether it was cut out as it is marked; the trim itself is made again, bit by bit the same."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,13 @@ def project_as_json(now: Snapshot, folder: Path) -> dict[str, Any]:
         now.active,
         tuple(
             _SavedObject(
-                part.name, part.colour, part.hidden, part.locked, part.choices, replace(now.basis, marks=part.marks)
+                part.name,
+                part.colour,
+                part.hidden,
+                part.locked,
+                part.choices,
+                replace(now.basis, marks=part.marks),
+                part.result is not None or part.to_cut_out,
             )
             for part in now.objects
         ),
@@ -119,7 +127,7 @@ def read_project(path: Path) -> Project:
 
 
 def restored(project: Project, document: Document, progress: Progress) -> Snapshot:
-    """The state that a project stands for, its marks understood anew in a scene; nothing is trimmed yet.
+    """The state that a project stands for, its marks understood anew in a scene; it says what is to be trimmed again.
 
     Args:
         project: what was saved.
@@ -148,6 +156,7 @@ def restored(project: Project, document: Document, progress: Progress) -> Snapsh
             choices=saved.choices,
             hidden=saved.hidden,
             locked=saved.locked,
+            to_cut_out=saved.cut_out,
         )
         for number, saved in enumerate(project.objects, 1)
     )

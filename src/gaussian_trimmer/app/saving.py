@@ -13,7 +13,7 @@ from gaussian_trimmer.app.documents import Document, Progress
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.objects import objects_files, write_objects
+from gaussian_trimmer.output.objects import file_stems, objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS, result_files
 from gaussian_trimmer.output.saving import suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
@@ -59,7 +59,7 @@ def save_one(now: Snapshot, target: Target) -> str:
 
 
 def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
-    """Trim all marked objects together, so that no Gaussian is in two, and save them with the marks of each.
+    """Trim all marked objects together, so that no Gaussian is in two, and save them by name with the marks of each.
 
     Args:
         now: the state to save.
@@ -77,21 +77,23 @@ def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
         raise InputError("No object is marked; mark one first.")
     document, suffix = now.document, target.suffix(now.document)
     names = (*objects_files(suffix), "selection_*.json")
-    shown = {**_shown(document), "objects": {str(part.id): part.name for part in marked}}
     inputs = _inputs(document, marked)
     with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         result = trim_objects(
             document.scene,
-            {part.id: _selection(now, part) for part in marked},
+            {part.name: _selection(now, part) for part in marked},
             config=now.object.choices.config(now.up),
             renderer=document.renderer,
             cameras=document.cameras,
             progress=progress,
         )
         progress("write")
-        write_objects(result, results, suffix, shown)
-        for part in marked:
-            write_marks(replace(now.basis, marks=part.marks), results / f"selection_{part.id}.json")
+        write_objects(result, results, suffix, _shown(document))
+        for part, stem in zip(
+            marked, file_stems((part.id, part.name) for part in result.objects).values(), strict=True
+        ):
+            name = stem.replace("object", MARKS.removesuffix(".json"), 1)
+            write_marks(replace(now.basis, marks=part.marks), results / f"{name}.json")
     return f"{len(marked)} objects with {sum(len(part.gaussians) for part in result.objects):,} Gaussians"
 
 

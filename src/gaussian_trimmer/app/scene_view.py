@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.app.display import Splats
+from gaussian_trimmer.app.space_box import SpaceBox
 from gaussian_trimmer.app.viewpoints import Frame
-from gaussian_trimmer.gaussians import Float64Array, FloatArray, quaternions_of
+from gaussian_trimmer.gaussians import Float64Array, quaternions_of
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, point_of
@@ -25,12 +26,7 @@ _FRUSTUM_RADII = 0.3
 """Size of a virtual camera, relative to the object's radius."""
 _UP_ARROW_LENGTH = 2.5
 """Length of the up arrow in the viewer's units."""
-_EDGE_PIXELS = 2.0
 _BACKDROP_SIZE, _CHECKER_PIXELS, _CHECKER_TONES = (450, 800), 25, (150, 105)
-_BOX_EDGES = np.array([[corner, corner | bit] for bit in (1, 2, 4) for corner in range(8) if not corner & bit])
-"""Corners of a box that an edge joins, (12, 2); the bits of a corner's number are its sides in x, y and z."""
-_BOX_CORNERS = np.array([[(corner >> axis & 1) - 0.5 for axis in range(3)] for corner in range(8)])
-"""Corners of a box of side one around the origin, (8, 3)."""
 
 
 class SceneView:
@@ -41,7 +37,9 @@ class SceneView:
         self._splats: Any = None
         self._views: list[Any] = []
         self._points: list[Any] = []
-        self._box: tuple[Any, Any] | None = None
+        self._box: SpaceBox | None = None
+        self.box_resized: Callable[[Point], None] = lambda size: None
+        """Called with the sides of the box when one of its faces was dragged."""
         self.frame = Frame(np.zeros(3), 1.0)
 
     def show(self, splats: Splats) -> None:
@@ -96,39 +94,32 @@ class SceneView:
         ]
 
     def show_box(self, centre: Point, size: Sequence[float], up: Float64Array) -> None:
-        """Show the edges of a box that stands upright, with handles to move it.
-
-        A box with faces would hide the splats behind it, however transparent it is.
-        """
+        """Show a box that stands upright, with handles."""
         self.hide_box()
-        turn = quaternions_of(up_frame(up).T[None])[0]
-        gizmo = self._server.scene.add_transform_controls(
-            "/box3d", scale=1.5, disable_rotations=True, depth_test=False, wxyz=turn, position=self._place(centre)
-        )
-        edges = self._server.scene.add_line_segments(
-            "/box3d/edges", self._edges(size), (255, 170, 40), thickness=_EDGE_PIXELS, thickness_units="screen"
-        )
-        self._box = gizmo, edges
+        place, sides = self.frame.to_viewer(np.array(centre)), np.array(size) * self.frame.scale
+        self._box = SpaceBox(self._server.scene, place, sides, up_frame(up), self._tell_box_size)
 
     def hide_box(self) -> None:
         """Take the box away."""
         if self._box is not None:
-            for handle in reversed(self._box):
-                handle.remove()
+            self._box.remove()
         self._box = None
 
-    def box_mark(self, size: Sequence[float], up: Float64Array, effect: Effect) -> Box3D | None:
+    def box_mark(self, up: Float64Array, effect: Effect) -> Box3D | None:
         """The mark that the box stands for; None if there is no box."""
         if self._box is None:
             return None
-        centre = up_frame(up) @ self.frame.to_scene(self._box[0].position)
-        half = np.array(size, np.float64) / 2
+        centre, half = up_frame(up) @ self.frame.to_scene(self._box.centre), self._box.size / self.frame.scale / 2
         return Box3D(point_of(centre - half), point_of(centre + half), "up", effect)
 
     def resize_box(self, size: Sequence[float]) -> None:
         """Give the box another size."""
         if self._box is not None:
-            self._box[1].points = self._edges(size)
+            self._box.resize(np.array(size) * self.frame.scale)
+
+    def _tell_box_size(self) -> None:
+        if self._box is not None:
+            self.box_resized(point_of(self._box.size / self.frame.scale))
 
     def show_backdrop(self, colour: tuple[int, int, int] | None) -> None:
         """Show a colour behind everything, or a checker."""
@@ -146,10 +137,6 @@ class SceneView:
         camera: Any = self._server.initial_camera if client is None else client.camera
         camera.position = self._place(eye)
         camera.look_at = self._place(target)
-
-    def _edges(self, size: Sequence[float]) -> FloatArray:
-        """Ends of the edges of a box in the viewer's units, around its middle, (12, 2, 3)."""
-        return np.asarray((_BOX_CORNERS * np.array(size, np.float64) * self.frame.scale)[_BOX_EDGES], np.float32)
 
     def _place(self, point: Point) -> Point:
         return point_of(self.frame.to_viewer(np.array(point)))

@@ -18,6 +18,7 @@ from gaussian_trimmer.app.snapshots import (
     first_snapshot,
     free_colours,
 )
+from gaussian_trimmer.app.worker import Cancelled, stopping
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.planning.up_vector import UpVector
@@ -32,13 +33,6 @@ MAX_STEPS = 50
 _MAX_NAME = 60
 _DEFAULTS = TrimChoices()
 _DESCRIBED = "name and colour"
-
-
-class Cancelled(InputError):  # noqa: N818
-    """The user has stopped what was going on."""
-
-    def __init__(self) -> None:
-        super().__init__("Cancelled; everything is as it was.")
 
 
 class Session:
@@ -212,26 +206,28 @@ class Session:
             InputError: nothing is selected, or the trim is not possible.
             Cancelled: `cancelled` said so.
         """
-        now, document = self.now, self.document
-        if not now.object.n_selected:
-            raise InputError("Nothing is selected; mark an object first.")
-        result = trim(
-            document.scene,
-            now.object.selected.mask,
-            excluded=now.object.selected.excluded,
-            config=choices.config(now.up),
-            renderer=document.renderer,
-            cameras=document.cameras,
-            progress=stopping(progress, cancelled),
-        )
+        now = self.now
+        trimmed = self._trimmed(now.object, choices, stopping(progress, cancelled))
         if cancelled():
             raise Cancelled
-        trimmed = replace(now.object, result=result, choices=choices, earlier=None)
         if joined:
             self._history[self._place] = now.with_object(trimmed, now.last)
         else:
             self._step(now.with_object(trimmed, "trim"))
         return self.now.object.summary
+
+    def cut_out_again(self, progress: Progress, cancelled: Callable[[], bool]) -> str:
+        """Trim what was cut out when the work was saved, as part of the step that brought it back; says what was done.
+
+        Raises:
+            InputError: as `trim`; what was trimmed until then stays.
+        """
+        wanted = [place for place, part in enumerate(self.now.objects) if part.to_cut_out]
+        for place in wanted:
+            objects = list(self.now.objects)
+            objects[place] = self._trimmed(objects[place], objects[place].choices, stopping(progress, cancelled))
+            self._history[self._place] = replace(self.now, objects=tuple(objects))
+        return f"What you had cut out is back: {len(wanted)} object{'s' * (len(wanted) > 1)}. {self.now.sentence}"
 
     def add_object(self) -> MarkedObject:
         """Add an object and make it the active one."""
@@ -313,6 +309,22 @@ class Session:
         """
         return save_all(self.now, target, stopping(progress, cancelled))
 
+    def _trimmed(self, part: MarkedObject, choices: TrimChoices, progress: Progress) -> MarkedObject:
+        """An object with its trim. Raises as `trim`."""
+        now, document = self.now, self.document
+        if not part.n_selected:
+            raise InputError("Nothing is selected; mark an object first.")
+        result = trim(
+            document.scene,
+            part.selected.mask,
+            excluded=part.selected.excluded,
+            config=choices.config(now.up),
+            renderer=document.renderer,
+            cameras=document.cameras,
+            progress=progress,
+        )
+        return replace(part, result=result, choices=choices, earlier=None, to_cut_out=False)
+
     def _free_number(self) -> int:
         """The number from which on no object has had one."""
         return 1 + max(part.id for snapshot in self._history for part in snapshot.objects)
@@ -321,14 +333,3 @@ class Session:
         """Go on to another state; what was undone before cannot be redone."""
         history = [*self._history[: self._place + 1], after][-MAX_STEPS - 1 :]
         self._history, self._place = history, len(history) - 1
-
-
-def stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
-    """What to call at each stage, which raises `Cancelled` if the user wants to stop."""
-
-    def stage(name: str) -> None:
-        if cancelled():
-            raise Cancelled
-        progress(name)
-
-    return stage

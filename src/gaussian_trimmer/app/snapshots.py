@@ -47,6 +47,8 @@ class MarkedObject:
     """Not to be seen; what is hidden cannot be marked either."""
     locked: bool = False
     """Other objects get none of what this one has."""
+    to_cut_out: bool = False
+    """It was cut out when the work on it was saved, and is to be again."""
 
     @property
     def trimmed(self) -> TrimResult | None:
@@ -83,7 +85,9 @@ class MarkedObject:
     def marked(self, marks: tuple[Mark, ...], selected: SelectionState, *, further: bool = False) -> MarkedObject:
         """The object with other marks, not trimmed yet; with further ones, the trim before is still to be seen."""
         earlier = self.trimmed if further else None
-        return replace(self, marks=marks, selected=selected, result=None, before=self.selected, earlier=earlier)
+        return replace(
+            self, marks=marks, selected=selected, result=None, before=self.selected, earlier=earlier, to_cut_out=False
+        )
 
 
 @dataclass(frozen=True, eq=False)

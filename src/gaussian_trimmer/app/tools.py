@@ -54,14 +54,15 @@ _BRUSH_STEP = 1.25
 class Tools:
     """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
-    def __init__(self, server: Any, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
+    def __init__(self, channel: GestureChannel, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
+        self._channel = channel
         self._session, self._panels, self._view, self._do = session, panels, view, do
         self._corners: list[Point] = []
-        self._channel = GestureChannel(server.gui, self.heard)
         panels.tool.on_click(lambda event: self.choose(panels.tool.value, event.client))
         panels.three_points.on_click(lambda event: self.choose(POINTS, event.client))
         panels.brush.on_update(lambda event: self._tell_page())
-        panels.box_size.on_update(lambda event: view.resize_box(panels.box_size.value))
+        panels.box_size.on_update(lambda event: view.resize_box(panels.box_size.value) if event.client else None)
+        view.box_resized = lambda size: setattr(panels.box_size, "value", size)
         panels.box_apply.on_click(lambda event: self._apply_box(event.client))
         panels.selection.on_click(lambda event: self.change_selection(panels.selection.value, event.client))
 
@@ -194,7 +195,7 @@ class Tools:
     def _apply_box(self, client: Any) -> None:
         def work() -> str:
             up = self._session.now.up.direction
-            mark = self._view.box_mark(self._panels.box_size.value, up, self._effect(None))
+            mark = self._view.box_mark(up, self._effect(None))
             if mark is None:
                 raise InputError("There is no box; choose the tool '3D box' first.")
             return self._mark(mark)

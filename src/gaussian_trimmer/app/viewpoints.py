@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
+from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
 
 _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
+_VIEW_DISTANCE_RADII = 3.0
+"""Distance from which something is looked at, in its radius."""
 _BEFORE_SURFACE = 0.999
 """Depth of a near plane that hides what stands before a surface, relative to the surface's."""
 
@@ -67,6 +70,22 @@ def viewpoint_of(camera: Any, frame: Frame) -> Viewpoint:
     focal = height / 2 / np.tan(float(np.clip(camera.fov, _SMALLEST_FOV, _LARGEST_FOV)) / 2)
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     return Viewpoint(Camera(pose, K, width, height, near=max(float(camera.near) / frame.scale, 1e-9)))
+
+
+def first_look(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> tuple[Point, Point]:
+    """From where a scene is looked at first, and at which point: as its first camera does."""
+    camera = cameras.cameras[0] if cameras is not None else views_to_click_in(scene, None, up)[0].camera
+    ahead = (scene.means - camera.centre) @ camera.forward
+    depth = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else 1.0
+    return point_of(camera.centre), point_of(camera.centre + depth * camera.forward)
+
+
+def look_at_points(means: FloatArray, forward: Float64Array) -> tuple[Point, Point]:
+    """From where points (M, 3) are looked at in a direction (3,), and at which point."""
+    points = means.astype(np.float64)
+    centre = np.median(points, axis=0)
+    radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
+    return point_of(centre - _VIEW_DISTANCE_RADII * radius * forward), point_of(centre)
 
 
 def pixel_at(view: Viewpoint, place: Sequence[float]) -> tuple[int, int]:

@@ -7,7 +7,17 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
+from gaussian_trimmer.app.documents import Progress
+from gaussian_trimmer.errors import InputError
+
 Job = Callable[[], None]
+
+
+class Cancelled(InputError):  # noqa: N818
+    """The user has stopped what was going on."""
+
+    def __init__(self) -> None:
+        super().__init__("Cancelled; everything is as it was.")
 
 
 class Worker:
@@ -71,3 +81,14 @@ class Worker:
             traceback.print_exc()
         finally:
             self.busy = False
+
+
+def stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
+    """What to call at each stage, which raises `Cancelled` if the user wants to stop."""
+
+    def stage(name: str) -> None:
+        if cancelled():
+            raise Cancelled
+        progress(name)
+
+    return stage

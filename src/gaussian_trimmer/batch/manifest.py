@@ -95,6 +95,9 @@ def write_manifest(rows: Sequence[Row], path: Path) -> None:
 def _table(text: str) -> Iterator[tuple[int, Any]]:
     reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     try:
+        header = reader.fieldnames or ()
+        if header and not {"scene"} <= set(header) <= set(COLUMNS):  # what is wrong stands in the first line
+            yield reader.line_num, dict.fromkeys(header, "")
         yield from ((reader.line_num, row) for row in reader if any(row.values()))
     except csv.Error as error:
         raise InputError(f"The manifest cannot be read from line {reader.line_num} on: {error}.") from error

@@ -115,7 +115,7 @@ class _EvaluateDataset:
             self.preset: Variant(self.config, segmenter_with(self.segmenter, self.segmenter_options))
         }
         # Lines on the progress belong to no CSV or JSON.
-        progress = open_console(quiet=self.quiet or self.tables.format != "table")
+        progress = open_console(quiet=self.quiet or self.tables.for_programs)
         methods = {
             name: [score_rendered(folder, protocol.targets_of(task), name, judge, protocol) for task in tasks]
             for name, folder in zip(names, self.masks_only, strict=False)

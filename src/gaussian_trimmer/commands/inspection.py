@@ -18,7 +18,7 @@ from gaussian_trimmer.formats.checkpoints import Checkpoint
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_json, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
@@ -70,11 +70,14 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
 
 
 def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
-    """Lines on the scene that a folder of a training holds, or else on its cameras.
+    """Lines on the results of a trim or the scene of a training that a folder holds, or else on its cameras.
 
     Raises:
-        InputError: it holds neither.
+        InputError: it holds nothing of these.
     """
+    if (path / "labels.npz").is_file() and (path / "report.json").is_file():
+        yield from describe_results(path)
+        return
     scene, uses = None, []
     try:
         scene = formats.find_scene(path)
@@ -90,6 +93,20 @@ def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
         yield from describe_splats(scene)
         uses = list(uses_of_folder(path, scene))
     yield from uses
+
+
+def describe_results(folder: Path) -> Iterator[str]:
+    """Lines on a folder that a trim wrote."""
+    report = read_json(folder / "report.json")
+    inputs = report.get("inputs") if isinstance(report, dict) else None
+    scene = inputs.get("scene") if isinstance(inputs, dict) else None
+    yield f"results of a trim{f' of {shown(str(scene))}' if scene else ''}"
+    for path in sorted(folder.iterdir()):
+        if is_file(path) and formats.has_splats(path):
+            yield f"{path.name}: {len(formats.read(path)):,} Gaussians"
+    option = "--labels " if isinstance(report, dict) and "objects" in report else ""
+    labels = option + shlex.quote(str(folder / "labels.npz"))
+    yield f"labels.npz selects in the scene what was trimmed: gaussian-trimmer trim SCENE {labels}"
 
 
 def uses_of_folder(folder: Path, scene: Path | None) -> Iterator[str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
+from json import dumps
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,12 +33,19 @@ class Findings:
 class TableOptions:
     """Where tables go."""
 
-    format: Literal["table", "csv", "json", "latex"] = "table"
+    format: Literal["table", "csv", "latex"] = "table"
     """How to print tables."""
+    json: bool = False
+    """Print the tables as one JSON document instead."""
     output: Annotated[Path | None, arg(metavar="DIR")] = None
-    """Also write all tables to this folder, as .md, .csv, .json and .tex."""
+    """Also write all tables here, in every format."""
     overwrite: bool = False
     """Replace earlier results in the output folder."""
+
+    @property
+    def for_programs(self) -> bool:
+        """Whether what is printed is for programs to read."""
+        return self.json or self.format != "table"
 
     def publish(self, measure: Callable[[], Findings], console: Console) -> None:
         """Measure, print the tables, and write them if there is a folder, which then appears whole or not at all.
@@ -55,8 +62,9 @@ class TableOptions:
                 _write(found, folder)
 
     def _print(self, tables: Sequence[ScoreTable], console: Console) -> None:
-        if self.format == "json" and len(tables) > 1:  # one document, whatever the number of tables
-            console.print(json.dumps([table.as_dict() for table in tables], indent=1, allow_nan=False))
+        if self.json:
+            found = [table.as_dict() for table in tables]
+            console.print(dumps(found if len(found) > 1 else found[0], indent=1, allow_nan=False))
             return
         for table in tables:
             console.print(FORMATS[self.format](table))
@@ -67,10 +75,10 @@ def _write(found: Findings, folder: Path) -> None:
         for kind, ending in ENDINGS.items():
             (folder / f"{name}{ending}").write_text(FORMATS[kind](table), encoding="utf-8")
     if found.runs:
-        text = json.dumps([asdict(run) for run in found.runs], indent=1, allow_nan=False)
+        text = dumps([asdict(run) for run in found.runs], indent=1, allow_nan=False)
         (folder / "runs.json").write_text(text + "\n", encoding="utf-8")
     if found.settings:
-        (folder / "settings.json").write_text(json.dumps(found.settings, indent=1) + "\n", encoding="utf-8")
+        (folder / "settings.json").write_text(dumps(found.settings, indent=1) + "\n", encoding="utf-8")
 
 
 def print_run(run: Run, console: Console) -> None:

@@ -32,7 +32,7 @@ from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.engines import engine_files, write_for_engine
+from gaussian_trimmer.output.engines import ENGINES, engine_files, write_for_engine
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import trim_files, write_trim
@@ -115,7 +115,8 @@ class Trim(TrimInputs):
         looked_at = REPORT if self.pages.html else "before_after.png"
         console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
         if self.engine is not None:
-            console.print(f"{engine_files(self.engine)[0]} is the object for {self.engine}.")
+            made = " and ".join(name for name in engine_files(self.engine) if (self.folder() / name).is_file())
+            console.print(f"For {ENGINES[self.engine].name}, upright there: {made}.")
         if self.pages.export_viewer is not None:
             console.print(self.pages.sentence())
 

@@ -25,6 +25,8 @@ from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
+_LISTED = 4
+
 
 def trim_labels(command: TrimInputs, console: Console) -> None:
     """Trim all objects that a command names by its labels, and write the results.
@@ -87,7 +89,9 @@ def print_objects(
     if counts["dropped"]:
         console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
     looked_at = REPORT if html else "objects.png"
-    console.print(f"object_ID{suffix}, background{suffix}, {looked_at} and the rest are in {folder}.")
+    files = [entry["file"] for entry in report["objects"] if entry["file"]]
+    listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
+    console.print(f"{listed}, background{suffix}, {looked_at} and the rest are in {folder}.")
 
 
 def _refuse_other_options(command: TrimInputs) -> None:
@@ -117,9 +121,10 @@ def _without(excluded: BoolArray, objects: dict[int, BoolArray]) -> dict[int, Bo
 
 def _sentence(entry: Mapping[str, Any]) -> str:
     """What became of one object."""
+    called = f"object {entry['name']}" if entry["name"].isdigit() else entry["name"]
     if entry["refused"]:
-        return f"object {entry['id']}: not trimmed: {entry['refused']}"
-    return f"object {entry['id']}: {entry['gaussians']:,} Gaussians. {sentence_of(entry['counts'])}."
+        return f"{called}: not trimmed: {entry['refused']}"
+    return f"{called}: {entry['gaussians']:,} Gaussians. {sentence_of(entry['counts'])}."
 
 
 def _objects(command: TrimInputs, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:

@@ -55,7 +55,7 @@ class EvidenceConfig:
 
 
 def classify_gaussians(
-    inside: FloatArray, outside: FloatArray, probability: FloatArray, coarse: BoolArray, config: EvidenceConfig
+    inside: FloatArray, outside: FloatArray, probability: FloatArray, selection: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
     """Which Gaussians belong to the object according to the views of the whole scene, (N,).
 
@@ -63,16 +63,16 @@ def classify_gaussians(
         inside: blend weight inside the masks, summed over the accepted views, (N,).
         outside: blend weight outside them, (N,).
         probability: the corrected label, (N,); it alone decides for Gaussians that no view shows.
-        coarse: the selection, (N,). What is outside of it joins only if the masks show it, so that a corrected
+        selection: what is selected, (N,). What is outside of it joins only if the masks show it, so that a corrected
             label that no picture supports adds nothing.
         config: thresholds.
     """
     total = inside + outside
     share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED_SHARE), where=total > 0)
-    label = np.where(coarse, probability, _UNDECIDED_SHARE * probability)
+    label = np.where(selection, probability, _UNDECIDED_SHARE * probability)
     support = share - _UNDECIDED_SHARE + config.prior * (label - _UNDECIDED_SHARE)
     supported = np.where(total > _MIN_SEEN_PIXELS, support, label - _UNDECIDED_SHARE) > 0
-    return supported & (coarse | (probability > config.recover_limit)) if config.recover else supported & coarse
+    return supported & (selection | (probability > config.recover_limit)) if config.recover else supported & selection
 
 
 def find_halo(

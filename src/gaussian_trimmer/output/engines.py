@@ -30,6 +30,8 @@ _CHUNK = 1 << 18
 class Engine:
     """What a program expects of a splat file."""
 
+    name: str
+    """As the program calls itself."""
     reads: tuple[str, ...]
     """Endings of files that it reads; the first is the usual one."""
     up: tuple[float, float, float]
@@ -37,12 +39,12 @@ class Engine:
 
 
 ENGINES: dict[str, Engine] = {
-    "blender": Engine((".ply",), (0.0, 0.0, 1.0)),
-    "cesium": Engine((".ply",), _DOWN_Y),
-    "playcanvas": Engine((".sog", ".ply", ".compressed.ply"), _DOWN_Y),
-    "three": Engine((".spz", ".ply", ".compressed.ply", ".splat", ".ksplat", ".sog"), (0.0, 1.0, 0.0)),
-    "unity": Engine((".ply", ".spz"), _DOWN_Y),
-    "unreal": Engine((".ply",), _DOWN_Y),
+    "blender": Engine("Blender", (".ply",), (0.0, 0.0, 1.0)),
+    "cesium": Engine("Cesium", (".ply",), _DOWN_Y),
+    "playcanvas": Engine("PlayCanvas", (".sog", ".ply", ".compressed.ply"), _DOWN_Y),
+    "three": Engine("three.js", (".spz", ".ply", ".compressed.ply", ".splat", ".ksplat", ".sog"), (0.0, 1.0, 0.0)),
+    "unity": Engine("Unity", (".ply", ".spz"), _DOWN_Y),
+    "unreal": Engine("Unreal", (".ply",), _DOWN_Y),
 }
 assert tuple(ENGINES) == get_args(EngineName)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,13 @@ from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
     Picture,
     captioned,
+    close_up,
     draw_cells,
     headed,
     nearby_rows,
-    whole_close_up,
     write_picture,
+    zoom_to_whole,
+    zoomed,
 )
 from gaussian_trimmer.output.report import count_selected, write_labels
 from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObject
@@ -31,6 +33,7 @@ from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObje
 _CELL_PIXELS = 240
 _OBJECTS_A_ROW = 2
 _MAX_DRAWN = 60
+_LONGEST_NAME = 60
 _COLUMN_HEADINGS = ("selection", "trimmed object", "the scene without it")
 
 
@@ -55,9 +58,10 @@ def write_objects(
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
+    stems = file_stems((part.id, part.name) for part in result.objects)
     for part in result.objects:
         if len(part.gaussians):
-            formats.write(part.gaussians, folder / _file_of(part, suffix))
+            formats.write(part.gaussians, folder / f"{stems[part.id]}{suffix}")
     if len(result.background_rows) or len(result.appended):
         formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     sizes = np.array([len(part.gaussians) for part in result.objects], np.int64)
@@ -82,6 +86,7 @@ def write_objects(
 
 def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: str = ".ply") -> dict[str, Any]:
     """The report as JSON holds it: what all objects share, and the report of each, with the name of its file."""
+    stems = file_stems((part.id, part.name) for part in result.objects)
     return {
         "version": __version__,
         "inputs": dict(inputs),
@@ -100,7 +105,8 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: s
             {
                 **part.report,
                 "id": part.id,
-                "file": _file_of(part, suffix) if len(part.gaussians) else None,
+                "name": part.name,
+                "file": f"{stems[part.id]}{suffix}" if len(part.gaussians) else None,
                 "gaussians": len(part.gaussians),
                 "counts": _counts(result, part),
             }
@@ -111,8 +117,23 @@ def describe_objects(result: ObjectsResult, inputs: Mapping[str, Any], suffix: s
     }
 
 
-def _file_of(part: TrimmedObject, suffix: str) -> str:
-    return f"object_{part.id}{suffix}"
+def file_stems(objects: Iterable[tuple[int, str]]) -> dict[int, str]:
+    """Names of objects' files without their endings, by the objects' ids.
+
+    >>> file_stems([(1, "1"), (2, "red mug"), (3, "Red_Mug"), (4, "object 9")])
+    {1: 'object_1', 2: 'object_red_mug', 3: 'object_Red_Mug_3', 4: 'object_9'}
+
+    Args:
+        objects: ids and names; the name of one without a name is its id.
+    """
+    stems: dict[int, str] = {}
+    for number, name in objects:
+        safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)[:_LONGEST_NAME]
+        stem = safe if safe.startswith("object_") else f"object_{safe}"
+        while stem.casefold() in map(str.casefold, stems.values()):
+            stem = f"{stem}_{number}"
+        stems[number] = stem
+    return stems
 
 
 def _counts(result: ObjectsResult, part: TrimmedObject) -> dict[str, int]:
@@ -138,21 +159,33 @@ def draw_objects(result: ObjectsResult) -> Picture:
 
 def _block(result: ObjectsResult, part: TrimmedObject) -> Picture:
     assert part.view is not None
-    camera, scene = whole_close_up(part.view, part.bounds, part.gaussians, _CELL_PIXELS), result.scene
+    scene = result.scene
     around = nearby_rows(scene, result.background_rows, part.bounds)
     background = concatenate([scene.select(around), result.appended])
     shown = [scene.select(part.selection), part.gaussians, background]
     state = f"not trimmed: {part.refused}" if part.refused else f"{len(part.gaussians):,} Gaussians"
-    front, back = (
-        draw_cells(shown, side, result.used_renderer) for side in (camera, _from_behind(camera, part.bounds))
-    )
+    front, back = (draw_cells(shown, side, result.used_renderer) for side in two_sides(part))
     pictures = np.vstack([headed(_COLUMN_HEADINGS, front), captioned("from the other side", back)])
-    return captioned(f"object {part.id}: {state}", pictures)
+    return captioned(f"{part.title}: {state}", pictures)
+
+
+def two_sides(part: TrimmedObject) -> tuple[Camera, Camera]:
+    """Two cameras that show the whole object, equally large: from where a view of it looks, and from behind."""
+    assert part.view is not None
+    camera = close_up(part.view, part.bounds, _CELL_PIXELS)
+    sides = camera, _from_behind(camera, part.bounds)
+    zoom = min(zoom_to_whole(side, part.gaussians) for side in sides)
+    return zoomed(sides[0], zoom), zoomed(sides[1], zoom)
 
 
 def _from_behind(camera: Camera, bounds: Bounds) -> Camera:
-    """The camera after half a turn about the upright axis through the object's centre."""
-    up, half_turn = bounds.axes[2], np.eye(4)
+    """The camera after half a turn about the upright axis through the object's centre.
+
+    What lay to the left of the centre lies to the right of it then, so the picture is cut out as far on its other side.
+    """
+    up, half_turn, mirrored = bounds.axes[2], np.eye(4), np.eye(3)
     half_turn[:3, :3] = 2 * np.outer(up, up) - np.eye(3)
     half_turn[:3, 3] = bounds.centre - half_turn[:3, :3] @ bounds.centre
-    return replace(camera, world_to_camera=camera.world_to_camera @ half_turn)
+    centre, _ = camera.project(bounds.centre[None])
+    mirrored[0, 2] = camera.width - 2 * float(centre[0, 0])
+    return replace(camera, world_to_camera=camera.world_to_camera @ half_turn, K=mirrored @ camera.K)

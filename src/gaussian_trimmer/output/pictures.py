@@ -122,11 +122,11 @@ def cameras_around(result: TrimResult, sides: CheckedSides, count: int, size: in
         circle = (sides.middle, sides.middle + 360)
         config = PlanConfig(views=number, size=size, pitch_degrees=height, yaw_range_degrees=circle)
         cameras += plan_cameras(selected, result.bounds.axes[2], config)[0]
-    zoom = min(_zoom_to_whole(camera, result.object) for camera in cameras)
+    zoom = min(zoom_to_whole(camera, result.object) for camera in cameras)
     return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
 
 
-def _zoom_to_whole(camera: Camera, gaussians: Gaussians) -> float:
+def zoom_to_whole(camera: Camera, gaussians: Gaussians) -> float:
     """By how much a picture must be widened to show all Gaussians, at most 1; robust bounds leave out thin ends."""
     pixels, depth = camera.project(gaussians.means.astype(np.float64))
     half = np.array([camera.width, camera.height]) / 2
@@ -165,12 +165,6 @@ def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
     corner, scale = (low + high) / 2 - half, size / (2 * half)
     crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
     return replace(camera, K=crop @ camera.K, width=size, height=size)
-
-
-def whole_close_up(view: TrimmedView, bounds: Bounds, gaussians: Gaussians, size: int) -> Camera:
-    """A close-up that is wide enough to show all Gaussians of an object."""
-    camera = close_up(view, bounds, size)
-    return zoomed(camera, _zoom_to_whole(camera, gaussians))
 
 
 def zoomed(camera: Camera, zoom: float) -> Camera:

@@ -58,12 +58,12 @@ def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str | N
 
 
 def excessive_loss(
-    coarse: BoolArray, keep: BoolArray, visible: FloatArray, alone: FloatArray, config: AcceptanceConfig
+    selection: BoolArray, keep: BoolArray, visible: FloatArray, alone: FloatArray, config: AcceptanceConfig
 ) -> str | None:
     """Why an object that keeps too little of the selection is refused; None if it keeps enough.
 
     Args:
-        coarse: the selection, (N,).
+        selection: what was selected, (N,).
         keep: what would be the object, (N,).
         visible: how much of each Gaussian the views show, (N,).
         alone: how much of each of the C selected ones they would show if there was nothing else, (C,).
@@ -71,9 +71,9 @@ def excessive_loss(
     """
     if not keep.any():
         return "no Gaussian was left in the object"
-    kept = keep[coarse]
+    kept = keep[selection]
     remaining = min(
-        float(shown[kept].sum() / shown.sum()) if shown.sum() > 0 else 1.0 for shown in (visible[coarse], alone)
+        float(shown[kept].sum() / shown.sum()) if shown.sum() > 0 else 1.0 for shown in (visible[selection], alone)
     )
     if remaining >= config.min_remaining:
         return None

@@ -44,6 +44,11 @@ class TrimmedObject:
     report: dict[str, Any]
     """The report of its own trim."""
 
+    @property
+    def title(self) -> str:
+        """What to call it in pages and pictures: its name, or the number that stands for one."""
+        return f"object {self.name}" if self.name.isdigit() else self.name
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectsResult:

@@ -47,16 +47,16 @@ def _surroundings(
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
     possible = selection & (scene.log_scales.max(axis=1) < np.log(_MAX_WIDTH_RADII * bounds.radius))
-    coarse = possible & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
-    coarse = _with_connected(scene, possible, coarse) if coarse.any() else selection
-    rows = np.flatnonzero(coarse | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
-    return rows, coarse[rows]
+    members = possible & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
+    members = _with_connected(scene, possible, members) if members.any() else selection
+    rows = np.flatnonzero(members | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
+    return rows, members[rows]
 
 
-def _with_connected(scene: Gaussians, selection: BoolArray, coarse: BoolArray) -> BoolArray:
-    """The coarse object with those of the other selected Gaussians that hang together with it, (N,)."""
+def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) -> BoolArray:
+    """The members with those of the other selected Gaussians that hang together with it, (N,)."""
     rows = np.flatnonzero(selection)
-    selected, member = scene.select(rows), coarse[rows]
+    selected, member = scene.select(rows), members[rows]
     for _ in range(_CONNECTING_STEPS):
         found = touching(selected, member) if not member.all() else np.zeros(0, np.bool_)
         if not found.any():

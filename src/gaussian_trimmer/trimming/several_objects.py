@@ -13,7 +13,7 @@ from numbers import Integral
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.config import CONTEXT_RADIUS, TrimConfig
@@ -93,7 +93,7 @@ class _Rest:
 # The arguments are those of `trim`, by the same names.
 def trim_objects(
     scene: Gaussians,
-    objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike],
+    objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike] | IntArray,
     *,
     config: TrimConfig | None = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
@@ -109,7 +109,8 @@ def trim_objects(
     Args:
         scene: all N Gaussians.
         objects: the selections, each as `trim` takes it, by the objects' ids or names, or in a list. They may
-            overlap. What marks removed from one stays out of that one.
+            overlap. What marks removed from one stays out of that one. Or the id of each Gaussian's object, integers
+            (N,), 0 for none, such as `find_objects(scene).labels`.
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
@@ -167,6 +168,8 @@ def trim_objects(
 
 def _by_id(objects: Any) -> list[tuple[int, str, ArrayLike]]:
     """Id, name and selection of each object; those without whole numbers as ids are counted from 1."""
+    if isinstance(objects, np.ndarray):
+        objects = _by_labels(objects)
     if not isinstance(objects, Mapping | Sequence) or isinstance(objects, str):
         raise InputError(
             f"The objects are a {type(objects).__name__}; give selections by id or name, such as {{1: mask}}, or a "
@@ -179,6 +182,17 @@ def _by_id(objects: Any) -> list[tuple[int, str, ArrayLike]]:
     if all(isinstance(key, Integral) and not isinstance(key, bool) for key in objects):
         return [(int(key), str(key), selection) for key, selection in objects.items()]
     return [(number, str(name), selection) for number, (name, selection) in enumerate(objects.items(), 1)]
+
+
+def _by_labels(labels: NDArray[Any]) -> dict[int, BoolArray]:
+    if labels.ndim != 1 or labels.dtype.kind not in "iu":
+        raise InputError(
+            f"The objects are an array of {labels.dtype} {labels.shape}; give the id of each Gaussian's object as "
+            "integers (N,), 0 for none, or several selections as {1: mask, 2: other_mask}."
+        )
+    if not (labels > 0).any():
+        raise InputError("The labels name no object: none is above 0.")
+    return {int(number): labels == number for number in np.unique(labels[labels > 0])}
 
 
 def _common_up(scene: Gaussians, selected: BoolArray, config: TrimConfig, cameras: CameraSet | None) -> KnownUp | None:

@@ -10,7 +10,7 @@ from gaussian_trimmer.gaussians import SH_C0, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.output.report import LABEL_NAMES
 from gaussian_trimmer.result import RowLabel, TrimResult
 
-DROPPED, FITTED = "left_out", "fitted"
+LEFT_OUT, FITTED = "left_out", "fitted"
 _COLOURS_AND_MEANINGS = {
     "kept": ("#9a9a9a", "in the object as it was selected"),
     "removed": ("#d55e00", "was selected, and is now in the background"),
@@ -19,7 +19,7 @@ _COLOURS_AND_MEANINGS = {
     "split_outside": ("#56b4e9", "a part of a Gaussian that was cut; it lies in the background"),
     "filled": ("#f0e442", "new: continues what the object stood on or leaned against"),
     "relit": ("#b8860b", "in the background, brighter: the object's shadow is gone"),
-    DROPPED: ("#c45fb0", "only the object hid it, or a new one took its place; in neither file"),
+    LEFT_OUT: ("#c45fb0", "only the object hid it, or a new one took its place; in neither file"),
     FITTED: ("#e69f00", "adjusted to the outline (also counted above); shown in this colour if kept"),
 }
 _BLACK_BRIGHTNESS = 0.4
@@ -43,7 +43,7 @@ def legend_of(result: TrimResult) -> list[Change]:
     """What can happen to a Gaussian, and to how many rows it did; `kept` counts those of the object alone."""
     counts = {name: result.count(number) for number, name in enumerate(LABEL_NAMES)}
     counts["kept"] = int(np.count_nonzero(result.label[: len(result.object)] == RowLabel.KEPT))
-    counts |= {DROPPED: len(result.dropped), FITTED: len(result.fitted)}
+    counts |= {LEFT_OUT: len(result.dropped), FITTED: len(result.fitted)}
     return [Change(name, *_COLOURS_AND_MEANINGS[name], number) for name, number in counts.items()]
 
 
@@ -62,7 +62,7 @@ def coloured_changes(result: TrimResult) -> Gaussians:
         _painted(result.object, painted),
         _painted(result.scene.select(rows[moved]), palette[theirs[moved]]),
         _painted(result.appended, palette[theirs[len(rows) :]]),
-        _painted(result.scene.select(result.dropped), np.tile(_rgb(DROPPED), (len(result.dropped), 1))),
+        _painted(result.scene.select(result.dropped), np.tile(_rgb(LEFT_OUT), (len(result.dropped), 1))),
     ]
     return concatenate(parts)
 

@@ -51,11 +51,11 @@ def shown_views(result: TrimResult) -> list[int]:
 
 def view_figures(result: TrimResult, changes: Gaussians) -> list[Figure]:
     """A figure for each shown view, with the pictures of `VIEW_PAIRINGS` and `CHANGE_PAIRINGS`."""
-    coarse = result.scene.select(result.selection)
+    selected = result.scene.select(result.selection)
     figures = []
     for number in shown_views(result):
         view = result.views[number]
-        parts = {SELECTION: coarse, OBJECT: result.object, CHANGES: changes}
+        parts = {SELECTION: selected, OBJECT: result.object, CHANGES: changes}
         name = f" ({view.view.camera.name})" if view.view.camera.name else ""
         figure = draw_figure(f"view {number}{name}", view.view.camera, parts, result.used_renderer)
         height, width = figure.pictures[OBJECT].shape[:2]

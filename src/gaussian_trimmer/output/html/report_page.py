@@ -79,7 +79,7 @@ def objects_page(result: ObjectsResult, report: Mapping[str, Any]) -> str:
         name = f"object-{part.id}"
         figures = [_object_figure(result, part)] if part.view is not None else []
         drawn = comparison(f"pairing-{name}", figures, _OBJECT_PAIRINGS) if figures else _NO_VIEW
-        sections[name] = (f"object {part.id}", _verdict(entry, entry["gaussians"]) + drawn)
+        sections[name] = (text(part.title), _verdict(entry, entry["gaussians"]) + drawn)
     sections["numbers"] = ("Figures", _counts_and_times(report))
     title = f"{Path(str(scene)).name if scene else 'A scene'}: {len(result.objects)} objects, trimmed"
     return _page(title, few if len(shown) < len(result.objects) else "", sections)
