@@ -54,6 +54,15 @@ def test_the_room_is_no_object(found, furnished):
     assert np.mean(sure[part < 2]) < 0.02
 
 
+def test_balls_of_two_colours_that_meet_in_a_long_concave_contact_are_two_things():
+    balls = room.ball((0, -0.4), 0.5, room.RED, 1), room.ball((0, 0.35), 0.4, room.BLUE, 2)
+    scene, part = room.scene_of(room.floor(), *balls)
+    found = find_objects(scene, cameras=CAMERAS)
+    matched = [best(found, part == number) for number in (1, 2)]
+    assert len({number for number, _ in matched}) == 2
+    assert min(overlap for _, overlap in matched) > 0.85
+
+
 def test_a_box_of_one_colour_beside_its_like_is_one_thing():
     twins = [room.box((0, y), (0.8, 0.8, 0.6), room.RED, seed, 3) for seed, y in ((1, -0.4), (2, 0.4))]
     scene, part = room.scene_of(room.floor(), *twins)

@@ -3,8 +3,9 @@
 Two regions are linked along their contact: by how much Gaussians of both overlap there, how alike their colours are,
 and how convex the surface is. A link is measured against the size of the smaller region, so that neither scale nor
 density matter, and in each round those join that are each other's strongest link. What stands on a surface of the room
-by itself is another thing than its neighbour that does so too, if both hardly touch, or touch along a short line and
-have other colours. All else joins, however weak the link is: what does not stand is part of something that does.
+by itself is another thing than its neighbour that does so too, if both hardly touch, or have other colours and touch
+along a short line or in a concave one. All else joins, however weak the link is: what does not stand is part of
+something that does.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ _MIN_LINK, _MIN_LINK_OF_STANDING = 1e-5, 0.003
 _SHORT_CONTACT = 0.3
 """Length of the contact as far as it is convex, relative to the root of the smaller area, below which two standing
 regions may be two things."""
+_CONCAVE = 0.6
+"""Mean convexity of the contact below which they may be two things, however long it is: parts of a thing have 0.7."""
 _OTHER_COLOURS = 0.83
 """Accuracy with which colours must tell two things apart, 0.5 to 1."""
 _LARGE_PART = 0.15
@@ -50,6 +53,8 @@ class _Links:
     """Strength of each link, in units, (P,)."""
     smooth: Float64Array
     """Length of each contact, as far as the surface is convex there, in units, (P,)."""
+    contact: Float64Array
+    """Length of each contact, in units, (P,)."""
 
     def renumbered(self, numbers: IntArray) -> _Links:
         """The links of the regions that have got new numbers (R,); what was within one is gone."""
@@ -57,8 +62,8 @@ class _Links:
         across = ends[:, 0] != ends[:, 1]
         keys, place = np.unique((ends[across, 0] << 32) | ends[across, 1], return_inverse=True)
         pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
-        sums = [np.bincount(place, values[across], len(keys)) for values in (self.weight, self.smooth)]
-        return _Links(pairs, np.asarray(sums[0], np.float64), np.asarray(sums[1], np.float64))
+        sums = (np.bincount(place, one[across], len(keys)) for one in (self.weight, self.smooth, self.contact))
+        return _Links(pairs, *(np.asarray(one, np.float64) for one in sums))
 
 
 def find_regions(surface: VisibleSurface, room: Room) -> IntArray:
@@ -76,7 +81,8 @@ def find_regions(surface: VisibleSurface, room: Room) -> IntArray:
         size = np.sqrt(areas[links.pairs].min(axis=1))
         both = stands[links.pairs].all(axis=1)
         allowed = links.weight >= size * np.where(both, _MIN_LINK_OF_STANDING, _MIN_LINK)
-        return np.asarray(allowed), np.asarray(both & (links.smooth < _SHORT_CONTACT * size))
+        apart = (links.smooth < _SHORT_CONTACT * size) | (links.smooth < _CONCAVE * links.contact)
+        return np.asarray(allowed), np.asarray(both & apart)
 
     regions = _joined(surface, free, joins, lambda regions, a, b: colours.accuracy(regions, a, b) < _OTHER_COLOURS)
     return _with_borders(surface, room, np.where(free, regions, -1))
@@ -119,7 +125,7 @@ def _joined(
     """
     inner = free[surface.edges].all(axis=1)
     contact = surface.contact[inner]
-    links = _Links(surface.edges[inner], contact * surface.affinity[inner], contact * surface.convexity[inner])
+    links = _Links(surface.edges[inner], contact * surface.affinity[inner], contact * surface.convexity[inner], contact)
     regions = np.arange(len(free))
     links = links.renumbered(regions)
     while len(links.pairs):
