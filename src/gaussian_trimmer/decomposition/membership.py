@@ -14,9 +14,7 @@ from gaussian_trimmer.decomposition.evidence import (
     OUTSIDE,
     EvidenceConfig,
     classify_gaussians,
-    contradicted_by_views,
     find_halo,
-    find_large_halo,
 )
 from gaussian_trimmer.decomposition.underside import find_underside, reaching_into_ground
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
@@ -34,14 +32,12 @@ class SceneEvidence:
     """Inside the masks."""
     outside: FloatArray
     """Outside them."""
-    contradicting: FloatArray
-    """Outside them, without what speaks against no Gaussian of the object."""
     probability: FloatArray
     """The corrected label."""
 
 
 def weigh_scene(
-    scope: Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: EvidenceConfig
+    scope: Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer
 ) -> SceneEvidence:
     """What the accepted views of the whole scene show of each Gaussian.
 
@@ -50,25 +46,16 @@ def weigh_scene(
         probability: their corrected labels, (L,).
         accepted: views whose masks were accepted.
         renderer: gives blend weights.
-        config: whether Gaussians are excused where something nearer hides the object.
     """
-    weights = []
-    for trimmed in accepted:
-        labels = np.full(trimmed.mask.shape, OUTSIDE, np.uint8)
-        if trimmed.view.hidden is not None:
-            labels[trimmed.view.hidden] = HIDDEN
-        labels[trimmed.mask] = INSIDE
-        weights.append(renderer.blend_weights(scope.local, trimmed.view.camera, labels, 3))
-    visible_outside, inside, hidden = to_reference(np.sum(weights, axis=0), scope.cameras).T
-    outside = visible_outside + hidden
-    # Where something hides the object, what little shows of it there says nothing against it.
-    contradicting = np.where(scope.selected, visible_outside, outside) if config.excuse_hidden else outside
-    return SceneEvidence(inside, outside, contradicting, probability)
+    masks = [(trimmed.view.camera, trimmed.mask.astype(np.uint8)) for trimmed in accepted]
+    weights = [renderer.blend_weights(scope.local, camera, mask, 2) for camera, mask in masks]
+    outside, inside = to_reference(np.sum(weights, axis=0), scope.cameras).T
+    return SceneEvidence(inside, outside, probability)
 
 
 def find_members(scope: Scope, evidence: SceneEvidence, config: EvidenceConfig) -> BoolArray:
     """Which Gaussians belong to the object by the evidence of the whole scene, (L,)."""
-    return classify_gaussians(evidence.inside, evidence.contradicting, evidence.probability, scope.selected, config)
+    return classify_gaussians(evidence.inside, evidence.outside, evidence.probability, scope.selected, config)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +113,8 @@ def prune_halo(
         return members
     free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
     alone = to_reference(np.sum(isolated.weights, axis=0), scope.cameras)
-    widths = np.exp(isolated.gaussians.log_scales.max(axis=1) - np.log(scope.bounds.radius))
-    inside, contradicting = evidence.inside[rows], evidence.contradicting[rows]
-    wrong = find_halo(alone, inside, evidence.outside[rows], free, config)
-    wrong |= contradicted_by_views(alone, inside, contradicting, evidence.probability[rows], widths)
-    wrong |= find_large_halo(alone, inside, widths)
-    members[rows[~wrong]] = True
+    halo = find_halo(alone, evidence.inside[rows], evidence.outside[rows], free, config)
+    members[rows[~halo]] = True
     return members
 
 
