@@ -11,6 +11,7 @@ from gaussian_trimmer.decomposition.evidence import (
     EvidenceConfig,
     classify_gaussians,
     find_halo,
+    find_large_halo,
 )
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -72,6 +73,22 @@ def test_what_shows_outside_when_alone(alone, inside, outside, free, shown):
     arrays = [np.array([value], np.float32) for value in (alone, inside, outside)]
     config = EvidenceConfig(isolated_limit=0.5)
     assert find_halo(*arrays, np.array([free]), config).tolist() == [shown]
+
+
+@pytest.mark.parametrize(
+    ("alone", "inside", "width", "found"),
+    [
+        ((7, 3, 0), 2, 0.3, True),
+        ((2, 3, 5), 2, 0.3, True),  # what something nearer hides counts too
+        ((7, 3, 0), 2, 0.2, False),  # small ones are judged by `find_halo`
+        ((5, 5, 0), 2, 0.3, False),
+        ((7, 3, 0), 8, 0.3, False),  # shown inside more than alone outside: seen through a hole
+        ((0, 0, 0), 0, 0.3, False),
+    ],
+)
+def test_large_gaussians_mostly_outside_are_halo(alone, inside, width, found):
+    alone, inside, width = (np.array([x], np.float32) for x in (alone, inside, width))
+    assert find_large_halo(alone, inside, width).tolist() == [found]
 
 
 def some_evidence(n=2000):

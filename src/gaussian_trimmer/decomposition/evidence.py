@@ -21,6 +21,10 @@ _MIN_SEEN_PIXELS = 1e-3
 """Blend weight above which a Gaussian counts as seen."""
 _UNDECIDED_SHARE = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
+_LARGE_WIDTH_RADII = 0.25
+"""Largest standard deviation, in object radii, from which on a Gaussian is judged as large."""
+_LARGE_HALO_SHARE = 0.6
+"""Share of its blend weight outside the masks from which on a Gaussian as large as that is none of the object."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +90,20 @@ def find_halo(
     uncovered = np.maximum(isolated[:, OUTSIDE] + np.where(free_standing, 0, isolated[:, HIDDEN]) - outside, 0)
     total = uncovered + isolated[:, INSIDE]
     return np.asarray((total > _MIN_SEEN_PIXELS) & (uncovered > config.isolated_limit * total) & (uncovered > inside))
+
+
+def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray) -> BoolArray:
+    """Which large Gaussians show mostly outside the masks when the object is rendered in isolation, (N,).
+
+    Large Gaussians leak over every edge, and what hides their leak in the scene is gone when the object is shown alone.
+    `find_halo` excuses what the scene shows outside the masks and what something nearer hides; one whose
+    standard deviation is a quarter of the object's radius, and of which most is outside, spoils every picture of it.
+
+    Args:
+        isolated: as in `find_halo`, (N, 3).
+        inside: blend weight inside the masks in the views of the whole scene, (N,).
+        widths: largest standard deviation of each Gaussian, in object radii, (N,).
+    """
+    outside = isolated[:, OUTSIDE] + isolated[:, HIDDEN]
+    mostly = (outside > _MIN_SEEN_PIXELS) & (outside > _LARGE_HALO_SHARE * (outside + isolated[:, INSIDE]))
+    return np.asarray((widths > _LARGE_WIDTH_RADII) & mostly & (outside > inside))

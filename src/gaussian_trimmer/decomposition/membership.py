@@ -15,6 +15,7 @@ from gaussian_trimmer.decomposition.evidence import (
     EvidenceConfig,
     classify_gaussians,
     find_halo,
+    find_large_halo,
 )
 from gaussian_trimmer.decomposition.underside import find_underside, reaching_into_ground
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
@@ -113,7 +114,9 @@ def prune_halo(
         return members
     free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
     alone = to_reference(np.sum(isolated.weights, axis=0), scope.cameras)
-    halo = find_halo(alone, evidence.inside[rows], evidence.outside[rows], free, config)
+    widths = np.exp(isolated.gaussians.log_scales.max(axis=1) - np.log(scope.bounds.radius))
+    inside = evidence.inside[rows]
+    halo = find_halo(alone, inside, evidence.outside[rows], free, config) | find_large_halo(alone, inside, widths)
     members[rows[~halo]] = True
     return members
 
