@@ -138,6 +138,24 @@ def test_what_something_nearer_hides_says_nothing_about_coverage() -> None:
     assert alone.picture[3][middle] == 1 and alone.picture[3, 0, 0] == 0
 
 
+@pytest.mark.parametrize(("screen_opacity", "stays"), [(0.3, True), (0.95, False)])
+def test_the_outline_stays_where_the_scene_shows_half_of_the_object(screen_opacity: float, stays: bool) -> None:
+    ball, camera = _sphere(150, 0.6, 0.15, 0.5), _views()[0]
+    screen = _sphere(1, 1e-9, 2.0, 0.9)  # before all of the object, and as wide as the view
+    screen = screen.replace(
+        means=(screen.means + 0.5 * camera.centre).astype(np.float32),
+        opacity_logits=np.float32([np.log(screen_opacity / (1 - screen_opacity))]),
+    )
+    alone = draw(ball, camera)
+    target = coverage_target(alone, concatenate([ball, screen]), 1.0).picture[3]
+    silhouette, outline = alone.image[3] > 0.5, (alone.image[3] > 0.01) & (alone.image[3] < 0.99)
+    assert np.count_nonzero(outline & silhouette) > 50
+    if stays:
+        np.testing.assert_allclose(target, np.clip(2 * alone.image[3] - 0.5, 0, 1), atol=1e-6)
+    else:
+        assert (target[silhouette] < 0.5).all()
+
+
 def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     long = Gaussians(
         np.zeros((1, 3)), np.log([[0.5, 0.1, 0.1]]), [[1.0, 0, 0, 0]], [2.0], np.zeros((1, 3)), np.zeros((1, 3, 0))

@@ -19,14 +19,10 @@ OUTSIDE, INSIDE, HIDDEN = range(3)
 """Columns of blend weights (N, 3): outside the masks, inside them, and outside them where something nearer hides."""
 _MIN_SEEN_PIXELS = 1e-3
 """Blend weight above which a Gaussian counts as seen."""
-_CLEARLY_SEEN_PIXELS = 1.0
-"""The same for one that the views may take from the object against its label."""
 _UNDECIDED_SHARE = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
-_VISIBLE_WEIGHT = 3.0
-"""Weight of the share inside the masks of a Gaussian of which the scene hides nothing, relative to its label."""
 _LARGE_WIDTH_RADII = 0.25
-"""Largest standard deviation, in object radii, from which on that weight grows; at twice this it is doubled."""
+"""Largest standard deviation, in object radii, from which on a Gaussian is judged as large."""
 _LARGE_HALO_SHARE = 0.6
 """Share of its blend weight outside the masks from which on a Gaussian as large as that is none of the object."""
 
@@ -42,16 +38,11 @@ class EvidenceConfig:
     """Allow Gaussians outside the selection to join the object."""
     recover_limit: Share = 0.3
     """Smallest corrected label of a Gaussian that joins, so that what is only visible through the object stays out."""
-    excuse_hidden: bool = True
-    """Count nothing against selected Gaussians that they show outside the masks where something nearer hides the
-    object."""
     second_evidence: bool = True
     """Prune Gaussians by what they show outside the masks when the object is rendered in isolation."""
     isolated_limit: Share = 0.35
     """Largest share of a Gaussian's blend weight in the object in isolation that appears outside the masks and that the
-    scene hides, for Gaussians that are visible in the scene."""
-    hidden_limit: Share = 0.3
-    """The same for Gaussians that no view of the scene shows."""
+    scene hides."""
 
 
 def classify_gaussians(
@@ -98,8 +89,7 @@ def find_halo(
     """
     uncovered = np.maximum(isolated[:, OUTSIDE] + np.where(free_standing, 0, isolated[:, HIDDEN]) - outside, 0)
     total = uncovered + isolated[:, INSIDE]
-    limit = np.where(inside + outside > _MIN_SEEN_PIXELS, config.isolated_limit, config.hidden_limit)
-    return np.asarray((total > _MIN_SEEN_PIXELS) & (uncovered > limit * total) & (uncovered > inside))
+    return np.asarray((total > _MIN_SEEN_PIXELS) & (uncovered > config.isolated_limit * total) & (uncovered > inside))
 
 
 def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray) -> BoolArray:
@@ -117,27 +107,3 @@ def find_large_halo(isolated: FloatArray, inside: FloatArray, widths: FloatArray
     outside = isolated[:, OUTSIDE] + isolated[:, HIDDEN]
     mostly = (outside > _MIN_SEEN_PIXELS) & (outside > _LARGE_HALO_SHARE * (outside + isolated[:, INSIDE]))
     return np.asarray((widths > _LARGE_WIDTH_RADII) & mostly & (outside > inside))
-
-
-def contradicted_by_views(
-    isolated: FloatArray, inside: FloatArray, outside: FloatArray, probability: FloatArray, widths: FloatArray
-) -> BoolArray:
-    """Which Gaussians the scene shows so clearly outside the masks that no label can keep them, (N,).
-
-    A label that was corrected with certainty outweighs the masks in `classify_gaussians`, as it should where a view
-    sees little of a Gaussian. One that is in full view, and the more so a large one, is what the views show.
-
-    Args:
-        isolated: as in `find_halo`, (N, 3).
-        inside: blend weight inside the masks in the views of the whole scene, (N,).
-        outside: blend weight outside them in those views, (N,).
-        probability: the corrected label, (N,).
-        widths: largest standard deviation of each Gaussian, in object radii, (N,).
-    """
-    seen, whole = inside + outside, isolated.sum(axis=1)
-    visible = np.minimum(1, np.divide(seen, whole, out=np.zeros_like(seen), where=whole > 0))
-    share = np.divide(inside, seen, out=np.full_like(seen, _UNDECIDED_SHARE), where=seen > 0)
-    weight = _VISIBLE_WEIGHT * visible * np.clip(widths / _LARGE_WIDTH_RADII, 1, 2)
-    return np.asarray(
-        (seen > _CLEARLY_SEEN_PIXELS) & (weight * (_UNDECIDED_SHARE - share) > probability - _UNDECIDED_SHARE)
-    )

@@ -4,8 +4,9 @@ A photograph's pixel belongs to the object, or it does not; only those on its ou
 than that, and what they show near an outline is a guess that has to be sharpened. Two guesses are at hand, which err to
 different sides: the share of the picture that the object's Gaussians have where the whole scene is rendered, S, is too
 small where others shine through or lie before the object's edge; the opacity of the object rendered alone, A, is too
-large where the scene hides what sticks out. Their geometric mean, in which A weighs three times as much, is made twice
-as steep (docs/decisions/fitted-outlines.md), and where one of them says nothing is there, nothing is.
+large where the scene hides what sticks out. So A is right where the scene shows at least half of it. Where it shows
+less, the geometric mean of A and 2 S takes over, which is as large at a half and nothing where the scene shows nothing.
+This is made twice as steep (docs/decisions/fitted-outlines.md), so that an outline grows sharp where it is.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE
 
 _SHARPENING_FACTOR = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
-_SCENE_EXPONENT = 0.25
-"""Exponent of the share of the scene's picture in the geometric mean; that of the opacity alone is the rest to one."""
+_TRUSTED_SHARE = 0.5
+"""Share of the object's opacity alone that the scene has to show for that opacity to be right."""
 _HIDDEN_OPACITY_SHARE = 0.25
 """Share of the object's opacity below which it is hidden, and not only seen through something."""
 _MIN_SHOWN_OPACITY = 0.02
@@ -47,8 +48,8 @@ def coverage_target(alone: Drawing, everything: Gaussians, radius: float, mask: 
     together, (share,) = draw_with(everything, alone.camera, member, alone.reached if mask is None else None)
     coverage = mask
     if coverage is None:
-        mean = np.maximum(opacity, 0) ** (1 - _SCENE_EXPONENT) * np.maximum(share, 0) ** _SCENE_EXPONENT
-        coverage = np.clip(HALF + _SHARPENING_FACTOR * (mean - HALF), 0, 1)
+        shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * share, 0) / _TRUSTED_SHARE))
+        coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
     scene_depth, object_depth = together.depth, alone.depth
     hidden = (
         (scene_depth > 0) & (scene_depth < object_depth - OCCLUDER_DISTANCE * radius) & (opacity > _MIN_SHOWN_OPACITY)

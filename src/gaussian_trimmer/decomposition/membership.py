@@ -14,7 +14,6 @@ from gaussian_trimmer.decomposition.evidence import (
     OUTSIDE,
     EvidenceConfig,
     classify_gaussians,
-    contradicted_by_views,
     find_halo,
     find_large_halo,
 )
@@ -34,14 +33,12 @@ class SceneEvidence:
     """Inside the masks."""
     outside: FloatArray
     """Outside them."""
-    contradicting: FloatArray
-    """Outside them, without what speaks against no Gaussian of the object."""
     probability: FloatArray
     """The corrected label."""
 
 
 def weigh_scene(
-    scope: Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer, config: EvidenceConfig
+    scope: Scope, probability: FloatArray, accepted: Sequence[TrimmedView], renderer: Renderer
 ) -> SceneEvidence:
     """What the accepted views of the whole scene show of each Gaussian.
 
@@ -50,27 +47,19 @@ def weigh_scene(
         probability: their corrected labels, (L,).
         accepted: views whose masks were accepted.
         renderer: gives blend weights.
-        config: whether Gaussians are excused where something nearer hides the object.
     """
 
     def weighed(trimmed: TrimmedView) -> FloatArray:
-        labels = np.full(trimmed.mask.shape, OUTSIDE, np.uint8)
-        if trimmed.view.hidden is not None:
-            labels[trimmed.view.hidden] = HIDDEN
-        labels[trimmed.mask] = INSIDE
-        return renderer.blend_weights(scope.local, trimmed.view.camera, labels, 3)
+        return renderer.blend_weights(scope.local, trimmed.view.camera, trimmed.mask.astype(np.uint8), 2)
 
     weights = list(over_views(renderer, weighed, accepted))
-    visible_outside, inside, hidden = to_reference(np.sum(weights, axis=0), scope.cameras).T
-    outside = visible_outside + hidden
-    # Where something hides the object, what little shows of it there says nothing against it.
-    contradicting = np.where(scope.selected, visible_outside, outside) if config.excuse_hidden else outside
-    return SceneEvidence(inside, outside, contradicting, probability)
+    outside, inside = to_reference(np.sum(weights, axis=0), scope.cameras).T
+    return SceneEvidence(inside, outside, probability)
 
 
 def find_members(scope: Scope, evidence: SceneEvidence, config: EvidenceConfig) -> BoolArray:
     """Which Gaussians belong to the object by the evidence of the whole scene, (L,)."""
-    return classify_gaussians(evidence.inside, evidence.contradicting, evidence.probability, scope.selected, config)
+    return classify_gaussians(evidence.inside, evidence.outside, evidence.probability, scope.selected, config)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +120,9 @@ def prune_halo(
     free = plane.above[rows] if plane else np.ones(len(rows), np.bool_)
     alone = to_reference(np.sum(isolated.weights, axis=0), scope.cameras)
     widths = np.exp(isolated.gaussians.log_scales.max(axis=1) - np.log(scope.bounds.radius))
-    inside, contradicting = evidence.inside[rows], evidence.contradicting[rows]
-    wrong = find_halo(alone, inside, evidence.outside[rows], free, config)
-    wrong |= contradicted_by_views(alone, inside, contradicting, evidence.probability[rows], widths)
-    wrong |= find_large_halo(alone, inside, widths)
-    members[rows[~wrong]] = True
+    inside = evidence.inside[rows]
+    halo = find_halo(alone, inside, evidence.outside[rows], free, config) | find_large_halo(alone, inside, widths)
+    members[rows[~halo]] = True
     return members
 
 

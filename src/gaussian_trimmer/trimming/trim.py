@@ -177,7 +177,7 @@ def _decompose(
     """Evidence from the views of the whole scene, evidence from the object in isolation, and splits."""
     config, renderer = task.config, task.renderer
     with clock("weigh"):
-        evidence = weigh_scene(scope, probability, accepted, renderer, config.evidence)
+        evidence = weigh_scene(scope, probability, accepted, renderer)
         members = find_members(scope, evidence, config.evidence)
     with clock("prune"):
         isolated = weigh_isolated(scope, members, accepted, renderer)
