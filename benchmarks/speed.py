@@ -92,7 +92,11 @@ def main() -> None:
 def waits_section(arguments: Arguments) -> list[Record]:
     left_out = () if arguments.first_run else ("first run",)
     chosen = arguments.data, arguments.objects, arguments.runs, arguments.against, left_out
-    return list(waits.measure(*chosen))
+    records = []
+    for record in waits.measure(*chosen):
+        print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
+        records.append(record)
+    return records
 
 
 def stages_section(arguments: Arguments) -> list[Record]:

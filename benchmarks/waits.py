@@ -23,15 +23,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from benchmark_scenes import open_scene
-from synthetic_scenes import tiled
 
 import gaussian_trimmer as gt
-from gaussian_trimmer import formats
-from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import CameraSet, only_training
-from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
 
 SOURCES = Path(__file__).parents[1]
 _WARM_RUNS = 3
@@ -51,14 +44,20 @@ class Wait:
     folder: str
     """Where files may be made; what one process leaves there another one finds."""
 
-    def scene(self) -> Gaussians:
-        return formats.read(Path(self.root) / "scene.ply")
+    def scene(self) -> Any:
+        return gt.read(Path(self.root) / "scene.ply")
 
-    def cameras(self) -> CameraSet:
-        return only_training(read_camera_set(Path(self.root) / "cameras.json"))
+    def cameras(self) -> Any:
+        return gt.read_cameras(Path(self.root) / "cameras.json")
 
-    def selection(self, name: str = "") -> BoolArray:
-        return open_scene(Path(self.root)).coarse(name or self.object, "dilated")
+    @property
+    def objects(self) -> list[str]:
+        return sorted({path.name.removesuffix(".npz") for path in (Path(self.root) / "coarse").iterdir()})
+
+    def selection(self, name: str = "") -> Any:
+        place = Path(self.root) / "coarse" / (name or self.object)
+        packed = place.with_suffix(".npz")
+        return np.load(packed)["dilated"] if packed.exists() else np.load(place / "dilated.npy")
 
     def file(self, name: str, make: Callable[[Path], None]) -> Path:
         """A file of the folder, made if it is not there yet."""
@@ -105,7 +104,7 @@ def command(wait: Wait) -> float:
 
 def trim(wait: Wait, **settings: Any) -> float:
     scene, selection, cameras = wait.scene(), wait.selection(), wait.cameras()
-    return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=TrimConfig(**settings)))
+    return _warm(lambda: gt.trim(scene, selection, cameras=cameras, config=gt.TrimConfig(**settings)))
 
 
 def trim_alone(wait: Wait) -> float:
@@ -114,6 +113,8 @@ def trim_alone(wait: Wait) -> float:
 
 def large_scene(wait: Wait) -> float:
     """The trim with copies of the scene beside it, three million Gaussians in all."""
+    from synthetic_scenes import tiled
+
     scene, selection = tiled(wait.scene(), wait.selection(), _LARGE)
     cameras = wait.cameras()
     return _warm(lambda: gt.trim(scene, selection, cameras=cameras))
@@ -121,8 +122,8 @@ def large_scene(wait: Wait) -> float:
 
 def objects_together(wait: Wait) -> float:
     """Objects of the scene together, relative to the slowest of them alone."""
-    scene, cameras, found = wait.scene(), wait.cameras(), open_scene(Path(wait.root))
-    selections = {name: found.coarse(name, "dilated") for name in found.objects[:5]}
+    scene, cameras = wait.scene(), wait.cameras()
+    selections = {name: wait.selection(name) for name in wait.objects[:5]}
     alone = [_warm(lambda s=s: gt.trim(scene, s, cameras=cameras)) for s in selections.values()]  # type: ignore[misc]
     return _warm(lambda: gt.trim_objects(scene, selections, cameras=cameras)) / max(alone)
 
@@ -148,15 +149,17 @@ def click(wait: Wait, path: Path | None = None) -> float:
 
 
 def click_in_a_million(wait: Wait) -> float:
+    from synthetic_scenes import tiled
+
     def make(path: Path) -> None:
-        formats.write(tiled(wait.scene(), wait.selection(), _MILLION)[0], path)
+        gt.write(tiled(wait.scene(), wait.selection(), _MILLION)[0], path)
 
     return click(wait, wait.file("million.ply", make))
 
 
 def batch(wait: Wait, *options: str) -> float:
     """Seconds an item of a batch takes on two processes: the objects of copies of the scene."""
-    root, found = Path(wait.root), open_scene(Path(wait.root))
+    root = Path(wait.root)
 
     def copy_scene(path: Path) -> None:
         shutil.copyfile(root / "scene.ply", path)
@@ -164,7 +167,7 @@ def batch(wait: Wait, *options: str) -> float:
     rows = ["scene,selection,cameras,name"]
     for copy in range(_COPIES):
         scene = wait.file(f"copy{copy}.ply", copy_scene)
-        for name in found.objects:
+        for name in wait.objects:
             file = wait.file(f"{name}.npy", partial(_save_selection, wait, name))
             rows.append(f"{scene},{file},{root / 'cameras.json'},{name}{copy}")
     manifest = Path(wait.folder) / "manifest.csv"
@@ -201,20 +204,22 @@ def measure(
     """A record for each task: medians in seconds of this version and the other, and of the ratios of pairs."""
     with tempfile.TemporaryDirectory(prefix="waits-") as folder, _sources_of(against) as before:
         versions = {"before": before, "now": SOURCES} if before else {"now": SOURCES}
+        for sources in versions.values():  # compiles the kernels, and those of large objects
+            for task in ("command", "click"):
+                _in_process(Wait(task, str(root.absolute()), objects[-1], folder), sources)
         for task in TASKS:
             for name in objects if task in OF_AN_OBJECT else objects[:1]:
                 if task in left_out:
                     continue
                 wait = Wait(task, str(root.absolute()), name, folder)
                 times: dict[str, list[float]] = {version: [] for version in versions}
-                for _ in range(runs + 1):
+                for _ in range(runs):
                     for version, sources in versions.items():
                         times[version].append(_in_process(wait, sources))
-                counted = {version: seconds[1:] for version, seconds in times.items()}
                 record: dict[str, Any] = {"task": f"{task}, {name}" if task in OF_AN_OBJECT else task}
-                record |= {version: median(seconds) for version, seconds in counted.items()}
+                record |= {version: median(seconds) for version, seconds in times.items()}
                 if before:
-                    pairs = zip(counted["now"], counted["before"], strict=True)
+                    pairs = zip(times["now"], times["before"], strict=True)
                     record["ratio"] = median(now / then for now, then in pairs)
                 yield record
 
@@ -237,10 +242,11 @@ def _sources_of(commit: str) -> Iterator[Path | None]:
 def _in_process(wait: Wait, sources: Path) -> float:
     environment = {**os.environ, "PYTHONPATH": str(sources / "src")}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
-    done = subprocess.run(
-        [sys.executable, __file__, json.dumps(asdict(wait))], env=environment, check=True, stdout=subprocess.PIPE
-    )
-    return float(done.stdout.split()[-1])
+    command = [sys.executable, __file__, json.dumps(asdict(wait))]
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    if done.returncode and sources == SOURCES:
+        raise RuntimeError(f"'{wait.task}' ended with code {done.returncode}: {done.stderr.decode()[-2000:]}")
+    return float("nan") if done.returncode else float(done.stdout.split()[-1])  # an old commit may lack it
 
 
 if __name__ == "__main__":
