@@ -243,7 +243,7 @@ def _in_process(wait: Wait, sources: Path) -> float:
     environment = {**os.environ, "PYTHONPATH": str(sources / "src")}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     command = [sys.executable, __file__, json.dumps(asdict(wait))]
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    done = subprocess.run(command, env=environment, capture_output=True, check=False)
     if done.returncode and sources == SOURCES:
         raise RuntimeError(f"'{wait.task}' ended with code {done.returncode}: {done.stderr.decode()[-2000:]}")
     return float("nan") if done.returncode else float(done.stdout.split()[-1])  # an old commit may lack it
