@@ -2,6 +2,8 @@
 
 Times of another commit are taken in turn with those of this one, from its sources in a worktree of their own, so that
 both meet the same machine. Ratios of such pairs hold where seconds change from hour to hour.
+
+Only the package's public names and what has stood for long are used here, so that old commits can be measured, too.
 """
 
 from __future__ import annotations

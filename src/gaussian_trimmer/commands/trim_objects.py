@@ -23,6 +23,7 @@ from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selection_files.several import load_objects
+from gaussian_trimmer.trimming.objects_result import title_of
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
 _LISTED = 4
@@ -121,7 +122,7 @@ def _without(excluded: BoolArray, objects: dict[int, BoolArray]) -> dict[int, Bo
 
 def _sentence(entry: Mapping[str, Any]) -> str:
     """What became of one object."""
-    called = f"object {entry['name']}" if entry["name"].isdigit() else entry["name"]
+    called = title_of(entry["name"])
     if entry["refused"]:
         return f"{called}: not trimmed: {entry['refused']}"
     return f"{called}: {entry['gaussians']:,} Gaussians. {sentence_of(entry['counts'])}."

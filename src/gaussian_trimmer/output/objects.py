@@ -58,10 +58,10 @@ def write_objects(
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
-    stems = file_stems((part.id, part.name) for part in result.objects)
-    for part in result.objects:
-        if len(part.gaussians):
-            formats.write(part.gaussians, folder / f"{stems[part.id]}{suffix}")
+    report = describe_objects(result, inputs, suffix)
+    for part, entry in zip(result.objects, report["objects"], strict=True):
+        if entry["file"]:
+            formats.write(part.gaussians, folder / entry["file"])
     if len(result.background_rows) or len(result.appended):
         formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
     sizes = np.array([len(part.gaussians) for part in result.objects], np.int64)
@@ -77,7 +77,6 @@ def write_objects(
         n_scene=np.int64(len(result.scene)),
     )
     write_picture(draw_objects(result), folder / "objects.png")
-    report = describe_objects(result, inputs, suffix)
     write_json(report, folder / "report.json")
     if html:
         write_report_page(result, report, folder)

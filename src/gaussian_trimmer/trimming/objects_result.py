@@ -16,6 +16,15 @@ from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.views import TrimmedView
 
 
+def title_of(name: str) -> str:
+    """What to call an object: its name, or the number that stands for one.
+
+    >>> title_of("mug"), title_of("3")
+    ('mug', 'object 3')
+    """
+    return f"object {name}" if name.isdigit() else name
+
+
 @dataclass(frozen=True, eq=False)
 class TrimmedObject:
     """One of several objects."""
@@ -46,8 +55,8 @@ class TrimmedObject:
 
     @property
     def title(self) -> str:
-        """What to call it in pages and pictures: its name, or the number that stands for one."""
-        return f"object {self.name}" if self.name.isdigit() else self.name
+        """What to call it in pages and pictures."""
+        return title_of(self.name)
 
 
 @dataclass(frozen=True, eq=False)
