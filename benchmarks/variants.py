@@ -23,7 +23,7 @@ def variants() -> dict[str, Variant]:
     named = {
         "default": Variant(),
         "grabcut": Variant(segmenter="grabcut"),
-        "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, second_evidence=False))),
+        "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, min_in_place=0.0))),
         "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
         "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
     }

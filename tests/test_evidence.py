@@ -7,17 +7,11 @@ import pytest
 from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_config
 
 from gaussian_trimmer.config import PlanConfig, SplitConfig
-from gaussian_trimmer.decomposition.evidence import (
-    EvidenceConfig,
-    classify_gaussians,
-    find_halo,
-    find_large_halo,
-)
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 COARSE, OTHER = True, False
-FREE, RESTING = True, False
 
 
 @pytest.mark.parametrize(
@@ -49,60 +43,10 @@ def test_judgement(inside, outside, probability, coarse, config, kept):
     assert classify_gaussians(*arrays, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
 
 
-@pytest.mark.parametrize(
-    ("alone", "inside", "outside", "free", "shown"),
-    [
-        ((6, 4, 0), 0, 1, RESTING, True),
-        ((4, 6, 0), 0, 1, RESTING, False),
-        ((6, 4, 0), 0, 0, RESTING, True),  # no view of the scene shows it
-        ((4, 6, 0), 0, 0, RESTING, False),
-        ((0, 0, 0), 0, 0, RESTING, False),
-        ((5e-4, 0, 0), 0, 0, RESTING, False),
-        ((6, 5, 0), 0, 1, RESTING, False),  # a limit is the largest share that is allowed
-        ((12, 4, 0), 5, 4, RESTING, True),
-        ((6, 4, 0), 5, 4, RESTING, False),  # the scene shows most of what lies outside: it has been counted already
-        ((14, 4, 0), 10, 4, RESTING, False),  # the scene shows as much of it inside as it hides outside
-        ((6, 0, 0), 7, 0, RESTING, False),
-        ((0, 4, 12), 5, 4, RESTING, True),
-        ((0, 4, 12), 5, 4, FREE, False),  # behind something nearer, above the plane
-        ((12, 4, 0), 5, 4, FREE, True),  # nothing stands before it
-        ((0, 4, 6), 0, 0, FREE, False),  # no view can tell
-    ],
-)
-def test_what_shows_outside_when_alone(alone, inside, outside, free, shown):
-    arrays = [np.array([value], np.float32) for value in (alone, inside, outside)]
-    config = EvidenceConfig(isolated_limit=0.5)
-    assert find_halo(*arrays, np.array([free]), config).tolist() == [shown]
-
-
-@pytest.mark.parametrize(
-    ("alone", "inside", "width", "found"),
-    [
-        ((7, 3, 0), 2, 0.3, True),
-        ((2, 3, 5), 2, 0.3, True),  # what something nearer hides counts too
-        ((7, 3, 0), 2, 0.2, False),  # small ones are judged by `find_halo`
-        ((5, 5, 0), 2, 0.3, False),
-        ((7, 3, 0), 8, 0.3, False),  # shown inside more than alone outside: seen through a hole
-        ((0, 0, 0), 0, 0.3, False),
-    ],
-)
-def test_large_gaussians_mostly_outside_are_halo(alone, inside, width, found):
-    alone, inside, width = (np.array([x], np.float32) for x in (alone, inside, width))
-    assert find_large_halo(alone, inside, width).tolist() == [found]
-
-
 def some_evidence(n=2000):
     rng = np.random.default_rng(0)
     inside, outside = rng.exponential(2, (2, n)) * rng.integers(0, 2, (2, n))
     return inside.astype(np.float32), outside.astype(np.float32), rng.random(n).astype(np.float32), rng.random(n) < 0.5
-
-
-def shown_evidence(n=2000):
-    """Weights of the object alone, weights in the scene inside and outside, and what stands free."""
-    rng = np.random.default_rng(1)
-    alone = rng.exponential(2, (n, 3)) * rng.integers(0, 2, (n, 3))
-    inside, outside, _, free = some_evidence(n)
-    return alone.astype(np.float32), inside, outside, free
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, 5.0])
@@ -139,35 +83,9 @@ def test_judgements_do_not_depend_on_the_size_of_the_pictures():
     )
 
 
-def test_looser_limits_show_less():
-    evidence = shown_evidence()
-    strict = find_halo(*evidence, EvidenceConfig(isolated_limit=0.3))
-    loose = find_halo(*evidence, EvidenceConfig(isolated_limit=0.6))
-    assert np.count_nonzero(loose) < np.count_nonzero(strict)
-    assert not (loose & ~strict).any()
-
-
-def test_the_more_the_scene_shows_inside_the_less_shows_outside():
-    alone, inside, outside, free = shown_evidence()
-    answers = [find_halo(alone, inside + more, outside + 1, free, EvidenceConfig()) for more in (0, 1, 5)]
-    assert np.count_nonzero(answers[0]) > np.count_nonzero(answers[1]) > np.count_nonzero(answers[2])
-    assert not (answers[1] & ~answers[0]).any()
-    assert not (answers[2] & ~answers[1]).any()
-
-
-def test_what_stands_free_shows_outside_no_more_than_what_rests():
-    alone, inside, outside, free = shown_evidence()
-    standing, resting = (
-        find_halo(alone, inside, outside, np.full_like(free, one), EvidenceConfig()) for one in (FREE, RESTING)
-    )
-    assert not (standing & ~resting).any()
-    assert (resting & ~standing).any()
-
-
 def test_nothing_in_nothing_out():
     none, mask = np.zeros(0, np.float32), np.zeros(0, np.bool_)
     assert classify_gaussians(none, none, none, mask, EvidenceConfig()).shape == (0,)
-    assert find_halo(none.reshape(0, 3), none, none, mask, EvidenceConfig()).shape == (0,)
 
 
 @cache

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.decomposition.fit_target import coverage_target, resized_mask
+from gaussian_trimmer.decomposition.coverage import coverage_target, look, resized_mask
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.refinement import RefineConfig, refine
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
@@ -131,8 +131,8 @@ def test_what_something_nearer_hides_says_nothing_about_coverage() -> None:
     ball, camera = _sphere(150, 0.8, 0.15, 0.5), _views()[0]
     screen = _sphere(1, 1e-9, 0.4, 0.9)
     screen = screen.replace(means=(screen.means + 0.5 * camera.centre).astype(np.float32))
-    target = coverage_target(draw(ball, camera), concatenate([ball, screen]), 1.0)
-    alone = coverage_target(draw(ball, camera), ball, 1.0)
+    target = coverage_target(look(ball, screen, camera), 1.0)
+    alone = coverage_target(look(ball, screen.select(slice(0, 0)), camera), 1.0)
     middle = camera.height // 2, camera.width // 2
     assert target.weight[3][middle] == 0 and alone.weight[3][middle] == 1
     assert alone.picture[3][middle] == 1 and alone.picture[3, 0, 0] == 0
@@ -146,8 +146,8 @@ def test_the_outline_stays_where_the_scene_shows_half_of_the_object(screen_opaci
         means=(screen.means + 0.5 * camera.centre).astype(np.float32),
         opacity_logits=np.float32([np.log(screen_opacity / (1 - screen_opacity))]),
     )
-    alone = draw(ball, camera)
-    target = coverage_target(alone, concatenate([ball, screen]), 1.0).picture[3]
+    sight = look(ball, screen, camera)
+    alone, target = sight.alone, coverage_target(sight, 1.0).picture[3]
     silhouette, outline = alone.image[3] > 0.5, (alone.image[3] > 0.01) & (alone.image[3] < 0.99)
     assert np.count_nonzero(outline & silhouette) > 50
     if stays:
@@ -181,7 +181,7 @@ def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:
     haze = _sphere(40, 0.6, 0.2, 0.4)
     left = refine(wire, haze, cameras, None, 1.0, _CONFIG)
     assert "three pixels wide" in left.skipped_because and not left.fitted.any() and left.object is wire
-    fitted = refine(wire, haze, cameras, None, 1.0, RefineConfig(steps=2, max_thin=1, max_hidden=1, max_lost=1))
+    fitted = refine(wire, haze, cameras, None, 1.0, RefineConfig(steps=2, max_thin=1, max_hidden=1))
     assert fitted.skipped_because is None and fitted.fitted.any()
 
 
@@ -191,16 +191,6 @@ def test_an_object_that_other_things_hide_is_left_alone() -> None:
     hidden = refine(ball, wall, cameras, None, 1.0, _CONFIG)
     assert "hidden" in hidden.skipped_because and not hidden.fitted.any()
     assert refine(ball, wall, cameras, None, 1.0, RefineConfig(steps=2, max_hidden=1.0)).skipped_because is None
-
-
-def test_an_object_whose_outline_is_drawn_by_others_is_left_alone() -> None:
-    rng, ball, cameras = np.random.default_rng(3), _sphere(3000, 0.8, 0.08, 1.0), _views()
-    missing = (ball.means[:, 0] > 0.3) & (rng.random(3000) < 0.85)
-    inner, others = ball.select(~missing), ball.select(missing)
-    holey = refine(inner, others, cameras, None, 1.0, _CONFIG)
-    assert "take away" in holey.skipped_because and not holey.fitted.any()
-    assert refine(inner, others, cameras, None, 1.0, RefineConfig(steps=2, max_lost=1.0)).skipped_because is None
-    assert refine(ball, others.select(np.zeros(0, int)), cameras, None, 1.0, _CONFIG).skipped_because is None
 
 
 @pytest.mark.parametrize("n", [0, 1])

@@ -17,9 +17,9 @@ import numpy as np
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.decomposition.fit_target import coverage_target
+from gaussian_trimmer.decomposition.coverage import coverage_target, look
 from gaussian_trimmer.decomposition.split_rules import split_plane
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate, logit
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, logit
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.output.pictures import (
     BACKDROP,
@@ -155,11 +155,10 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     cameras = gt.read_cameras(sample.CAMERAS)
     before = gt.trim(scene, rough, cameras=cameras, config=replace(config, refine="off"))
     after = gt.trim(scene, rough, cameras=cameras, config=config)
-    together = concatenate([before.object, before.background])
     camera = before.views[0].view.camera.resized(SIDE / before.views[0].view.camera.width)
-    alone = draw(before.object, camera)
-    aim = coverage_target(alone, together, before.bounds.radius)
-    shown = [alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
+    sight = look(before.object, before.background, camera)
+    aim = coverage_target(sight, before.bounds.radius)
+    shown = [sight.alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
     return row_of_pictures([(name, _grey(a)) for name, a in zip(("before", "aim", "after"), shown, strict=True)])
 
 

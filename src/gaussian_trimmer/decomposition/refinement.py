@@ -16,8 +16,7 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.decomposition.fit_target import coverage_target, thin_share
+from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight, coverage_target, thin_share
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
@@ -53,9 +52,6 @@ class RefineConfig:
     more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
     max_hidden: Share = 1 / 3
     """Largest share of the object that other things may hide in these views, where no masks are known."""
-    max_lost: Share = 0.03
-    """Largest share of the object's silhouettes that coverage which follows from labels may take away. If it takes
-    more, Gaussians that draw the object's outline are not among its own, and a fit would make it smaller still."""
     cut_above: Annotated[float, Range(0, 1e6)] = 0.5
     """Blend weight at wrong pixels in each view, in pixels, above which a Gaussian is cut in two along its longest axis
     before the fit; its halves may be cut once more."""
@@ -77,35 +73,19 @@ class Refined:
     """Why nothing was fitted, if the views do not tell enough."""
 
 
-def refine(
-    inner: Gaussians,
-    background: Gaussians,
-    cameras: Sequence[Camera],
-    masks: Sequence[FloatArray] | None,
-    radius: float,
-    config: RefineConfig,
-) -> Refined:
+def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config: RefineConfig) -> Refined:
     """Fit the boundary of an object to its coverage in some views.
 
     Args:
         inner: the object's Gaussians.
         background: those around it.
-        cameras: views to fit in.
-        masks: coverage of the object in each view, (H, W); None if it is not known and must follow from the two parts.
-        radius: the object's radius in scene units.
+        views: views to fit in.
         config: settings.
     """
-    together = concatenate([inner, background])
-    drawings = list(map_side_by_side(partial(draw, inner), cameras))
-    thin = thin_share(drawings) if masks is None else 0.0
-    if thin > config.max_thin:
-        return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
-    given: Sequence[FloatArray | None] = [None] * len(cameras) if masks is None else masks
-    targets = list(
-        map_side_by_side(lambda alone, mask: coverage_target(alone, together, radius, mask), drawings, given)
-    )
-    if masks is None and (doubt := _doubt(drawings, targets, config)):
+    sights = views.look(inner, background)
+    if views.masks is None and (doubt := _doubt(sights, config)):
         return _unchanged(inner, doubt)
+    drawings, targets = [sight.alone for sight in sights], [coverage_target(sight) for sight in sights]
     wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
     pieces, parent = inner, np.arange(len(inner))
     for _ in range(_MAX_CUTS):
@@ -121,18 +101,16 @@ def refine(
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
 
 
-def _doubt(drawings: Sequence[Drawing], targets: Sequence[Target], config: RefineConfig) -> str | None:
+def _doubt(sights: Sequence[Sight], config: RefineConfig) -> str | None:
     """Why coverage that follows from labels cannot be trusted; None if it can."""
-    shown, hidden, lost = 0, 0, 0
-    for alone, target in zip(drawings, targets, strict=True):
-        silhouette, counts = alone.image[3] > HALF, target.weight[3] > 0
-        shown += int(np.count_nonzero(silhouette))
-        hidden += int(np.count_nonzero(silhouette & ~counts))
-        lost += int(np.count_nonzero(silhouette & counts & (target.picture[3] <= HALF)))
+    thin = thin_share([sight.alone for sight in sights])
+    if thin > config.max_thin:
+        return f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views"
+    silhouettes = [sight.alone.image[3] > HALF for sight in sights]
+    shown = sum(int(np.count_nonzero(silhouette)) for silhouette in silhouettes)
+    hidden = sum(int(np.count_nonzero(s & sight.unknown)) for s, sight in zip(silhouettes, sights, strict=True))
     if hidden > config.max_hidden * shown:
         return f"{100 * hidden / shown:.0f} % of the object is hidden in the fit's views"
-    if lost > config.max_lost * shown:
-        return f"the fit would take away {100 * lost / shown:.1f} % of the object's silhouettes"
     return None
 
 

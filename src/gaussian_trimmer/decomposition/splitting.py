@@ -8,13 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from gaussian_trimmer.decomposition.evidence import HIDDEN
-from gaussian_trimmer.decomposition.membership import IsolatedObject
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, find_straddlers
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.views import TrimmedView
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.views import OCCLUDER_DISTANCE, TrimmedView
+
+_OUTSIDE, _INSIDE, _HIDDEN = range(3)
+"""Sides of a mask, and outside of it where something nearer hides the object."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Decomposition:
 
 
 def split_boundary(
-    isolated: IsolatedObject,
+    scope: Scope,
     members: BoolArray,
     accepted: Sequence[TrimmedView],
     renderer: Renderer,
@@ -57,18 +59,28 @@ def split_boundary(
     """Cut those of the object's Gaussians that straddle its boundary, as it is in isolation.
 
     Args:
-        isolated: the object before it was pruned.
-        members: which Gaussians of the scope are the object, (L,); all are among the isolated ones.
+        scope: the object and the Gaussians around it, L of them.
+        members: which of them are the object, (L,).
         accepted: views whose masks were accepted.
-        renderer: gives the contributors of the contours' pixels.
+        renderer: draws the object, and gives the contributors of the contours' pixels.
         boundary: which Gaussians straddle.
         config: the rule that cuts them.
     """
     if config.rule == "none" or not members.any():
         return Decomposition(members, np.zeros(0, np.int64))
-    sides = [weight[:, :HIDDEN] for weight in isolated.weights]
-    found = find_straddlers(isolated.gaussians, accepted, sides, renderer, boundary)
-    ours = members[isolated.rows[found.rows]]
-    rows = found.rows[ours]
-    cut = SPLIT_RULES[config.rule](isolated.gaussians.select(rows), found.normals[ours], found.offsets[ours])
-    return Decomposition(members, isolated.rows[rows], *cut)
+    rows = np.flatnonzero(members)
+    isolated = scope.local.select(rows)
+    distance = OCCLUDER_DISTANCE * scope.bounds.radius
+    sides = list(over_views(renderer, lambda view: _sides(isolated, view, distance, renderer), accepted))
+    found = find_straddlers(isolated, accepted, sides, renderer, boundary)
+    cut = SPLIT_RULES[config.rule](isolated.select(found.rows), found.normals, found.offsets)
+    return Decomposition(members, rows[found.rows], *cut)
+
+
+def _sides(isolated: Gaussians, trimmed: TrimmedView, distance: float, renderer: Renderer) -> FloatArray:
+    """Blend weights of an object's Gaussians outside and inside a mask, where nothing nearer hides it, (M, 2)."""
+    camera, nearest_depth = trimmed.view.camera, trimmed.view.depth
+    depth = renderer.render(isolated, camera).depth
+    hidden = (nearest_depth > 0) & (nearest_depth < depth - distance)
+    labels = np.where(trimmed.mask, np.uint8(_INSIDE), np.where(hidden, np.uint8(_HIDDEN), np.uint8(_OUTSIDE)))
+    return renderer.blend_weights(isolated, camera, labels, 3)[:, :_HIDDEN]

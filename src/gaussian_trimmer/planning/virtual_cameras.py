@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
 from gaussian_trimmer.geometry.limits import check_size
@@ -71,26 +71,6 @@ def plan_cameras(
         length, width, height = 2 * bounds.half_extents
         distance = max(config.lambda_1 * max(length, width), config.lambda_2 * height)
     return ring(centre, axes, distance, yaws, pitch, Lens(config.size, fov, NEAR_RADII * bounds.radius)), bounds
-
-
-def small_views_from(cameras: Sequence[Camera], bounds: Bounds, pitch_degrees: float, size: int) -> list[Camera]:
-    """Small views of an object from the yaws and distances of other cameras, all at one height.
-
-    Args:
-        cameras: those that give yaws, distances and fields of view.
-        bounds: the object's bounds, whose centre the views face.
-        pitch_degrees: the height, as an angle above the horizon.
-        size: width and height of the views in pixels.
-    """
-    views, pitch = [], np.radians(pitch_degrees)
-    for camera in cameras:
-        offset = bounds.axes @ (camera.centre - bounds.centre)
-        level = offset[:2] / max(float(np.linalg.norm(offset[:2])), 1e-12) * np.cos(pitch)
-        direction = np.append(level, np.sin(pitch)) @ bounds.axes
-        pose = look_at(bounds.centre + np.linalg.norm(offset) * direction, bounds.centre, bounds.axes[2])
-        fov = 2 * np.arctan(max(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]) / 2)
-        views.append(Camera(pose, intrinsics(fov, size, size), size, size, near=camera.near))
-    return views
 
 
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:

@@ -12,19 +12,14 @@ from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import (
     TrimConfig,
 )
-from gaussian_trimmer.decomposition.membership import (
-    find_members,
-    prune_halo,
-    prune_underside,
-    weigh_isolated,
-    weigh_scene,
-)
+from gaussian_trimmer.decomposition.coverage import OutlineViews
+from gaussian_trimmer.decomposition.evidence import find_members
+from gaussian_trimmer.decomposition.isolation import find_in_place
 from gaussian_trimmer.decomposition.splitting import Decomposition, split_boundary
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.planning.virtual_cameras import small_views_from
 from gaussian_trimmer.removal.continuation import brightened
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.removal import Removal, remove
@@ -38,15 +33,11 @@ from gaussian_trimmer.segmentation.view_rendering import complete_views, render_
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.trimming.assembly import Assembly, assemble, left_as_it_was
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
-from gaussian_trimmer.trimming.completion import fit_outline
+from gaussian_trimmer.trimming.outline import fit_outline, outline_views
 from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.task import PlugIns, Task
 from gaussian_trimmer.views import TrimmedView
 
-_LOW_VIEW_PITCH_DEGREES = 8.0
-"""Pitch of the small views that look for what hangs below the object."""
-_LOW_VIEW_PIXELS = 160
-"""Their width and height."""
 _MAX_UNSEEN_SHARE = 0.1
 """Share of the place where the object stood from which on a warning says that what shows there was never seen."""
 
@@ -62,6 +53,8 @@ class Decision:
     """All views, accepted or not; none if an input was found wrong."""
     visible: FloatArray | None = None
     """Blend weight of each Gaussian of the scope in the views, (L,)."""
+    outline: OutlineViews | None = None
+    """Small views of what belongs to the object; None if that was not found out."""
     parts: Decomposition | None = None
     """What the object gets; None if the selection is left as it was."""
     refused: str | None = None
@@ -151,10 +144,20 @@ def decide(task: Task, clock: Clock) -> Decision:
     refused = rejection(views, config.acceptance)
     if refused:
         return replace(plan, refused=refused)
-    parts = _decompose(task, scope, probability, [view for view in views if not view.rejected], clock)
+    accepted = [view for view in views if not view.rejected]
+    with clock("weigh"):
+        members = find_members(scope, probability, accepted, renderer, config.evidence)
+    with clock("prune"):
+        plane = scope.support_plane(members, renderings.visible, config.label_crf.support_plane)
+        outline = outline_views(task, scope, accepted, plane)
+        if config.evidence.min_in_place > 0:
+            members = find_in_place(scope.local, members, outline, config.evidence.min_in_place)
+    with clock("split"):
+        parts = split_boundary(scope, members, accepted, renderer, config.boundary, config.split)
     refused = excessive_loss(
         scope.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )
+    plan = replace(plan, outline=outline)
     return replace(plan, refused=refused, parts=None if refused else parts)
 
 
@@ -171,26 +174,6 @@ def _plan(task: Task) -> Decision:
     return Decision(scope, up, tuple(warning for warning in found if warning), refused=wrong)
 
 
-def _decompose(
-    task: Task, scope: Scope, probability: FloatArray, accepted: Sequence[TrimmedView], clock: Clock
-) -> Decomposition:
-    """Evidence from the views of the whole scene, evidence from the object in isolation, and splits."""
-    config, renderer = task.config, task.renderer
-    with clock("weigh"):
-        evidence = weigh_scene(scope, probability, accepted, renderer)
-        members = find_members(scope, evidence, config.evidence)
-    with clock("prune"):
-        isolated = weigh_isolated(scope, members, accepted, renderer)
-        if config.evidence.second_evidence:
-            plane = scope.support_plane(members, evidence.inside + evidence.outside, config.label_crf.support_plane)
-            members = prune_halo(scope, isolated, evidence, plane, config.evidence)
-            if plane is not None:
-                low = small_views_from(scope.cameras, scope.bounds, _LOW_VIEW_PITCH_DEGREES, _LOW_VIEW_PIXELS)
-                members = prune_underside(scope, members, plane, low, renderer)
-    with clock("split"):
-        return split_boundary(isolated, members, accepted, renderer, config.boundary, config.split)
-
-
 def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
     """The decision with what else belongs to the object, and the scene without it."""
     scope, parts = decision.scope, decision.parts
@@ -205,7 +188,7 @@ def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
 def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock) -> TrimResult:
     """Put object and background together, with the object's outline fitted and the surfaces that it hid continued."""
     config, scope, parts, warnings = task.config, decision.scope, decision.parts, list(decision.warnings)
-    if parts is None:
+    if parts is None or decision.outline is None:
         LOG.info("not trimmed: %s", decision.refused)
         kept = task.selection if decision.given_up is None else task.selection & ~decision.given_up
         return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock, warnings)
@@ -214,8 +197,7 @@ def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock
         assembly = assemble(task.scene, task.selection, scope.rows, parts, nobodys)
     if config.refine == "fit":
         with clock("refine"):
-            accepted = [view for view in decision.views if not view.rejected]
-            assembly = fit_outline(task, scope, assembly, accepted)
+            assembly = fit_outline(task, scope, assembly, decision.outline)
         LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
     if removal:
         assembly = _with_surfaces(assembly, scope, removal)

@@ -1,0 +1,128 @@
+"""An object alone and in its scene: what of it is in place, and the coverage of pixels that it should show alone.
+
+A photograph's pixel belongs to the object, or it does not; only those on its outline are shared. Gaussians are softer
+than that, and what they show near an outline is a guess that has to be sharpened. Two guesses are at hand, which err to
+different sides: the share of the picture that the object's Gaussians have where the whole scene is rendered, S, is too
+small where others shine through or lie before the object's edge; the opacity of the object rendered alone, A, is too
+large where the scene hides what sticks out. So A is right where the scene shows at least half of it. Where it shows
+less, the geometric mean of A and 2 S takes over, which is as large at a half and nothing where the scene shows nothing.
+This is made twice as steep (docs/decisions/fitted-outlines.md), so that an outline grows sharp where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.decomposition.fitting import Target
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.geometry.compiling import map_side_by_side
+from gaussian_trimmer.rendering.gradients import Drawing, draw, draw_with
+from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE
+
+_SHARPENING_FACTOR = 2.0
+"""Factor by which coverage is steeper at an outline than the Gaussians show it."""
+_TRUSTED_SHARE = 0.5
+"""Share of the object's opacity alone that the scene has to show for that opacity to be right."""
+_MIN_SHOWN_OPACITY = 0.02
+"""Opacity from which on the object shows at a pixel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The plane that an object stands on."""
+
+    up: Float64Array
+    """Its unit normal in the world, (3,)."""
+    height: float
+    """Points p of the world lie below it where up . p is less than this."""
+
+    def hides(self, camera: Camera, depth: FloatArray) -> BoolArray:
+        """Pixels at which what lies at these depths (H, W) is below the plane, (H, W)."""
+        x = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
+        y = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
+        right, down, forward = camera.rotation @ self.up
+        return np.asarray(self.up @ camera.centre + depth * (right * x + down * y[:, None] + forward) < self.height)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """An object in a view: alone, and in its scene."""
+
+    alone: Drawing
+    """The object by itself."""
+    picture: FloatArray
+    """Colours of the scene, (3, H, W). Without a mask only tiles that the object reaches are drawn."""
+    share: FloatArray
+    """Sum of the blend weights that the object's Gaussians have in the scene, S, (H, W)."""
+    mask: FloatArray | None
+    """Known coverage of what is visible of the object, in place of the labels', (H, W)."""
+    in_place: BoolArray
+    """Where the scene shows at least half of what the object shows alone, or where the mask has it, (H, W)."""
+    unknown: BoolArray
+    """Where something clearly nearer hides the object, so that this view cannot tell what is there, (H, W)."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineViews:
+    """Small views of an object, and what is known of it there."""
+
+    cameras: Sequence[Camera]
+    masks: Sequence[FloatArray] | None
+    """Coverage of what is visible of the object in each view, (H, W); None if it must follow from the labels."""
+    radius: float
+    """The object's radius in scene units."""
+    ground: Ground | None = None
+    """What it stands on, if anything: nothing of it is below."""
+
+    def look(self, inner: Gaussians, background: Gaussians) -> list[Sight]:
+        """What each view shows of an object and of the Gaussians around it."""
+        masks: Sequence[FloatArray | None] = [None] * len(self.cameras) if self.masks is None else self.masks
+        return list(map_side_by_side(partial(self._look, inner, background), self.cameras, masks))
+
+    def _look(self, inner: Gaussians, background: Gaussians, camera: Camera, mask: FloatArray | None) -> Sight:
+        alone, everything = draw(inner, camera), concatenate([inner, background])
+        member = np.zeros((len(everything), 1), np.float32)
+        member[: len(inner)] = 1
+        # Where the object does not reach, only a mask can ask for something to be shown.
+        together, (share,) = draw_with(everything, camera, member, alone.reached if mask is None else None)
+        opacity, scene_depth, depth = alone.image[3], together.depth, alone.depth
+        in_place = share >= _TRUSTED_SHARE * opacity if mask is None else mask > HALF
+        nearer = (scene_depth > 0) & (scene_depth < depth - OCCLUDER_DISTANCE * self.radius)
+        unknown = nearer & ~in_place & (opacity > _MIN_SHOWN_OPACITY)
+        if self.ground is not None:
+            unknown &= ~self.ground.hides(camera, depth)
+        return Sight(alone, together.image[:3], share, mask, in_place, unknown)
+
+
+def coverage_target(sight: Sight) -> Target:
+    """What the object alone should show in a view, with no weight where the view cannot tell."""
+    opacity, coverage = sight.alone.image[3], sight.mask
+    if coverage is None:
+        shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * sight.share, 0) / _TRUSTED_SHARE))
+        coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
+    picture = np.concatenate([np.clip(sight.picture, 0, 1) * coverage, coverage[None]]).astype(np.float32)
+    counts = np.where(sight.unknown, np.float32(0), np.float32(1))
+    # The three channels of colour count as much together as coverage does.
+    return Target(sight.alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]))
+
+
+def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
+    """Coverage of the pixels of a camera's smaller image by a mask, in [0, 1], (H, W)."""
+    size = camera.width, camera.height
+    return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def thin_share(drawings: Sequence[Drawing]) -> float:
+    """Share of what an object covers in some views that is less than three pixels wide: leaves, wires, spokes."""
+    covered, thick, square = 0, 0, np.ones((3, 3), np.uint8)
+    for drawing in drawings:
+        mask = (drawing.image[3] > HALF).astype(np.uint8)
+        covered += int(mask.sum())
+        thick += int(cv2.morphologyEx(mask, cv2.MORPH_OPEN, square).sum())
+    return 1 - thick / covered if covered else 0.0

@@ -1,0 +1,34 @@
+"""The object alone: Gaussians that show mostly where the scene does not show the object are none of its own.
+
+Below and behind an object lie Gaussians that the scene hides, and that the evidence of the whole scene cannot tell from
+the object's own. Once the object is alone they form a halo around it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gaussian_trimmer.decomposition.coverage import OutlineViews
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+
+
+def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews, min_share: float) -> BoolArray:
+    """Members of which enough shows in place when the object is alone, (L,).
+
+    A pixel is in place where the scene shows at least half of the opacity that the object has alone, or where a known
+    mask has it. Where something clearly nearer than the object hides it, other than the ground, no view can tell, and
+    nothing counts. A Gaussian that shows nowhere stays.
+
+    Args:
+        gaussians: the object and the Gaussians around it, L of them.
+        members: which of them are the object, (L,).
+        views: where to look from.
+        min_share: least share of what a Gaussian shows alone that has to be in place.
+    """
+    weights = np.zeros((np.count_nonzero(members), 2), np.float32)
+    for sight in views.look(gaussians.select(members), gaussians.select(~members)):
+        counts = ~sight.unknown
+        weights += sight.alone.weigh(np.stack([sight.in_place & counts, counts]).astype(np.float32))
+    kept = members.copy()
+    kept[members] = weights[:, 0] >= min_share * weights[:, 1]
+    return kept
