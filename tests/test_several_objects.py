@@ -81,7 +81,7 @@ def test_split_gaussians_have_one_owner():
 def test_outlines_are_fitted_once_contested_gaussians_have_an_owner():
     """What was fitted alone and then lost a part is another outline than the one that was fitted."""
     halves = [ROUGH[3] & (SCENE.means[:, 0] * side < 0.3) for side in (1, -1)]
-    config = replace(CONFIG, refine="fit", refinement=RefineConfig(steps=2, max_thin=1, max_hidden=1))
+    config = replace(CONFIG, refine="fit", refinement=RefineConfig(steps=2, max_thin=1))
     contested = trim_objects(SCENE, halves, config=config)
     loser = max(contested.objects, key=lambda part: part.given_up)
     assert loser.given_up > 20

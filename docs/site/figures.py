@@ -17,7 +17,7 @@ import numpy as np
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.decomposition.coverage import coverage_target, look
+from gaussian_trimmer.decomposition.coverage import OutlineViews, coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, logit
 from gaussian_trimmer.geometry.bounds import up_frame
@@ -156,8 +156,8 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     before = gt.trim(scene, rough, cameras=cameras, config=replace(config, refine="off"))
     after = gt.trim(scene, rough, cameras=cameras, config=config)
     camera = before.views[0].view.camera.resized(SIDE / before.views[0].view.camera.width)
-    sight = look(before.object, before.background, camera)
-    aim = coverage_target(sight, before.bounds.radius)
+    (sight,) = OutlineViews([camera], None, before.bounds.radius).look(before.object, before.background)
+    aim = coverage_target(sight)
     shown = [sight.alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
     return row_of_pictures([(name, _grey(a)) for name, a in zip(("before", "aim", "after"), shown, strict=True)])
 

@@ -29,8 +29,6 @@ _SHARPENING_FACTOR = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
 _TRUSTED_SHARE = 0.5
 """Share of the object's opacity alone that the scene has to show for that opacity to be right."""
-_MIN_SHOWN_OPACITY = 0.02
-"""Opacity from which on the object shows at a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +92,7 @@ class OutlineViews:
         opacity, scene_depth, depth = alone.image[3], together.depth, alone.depth
         in_place = share >= _TRUSTED_SHARE * opacity if mask is None else mask > HALF
         nearer = (scene_depth > 0) & (scene_depth < depth - OCCLUDER_DISTANCE * self.radius)
-        unknown = nearer & ~in_place & (opacity > _MIN_SHOWN_OPACITY)
+        unknown = nearer & ~in_place
         if self.ground is not None:
             unknown &= ~self.ground.hides(camera, depth)
         return Sight(alone, together.image[:3], share, mask, in_place, unknown)

@@ -9,21 +9,19 @@ background everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight, coverage_target, thin_share
+from gaussian_trimmer.decomposition.coverage import OutlineViews, coverage_target, thin_share
 from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.rendering.gradients import Drawing, draw
 from gaussian_trimmer.settings import Range, Share
-from gaussian_trimmer.views import HALF
 
 _MIN_WRONG_PIXELS = 0.02
 """Blend weight of a wrong pixel in each view, in pixels, from which on a Gaussian is worth the fit."""
@@ -50,8 +48,6 @@ class RefineConfig:
     max_thin: Share = 0.035
     """Largest share of the object that may be less than three pixels wide in these views, where no masks are known. If
     more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
-    max_hidden: Share = 1 / 3
-    """Largest share of the object that other things may hide in these views, where no masks are known."""
     cut_above: Annotated[float, Range(0, 1e6)] = 0.5
     """Blend weight at wrong pixels in each view, in pixels, above which a Gaussian is cut in two along its longest axis
     before the fit; its halves may be cut once more."""
@@ -83,9 +79,11 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
         config: settings.
     """
     sights = views.look(inner, background)
-    if views.masks is None and (doubt := _doubt(sights, config)):
-        return _unchanged(inner, doubt)
-    drawings, targets = [sight.alone for sight in sights], [coverage_target(sight) for sight in sights]
+    drawings = [sight.alone for sight in sights]
+    thin = thin_share(drawings) if views.masks is None else 0.0
+    if thin > config.max_thin:
+        return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
+    targets = [coverage_target(sight) for sight in sights]
     wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
     pieces, parent = inner, np.arange(len(inner))
     for _ in range(_MAX_CUTS):
@@ -99,19 +97,6 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
-
-
-def _doubt(sights: Sequence[Sight], config: RefineConfig) -> str | None:
-    """Why coverage that follows from labels cannot be trusted; None if it can."""
-    thin = thin_share([sight.alone for sight in sights])
-    if thin > config.max_thin:
-        return f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views"
-    silhouettes = [sight.alone.image[3] > HALF for sight in sights]
-    shown = sum(int(np.count_nonzero(silhouette)) for silhouette in silhouettes)
-    hidden = sum(int(np.count_nonzero(s & sight.unknown)) for s, sight in zip(silhouettes, sights, strict=True))
-    if hidden > config.max_hidden * shown:
-        return f"{100 * hidden / shown:.0f} % of the object is hidden in the fit's views"
-    return None
 
 
 def _unchanged(inner: Gaussians, reason: str) -> Refined:

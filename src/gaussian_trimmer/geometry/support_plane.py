@@ -2,8 +2,8 @@
 
 Rough selections are wrong most often at table tops and floors, and these are easy to find: a horizontal layer that
 holds much of what surrounds the object. With the layer taken away, what stands on it falls apart into pieces that do
-not touch each other. A piece that is mostly selected, or of which the selection has every end, belongs to the object as
-a whole: an arm in the colour of the table, a leaf that the selection missed, the spokes of a wheel.
+not touch each other. Of a piece of which the selection has every end, more may belong to the object than was selected:
+a leaf that was missed, the spokes of a wheel.
 """
 
 from __future__ import annotations
@@ -50,10 +50,8 @@ class SupportPlaneConfig:
     max_selected_within: Share = 0.5
     """Largest share of what the selection shows that may lie within the plane or below it. With more, the selection is
     the surface itself, or lies on it as a rug does, and there is no plane to tell it from."""
-    min_selected: Share = 0.65
-    """Smallest selected share of a piece that is taken to belong to the object."""
-    min_selected_within_bounds: Share = 0.1
-    """The same for a piece that lies within the bounds of the selection: one of which the selection has every end."""
+    min_selected: Share = 0.1
+    """Smallest selected share of a piece within the bounds of the selection of which more may be the object's."""
     min_within_bounds: Share = 0.97
     """Smallest share of a piece within the bounds of the selection from which on it counts as lying within them."""
     bounds_margin: Annotated[float, Range(0, 10)] = 0.1

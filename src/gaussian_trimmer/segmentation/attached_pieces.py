@@ -17,11 +17,11 @@ def attached_to_object(
     plane: SupportPlane,
     config: SupportPlaneConfig,
 ) -> BoolArray:
-    """Gaussians that are not labelled as object but belong to a piece that is, (N,).
+    """Gaussians that are not labelled as object but belong to a piece that may be the object's, (N,).
 
-    A piece is what lies above the plane and is connected by steps no longer than the gap. It belongs to the object if
-    most of it is labelled so, or if some of it is and all of it lies within the bounds of what is labelled: a lawn that
-    touches a plant, or a robot of which an arm was selected, reaches beyond them.
+    A piece is what lies above the plane and is connected by steps no longer than the gap. It may be the object's if
+    some of it is labelled so and all of it lies within the bounds of what is labelled, so that the selection has every
+    end of it: a lawn that touches a plant, or a robot of which an arm was selected, reaches beyond them.
 
     Args:
         positions: centres divided by the object's radius, (N, 3).
@@ -40,8 +40,7 @@ def attached_to_object(
     near = _within_bounds(positions[rows], positions[labels], config.bounds_margin)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
     within = np.bincount(piece, weights[rows] * near) >= config.min_within_bounds * total
-    belongs = selected > np.where(within, config.min_selected_within_bounds, config.min_selected) * total
-    attached[rows] = belongs[piece] & ~labels[rows]
+    attached[rows] = (within & (selected > config.min_selected * total))[piece] & ~labels[rows]
     return attached
 
 

@@ -83,8 +83,6 @@ class LabelCrfConfig:
     boundary distances, up to 1.5 of them."""
     boundary_distance: _Width = 0.12
     """Unit of that distance, relative to the object's radius."""
-    attached: Weight = 3.0
-    """Weight towards the object of pieces that stand on the support plane and touch the object."""
     resting: Weight = 1.0
     """Weight away from the object of selected Gaussians that lie in the support plane."""
     support_plane: SupportPlaneConfig = field(default_factory=SupportPlaneConfig)
@@ -154,7 +152,7 @@ class _Crf:
         unary = self._trust(labels, signs)
         _, separation = self._colour_evidence(labels.astype(np.float64))
         colour_weight = config.colour * float(np.clip((separation - _CHANCE_ACCURACY) / _FULL_ACCURACY_GAIN, 0, 1)) ** 2
-        mean = np.sign(unary)  # So that attached pieces start on the object's side.
+        mean = np.sign(unary)
         for _ in range(config.iterations):
             evidence, _ = self._colour_evidence(0.5 * (mean + 1.0))
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
@@ -171,7 +169,7 @@ class _Crf:
         if plane is None:
             return unary
         attached = attached_to_object(self.positions, self.spacing, labels, self.weights, plane, config.support_plane)
-        unary = np.where(attached, config.attached - config.trust, unary)
+        unary = np.where(attached, np.float32(0), unary)  # that they are not selected says nothing
         resting = plane.on_surface & labels
         return np.asarray(np.where(resting, np.minimum(unary, config.trust) - config.resting, unary), np.float32)
 
