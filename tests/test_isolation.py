@@ -89,7 +89,7 @@ def test_the_shares_are_those_of_the_reference_renderer():
     for camera in CAMERAS:
         alone, whole = renderer.render(scene.select(members), camera), renderer.render(scene, camera)
         share = renderer.blend_values(scene, camera, members[:, None].astype(np.float32))[..., 0]
-        nearer = (whole.depth > 0) & (whole.depth < alone.depth - 0.1 * RADIUS) & (alone.alpha > 0.02)
+        nearer = (whole.depth > 0) & (whole.depth < alone.depth - 0.1 * RADIUS)
         placed = share >= 0.5 * alone.alpha
         labels = np.where(nearer & ~placed, 2, placed).astype(np.uint8)
         sums = sums + renderer.blend_weights(scene.select(members), camera, labels, 2)
