@@ -30,7 +30,8 @@ from gaussian_trimmer.planning.up_vector import find_up
 _STEPS, _HALVINGS = 160, 8
 _TOUCHING_SHARE = 1 / 300
 """Share of the shifted object's Gaussians that must lie next to the other one."""
-_FOUND = 0.8
+FOUND = 0.8
+"""Intersection over union from which on an object is found."""
 
 
 def main() -> None:
@@ -40,16 +41,18 @@ def main() -> None:
         scene = open_scene(Path(root))
         cameras = only_training(read_camera_set(scene.cameras_file))
         up = np.asarray(find_up(scene.gaussians, cameras, None).direction, np.float64)
-        for names, gaussians, masks in _pairs(scene, up):
+        for names, gaussians, masks in touching_pairs(scene, up):
             found = find_objects(gaussians, cameras=cameras, up=up)
             matched = [_matched(found, mask) for mask in masks]
-            apart.append(min(iou for iou, _ in matched) > _FOUND and matched[0][1] != matched[1][1])
+            apart.append(min(iou for iou, _ in matched) > FOUND and matched[0][1] != matched[1][1])
             ious = ", ".join(f"{name} {iou:.2f}" for name, (iou, _) in zip(names, matched, strict=True))
             print(scene.name, ious, "apart" if apart[-1] else "together", flush=True)
     print(f"{sum(apart)} of {len(apart)} pairs apart")
 
 
-def _pairs(scene: BenchmarkScene, up: Float64Array) -> Iterator[tuple[tuple[str, str], Gaussians, list[BoolArray]]]:
+def touching_pairs(
+    scene: BenchmarkScene, up: Float64Array
+) -> Iterator[tuple[tuple[str, str], Gaussians, list[BoolArray]]]:
     """The names of two objects, the scene in which they touch, and their Gaussians, (N,) each."""
     for names in combinations(scene.objects, 2):
         still, other = (scene.coarse(name, "exact") for name in names)
