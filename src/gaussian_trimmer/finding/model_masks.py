@@ -82,7 +82,7 @@ class AskedModel:
         both = shown[first, second] + shown[second, first]
         share = (taken[first, second] + taken[second, first]) / np.maximum(both, 1e-12)
         change = np.clip(_WEIGHT * (share - _EVEN), 0.0, _MOST)
-        return one_thing(contacts) + change
+        return np.asarray(one_thing(contacts) + change)
 
     def _asked(self, contacts: Contacts) -> _Answers:
         """What the model says of the regions that touch others."""
