@@ -107,8 +107,8 @@ def find_room(surface: VisibleSurface) -> Room:
     own, certain, feet, leaning, under = (np.zeros(len(surface.rows), np.bool_) for _ in range(5))
     for one in found:
         own |= one.own
-        # What stands on a surface reaches down into its layer, but does not face as it does there.
-        facing = surface.normals @ one.normal > _NEARLY_FACING
+        # What stands on a surface reaches down into its layer, but faces another way there.
+        facing = (surface.normals @ one.normal > _NEARLY_FACING) | (surface.flatness < _MIN_FLATNESS)
         certain |= one.own & (one.heights < -one.border - np.where(facing, 0, _CORE_BINS * bin_height))
         near = one.within & (one.heights >= 0) & (one.heights < _FOOT_BINS * bin_height)
         if one.horizontal:
