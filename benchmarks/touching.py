@@ -1,22 +1,22 @@
 """How many pairs of things that touch are found apart?
 
-    python benchmarks/touching.py ROOT [ROOT ...]
+    python benchmarks/touching.py ROOT [ROOT ...] [--sam-model DIR]
 
 Each ROOT is a benchmark scene (see benchmark_scenes.py) in which objects stand on one surface. Of each pair of them one
-is shifted along that surface until it touches the other, with nothing else changed. Both are found apart if two sure
-objects show with an intersection over union of 80 percent of theirs, counted in the pixels of the views that the
-program looks at.
+is shifted along that surface until it touches the other, with nothing else changed. With a model of the SAM family, it
+is asked as `objects --segmenter sam` does. Both are found apart if two sure objects show with an intersection over
+union of 80 percent of theirs, counted in the pixels of the views that the program looks at.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import tyro
 from benchmark_scenes import BenchmarkScene, open_scene
 
 from gaussian_trimmer.camera_files import read_camera_set
@@ -26,30 +26,46 @@ from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 
 _STEPS, _HALVINGS = 160, 8
 _TOUCHING_SHARE = 1 / 300
 """Share of the shifted object's Gaussians that must lie next to the other one."""
-_FOUND = 0.8
+FOUND = 0.8
+"""Intersection over union from which on an object is found."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Measure how things that touch are found apart."""
+
+    roots: tyro.conf.Positional[tuple[Path, ...]]
+    """Benchmark scenes."""
+    sam_model: Path | None = None
+    """Folder with a model that is asked."""
 
 
 def main() -> None:
     """Print a line for each pair and the number that are found apart."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    model = SamSegmenter(SamConfig(str(arguments.sam_model))) if arguments.sam_model else None
     apart = []
-    for root in sys.argv[1:]:
-        scene = open_scene(Path(root))
+    for root in arguments.roots:
+        scene = open_scene(root)
         cameras = only_training(read_camera_set(scene.cameras_file))
         up = np.asarray(find_up(scene.gaussians, cameras, None).direction, np.float64)
-        for names, gaussians, masks in _pairs(scene, up):
-            found = find_objects(gaussians, cameras=cameras, up=up)
+        for names, gaussians, masks in touching_pairs(scene, up):
+            found = find_objects(gaussians, cameras=cameras, up=up, segmenter=model)
             matched = [_matched(found, mask) for mask in masks]
-            apart.append(min(iou for iou, _ in matched) > _FOUND and matched[0][1] != matched[1][1])
+            apart.append(min(iou for iou, _ in matched) > FOUND and matched[0][1] != matched[1][1])
             ious = ", ".join(f"{name} {iou:.2f}" for name, (iou, _) in zip(names, matched, strict=True))
             print(scene.name, ious, "apart" if apart[-1] else "together", flush=True)
     print(f"{sum(apart)} of {len(apart)} pairs apart")
 
 
-def _pairs(scene: BenchmarkScene, up: Float64Array) -> Iterator[tuple[tuple[str, str], Gaussians, list[BoolArray]]]:
+def touching_pairs(
+    scene: BenchmarkScene, up: Float64Array
+) -> Iterator[tuple[tuple[str, str], Gaussians, list[BoolArray]]]:
     """The names of two objects, the scene in which they touch, and their Gaussians, (N,) each."""
     for names in combinations(scene.objects, 2):
         still, other = (scene.coarse(name, "exact") for name in names)

@@ -32,6 +32,8 @@ from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.settings import check_settings
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
@@ -46,7 +48,7 @@ class Objects(TrimSettings):
     Writes objects.npy with a number for each Gaussian, 0 for the rest; objects.csv with place, size, colour, how sure
     and why; index.html with a picture of each, on which to choose, merge, split and name, and which gives the command
     to go on; and batch.csv, from which 'batch' trims them. What the program is not sure of comes last, and is trimmed
-    only if it is asked for.
+    only if it is asked for. With --segmenter sam the model is also asked which things that touch are one.
     """
 
     COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -98,7 +100,8 @@ class Objects(TrimSettings):
             source=self.scene,
             overwrite=self.overwrite or is_made_of(folder, self.scene),
         )
-        renderer = get_renderer(self.renderer)
+        renderer, model = get_renderer(self.renderer), self.make_segmenter() if self.segmenter == "sam" else None
+        assert model is None or isinstance(model, SamSegmenter)
         start = time.perf_counter()
         with results as part, progress_over_stages(console) as stage:
             stage("read")
@@ -106,7 +109,13 @@ class Objects(TrimSettings):
             cameras = reader.read_cameras(console)
             scene = reader.read_scene(console)
             found = find_objects(
-                scene, cameras=cameras, up=self.config.up, config=self.find, renderer=renderer, progress=stage
+                scene,
+                cameras=cameras,
+                up=self.config.up,
+                config=self.find,
+                renderer=renderer,
+                segmenter=model,
+                progress=stage,
             )
             stage("write")
             write_found(found, part, renderer, command=self._next_command(), names=names)
@@ -122,7 +131,7 @@ class Objects(TrimSettings):
             console.print(f"To choose: open {folder / 'index.html'} in a browser. Now: {self._next_text()}")
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
-        self._trim(console, scene, chosen, cameras, start)
+        self._trim(console, scene, chosen, cameras, model or self.make_segmenter(), start)
 
     def _trim(
         self,
@@ -130,6 +139,7 @@ class Objects(TrimSettings):
         scene: Gaussians,
         chosen: dict[str, BoolArray],
         cameras: CameraSet | None,
+        segmenter: Segmenter,
         start: float,
     ) -> None:
         """Trim the chosen objects together, and write them."""
@@ -149,7 +159,7 @@ class Objects(TrimSettings):
                 {int(name): mask for name, mask in chosen.items()} if numbered else chosen,
                 config=self.settings(),
                 renderer=get_renderer(self.renderer),
-                segmenter=self.make_segmenter(),
+                segmenter=segmenter,
                 cameras=cameras,
                 progress=stage,
             )
@@ -185,6 +195,8 @@ class Objects(TrimSettings):
             value = getattr(self.find, option.name)
             if value != option.default:
                 words += [f"--{option.name.replace('_', '-')}", *([] if value is True else [f"{value:g}"])]
+        if self.segmenter == "sam":
+            words += ["--segmenter", "sam", "--sam.model", self.used_options().model]
         if self.output is not None:
             words += ["--output", str(self.output)]
         return [*words, "--trim", str(Path("trimmed") / self._name())]

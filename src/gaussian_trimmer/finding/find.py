@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.finding.contacts import one_thing
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge, judge_surface
+from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
 from gaussian_trimmer.finding.visible_surface import VisibleSurface, find_visible_surface, views_of, with_hidden
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, IntArray
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.selecting.model_masks import PromptableModel
 
 _HIDDEN_REACH = 0.05
 """Distance, in units, up to which what does not show belongs to the visible Gaussian next to it."""
@@ -30,6 +33,7 @@ def find_objects(
     up: Any = None,
     config: FindConfig | None = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
+    segmenter: PromptableModel | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> FoundObjects:
     """Every object of a scene: what stands on its surfaces, hangs from them or leans against them.
@@ -40,11 +44,13 @@ def find_objects(
         up: the scene's up vector, (3,), if known.
         config: what counts as an object; the usual, if not given.
         renderer: a renderer, or the name of one.
+        segmenter: a model that draws masks for clicks, such as `SamSegmenter`. Things that touch are likelier one where
+            its masks take both; without it their contact, colours and size alone tell.
         progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views,
             `surfaces`, `regions`.
 
     Raises:
-        InputError: the up vector is none, or hardly anything shows in the views.
+        InputError: the up vector is none, hardly anything shows in the views, or the model cannot be run.
     """
     steps, config = _Steps(progress), config or FindConfig()
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
@@ -57,7 +63,8 @@ def find_objects(
     with steps("surfaces"):
         room = find_room(surface)
     with steps("regions"):
-        regions = find_regions(surface, room)
+        asked = AskedModel(scene, surface, views, segmenter, renderer) if segmenter is not None else None
+        regions = find_regions(surface, room, asked or one_thing)
         labels, objects = name_objects(scene, surface, room, regions, config)
     return FoundObjects(scene, labels, objects, tuple(views), surface, found_up, steps.seconds)
 

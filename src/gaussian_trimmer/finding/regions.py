@@ -2,10 +2,9 @@
 
 Two regions are linked along their contact: by how much Gaussians of both overlap there, how alike their colours are,
 and how convex the surface is. A link is measured against the size of the smaller region, so that neither scale nor
-density matter, and in each round those join that are each other's strongest link. What stands on a surface of the room
-by itself is another thing than its neighbour that does so too, if both hardly touch, or have other colours and touch
-along a short line or in a concave one. All else joins, however weak the link is: what does not stand is part of
-something that does.
+density matter, and in each round those join that are each other's strongest link. What does not stand on a surface of
+the room by itself is part of something that does, however weak the link is. When nothing else is left to join, regions
+that stand do, the likeliest first, as long as they are rather one thing than two: `contacts.py` says which are.
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaussian_trimmer.finding.contacts import Colours, Contacts, one_thing
 from gaussian_trimmer.finding.room_surfaces import Room
 from gaussian_trimmer.finding.visible_surface import VisibleSurface
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 from gaussian_trimmer.geometry.components import connected_pairs
-from gaussian_trimmer.selecting.surface_estimates import colour_evidence
 
 MIN_AREA = 0.01
 """Smallest area of a thing, in square units."""
@@ -29,18 +28,16 @@ FILLED = 0.9
 """Share of its pictures from which on a scene fills them, so that nothing in it stands alone."""
 _MIN_AREA_BY_ITSELF = 0.05
 """Smallest area of a region that stands by itself there, in square units."""
-_MIN_LINK, _MIN_LINK_OF_STANDING = 1e-5, 0.003
-"""Weakest link that joins regions, and ones that both stand."""
-_SHORT_CONTACT = 0.3
-"""Length of the contact as far as it is convex, relative to the root of the smaller area, below which two standing
-regions may be two things."""
-_CONCAVE = 0.6
-"""Mean convexity of the contact below which they may be two things, however long it is: parts of a thing have 0.7."""
+_MIN_LINK = 1e-5
+"""Weakest link that joins regions."""
 _OTHER_COLOURS = 0.83
-"""Accuracy with which colours must tell two things apart, 0.5 to 1."""
+"""Accuracy, 0.5 to 1, with which colours must tell two regions apart there, so that they are two things."""
 _LARGE_PART = 0.15
 """Smallest share of an object's area that its main parts have, where it is split."""
 _BORDER_ROUNDS = 20
+
+Odds = Callable[[Contacts], Float64Array]
+"""Says of P contacts how likely each joins one thing, above zero if it rather does, (P,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +48,8 @@ class _Links:
     """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
     weight: Float64Array
     """Strength of each link, in units, (P,)."""
-    smooth: Float64Array
-    """Length of each contact, as far as the surface is convex there, in units, (P,)."""
-    contact: Float64Array
-    """Length of each contact, in units, (P,)."""
+    moments: Float64Array
+    """Length of each contact, in units; that times its middle; and that times the middle's square, (P, 5)."""
 
     def renumbered(self, numbers: IntArray) -> _Links:
         """The links of the regions that have got new numbers (R,); what was within one is gone."""
@@ -62,29 +57,54 @@ class _Links:
         across = ends[:, 0] != ends[:, 1]
         keys, place = np.unique((ends[across, 0] << 32) | ends[across, 1], return_inverse=True)
         pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
-        sums = (np.bincount(place, one[across], len(keys)) for one in (self.weight, self.smooth, self.contact))
-        return _Links(pairs, *(np.asarray(one, np.float64) for one in sums))
+        columns = [self.weight, *self.moments.T]
+        weight, *moments = (np.bincount(place, one[across], len(keys)).astype(np.float64) for one in columns)
+        return _Links(pairs, weight, np.stack(moments, axis=1))
+
+    @property
+    def spread(self) -> Float64Array:
+        """Standard deviation of the places along each contact, in units, (P,)."""
+        length, middle = np.maximum(self.moments[:, :1], 1e-30), self.moments[:, 1:4]
+        variance = self.moments[:, 4:] / length - np.square(middle / length).sum(axis=1, keepdims=True)
+        return np.asarray(np.sqrt(np.maximum(variance[:, 0], 0)))
 
 
-def find_regions(surface: VisibleSurface, room: Room) -> IntArray:
+def find_regions(surface: VisibleSurface, room: Room, odds: Odds = one_thing) -> IntArray:
     """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces.
 
-    Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself.
+    Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself, and colours
+    alone say what is one thing.
+
+    Args:
+        surface: the visible surface.
+        room: its flat surfaces.
+        odds: says of regions that touch and stand which are one thing.
     """
-    free, colours = ~room.own, _Colours(surface)
+    free, colours = ~room.own, Colours(surface)
     by_itself = not room.has_floor and surface.filled > FILLED
 
-    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> tuple[BoolArray, BoolArray]:
+    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> Float64Array:
         stands = (np.bincount(regions, surface.areas * room.feet) > _MIN_FOOT) & (areas > MIN_AREA)
         if by_itself:
             stands = areas > _MIN_AREA_BY_ITSELF
         size = np.sqrt(areas[links.pairs].min(axis=1))
-        both = stands[links.pairs].all(axis=1)
-        allowed = links.weight >= size * np.where(both, _MIN_LINK_OF_STANDING, _MIN_LINK)
-        apart = (links.smooth < _SHORT_CONTACT * size) | (links.smooth < _CONCAVE * links.contact)
-        return np.asarray(allowed), np.asarray(both & apart)
+        linked, both = links.weight >= size * _MIN_LINK, stands[links.pairs].all(axis=1)
+        certain = linked & ~both
+        if certain.any():
+            return np.where(certain, links.weight / size, 0.0)
+        asked, likely = np.flatnonzero(linked), np.zeros(len(links.pairs))
+        pairs = links.pairs[asked]
+        contacts = Contacts(
+            regions,
+            pairs,
+            links.spread[asked] / size[asked],
+            np.square(size[asked]),
+            colours.accuracy(regions, pairs),
+        )
+        likely[asked] = _OTHER_COLOURS - contacts.accuracy if by_itself else odds(contacts)
+        return np.maximum(likely, 0.0)
 
-    regions = _joined(surface, free, joins, lambda regions, a, b: colours.accuracy(regions, a, b) < _OTHER_COLOURS)
+    regions = _joined(surface, free, joins)
     return _with_borders(surface, room, np.where(free, regions, -1))
 
 
@@ -95,11 +115,11 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     """
     total = float(surface.areas[part].sum())
 
-    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> tuple[BoolArray, BoolArray]:
-        large: BoolArray = areas > _LARGE_PART * total
-        return np.asarray(~large[links.pairs].all(axis=1)), np.zeros(len(links.pairs), np.bool_)
+    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> Float64Array:
+        large = (areas > _LARGE_PART * total)[links.pairs].all(axis=1)
+        return np.where(large, 0.0, links.weight / np.sqrt(areas[links.pairs].min(axis=1)))
 
-    regions = _joined(surface, part, joins, lambda regions, a, b: True)
+    regions = _joined(surface, part, joins)
     areas = np.bincount(regions[part], surface.areas[part])
     large = np.flatnonzero(areas > _LARGE_PART * total)
     large = large[np.argsort(-areas[large])]
@@ -109,35 +129,26 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
 
 
 def _joined(
-    surface: VisibleSurface,
-    free: BoolArray,
-    joins: Callable[[_Links, IntArray, Float64Array], tuple[BoolArray, BoolArray]],
-    confirmed: Callable[[IntArray, int, int], bool],
+    surface: VisibleSurface, free: BoolArray, joins: Callable[[_Links, IntArray, Float64Array], Float64Array]
 ) -> IntArray:
     """Number of the region that each Gaussian is in, (S,), as neighbours join that are each other's strongest link.
 
     Args:
         surface: the visible surface.
         free: which of its Gaussians join others, (S,).
-        joins: says of the links between regions, whose areas (R,) are given, which may join, (P,), and which of these
-            only if it is confirmed, (P,).
-        confirmed: whether two regions join after all, asked where nothing else keeps them apart.
+        joins: the strength of the links between regions (S,) whose areas (R,) are given, zero for those that may not
+            join, (P,).
     """
     inner = free[surface.edges].all(axis=1)
-    contact = surface.contact[inner]
-    links = _Links(surface.edges[inner], contact * surface.affinity[inner], contact * surface.convexity[inner], contact)
+    edges, contact = surface.edges[inner], surface.contact[inner]
+    middle = surface.points[edges].mean(axis=1)
+    moments = contact[:, None] * np.column_stack([np.ones(len(edges)), middle, np.square(middle).sum(axis=1)])
+    links = _Links(edges, contact * surface.affinity[inner], moments)
     regions = np.arange(len(free))
     links = links.renumbered(regions)
     while len(links.pairs):
         areas = np.asarray(np.bincount(regions, surface.areas), np.float64)
-        allowed, doubtful = joins(links, regions, areas)
-        strength = links.weight / np.sqrt(areas[links.pairs].min(axis=1))
-        mutual = _mutual(links, np.where(allowed, strength, 0.0), len(areas))
-        while len(asked := np.flatnonzero(mutual & doubtful)):
-            for pair in asked.tolist():
-                allowed[pair] = confirmed(regions, *links.pairs[pair].tolist())
-            doubtful[asked] = False
-            mutual = _mutual(links, np.where(allowed, strength, 0.0), len(areas))
+        mutual = _mutual(links, joins(links, regions, areas), len(areas))
         if not mutual.any():
             break
         roots = connected_pairs(len(areas), links.pairs[mutual])
@@ -172,23 +183,3 @@ def _with_borders(surface: VisibleSurface, room: Room, regions: IntArray) -> Int
         regions[chosen >> 32] = (chosen & 0xFFFFFFFF) - 1
         settled[chosen >> 32] = True
     return regions
-
-
-class _Colours:
-    """How well colours tell two regions apart; what was compared is kept."""
-
-    def __init__(self, surface: VisibleSurface) -> None:
-        self._bins, self._areas = surface.colours, surface.areas
-        self._known: dict[tuple[int, int, int, int], float] = {}
-
-    def accuracy(self, regions: IntArray, a: int, b: int) -> float:
-        """Balanced accuracy of telling two regions apart by their colours, 0.5 to 1."""
-        first, second = (np.flatnonzero(regions == number) for number in (a, b))
-        # A region grows, but for its first Gaussian and its size it stays the same.
-        key = int(first[0]), len(first), int(second[0]), len(second)
-        if key not in self._known:
-            rows = np.concatenate([first, second])
-            inside: BoolArray = np.arange(len(rows)) < len(first)
-            areas = self._areas[rows]
-            self._known[key] = colour_evidence(self._bins[rows], areas * inside, areas * ~inside)[1]
-        return self._known[key]

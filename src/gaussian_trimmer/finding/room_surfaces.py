@@ -85,7 +85,8 @@ class Room:
     own: BoolArray
     """Which belong to a surface of the room, (S,)."""
     border: BoolArray
-    """Which of these lie so near its upper side that they may as well be something thin that lies on it, (S,)."""
+    """Which of these may as well be something that lies or stands on it: near its upper side, or facing another way
+    than it does not far below that, (S,)."""
     feet: BoolArray
     """Which lie close above a horizontal one, (S,)."""
     leaning: BoolArray
@@ -106,7 +107,9 @@ def find_room(surface: VisibleSurface) -> Room:
     own, certain, feet, leaning, under = (np.zeros(len(surface.rows), np.bool_) for _ in range(5))
     for one in found:
         own |= one.own
-        certain |= one.own & (one.heights < -one.border)
+        # What stands on a surface reaches down into its layer, but faces another way there.
+        facing = (surface.normals @ one.normal > _NEARLY_FACING) | (surface.flatness < _MIN_FLATNESS)
+        certain |= one.own & (one.heights < -one.border - np.where(facing, 0, _CORE_BINS * bin_height))
         near = one.within & (one.heights >= 0) & (one.heights < _FOOT_BINS * bin_height)
         if one.horizontal:
             feet |= near
