@@ -20,15 +20,13 @@ COARSE, OTHER = True, False
         (10, 0, 0.5, COARSE, {}, True),
         (0, 10, 0.5, COARSE, {}, False),
         (6, 4, 0.8, COARSE, {}, True),
-        (6, 4, 0.3, COARSE, {}, True),  # 0.1 by the masks, -0.04 by the label
-        (6, 4, 0.3, COARSE, {"prior": 1.0}, False),
+        (6, 4, 0.3, COARSE, {}, False),  # 0.1 by the masks, -0.2 by the label
+        (6, 4, 0.3, COARSE, {"prior": 0.2}, True),
         (4, 6, 1.0, OTHER, {}, False),  # what joins must be shown inside, however sure its label is
         (6, 4, 0.9, OTHER, {}, True),
-        (6, 4, 0.7, OTHER, {}, True),
-        (6, 4, 0.7, OTHER, {"prior": 1.0}, False),
+        (6, 4, 0.7, OTHER, {}, False),
         (6, 4, 0.9, OTHER, {"recover": False}, False),
-        (4, 6, 0.7, COARSE, {"recover": False}, False),
-        (4, 6, 1.0, COARSE, {"recover": False, "prior": 0.3}, True),
+        (4, 6, 0.7, COARSE, {"recover": False}, True),
         (6, 4, 0.0, COARSE, {"prior": 0.0}, True),  # the masks alone
         (4, 6, 1.0, COARSE, {"prior": 0.0}, False),
         (0, 0, 0.9, COARSE, {"prior": 0.0}, True),  # no view shows it: the label alone

@@ -39,7 +39,7 @@ def test_a_smear_below_the_floor_is_not_part_of_the_object():
     found = trimmed(scene, selection)
     assert not found[-3:].any()
     assert toy.jaccard(found[:-3], TRUTH) > 0.98
-    assert trimmed(scene, selection, prior=1.0, min_in_place=0.0)[-3:].all()
+    assert trimmed(scene, selection, min_in_place=0.0)[-3:].all()
 
 
 def test_what_lies_in_the_ball_stays():

@@ -29,7 +29,7 @@ _UNDECIDED_SHARE = 0.5
 class EvidenceConfig:
     """When a Gaussian belongs to the object."""
 
-    prior: Weight = 0.2
+    prior: Weight = 1.0
     """Weight of the corrected label relative to the share of blend weight inside the masks; 0: the masks alone
     decide."""
     recover: bool = True
