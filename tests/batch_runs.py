@@ -132,7 +132,9 @@ def is_alive(number):
 
 def parts(output):
     """What is being written, or was when its process died."""
-    return [path for path in output.rglob("*.part*") if path.name.startswith(".gaussian-trimmer")]
+    # Unlike rglob, walk does not mind a folder that is finished meanwhile.
+    names = [Path(folder, name) for folder, folders, files in os.walk(output) for name in (*folders, *files)]
+    return [path for path in names if path.name.startswith(".gaussian-trimmer") and ".part" in path.name]
 
 
 def n_finished(output):
