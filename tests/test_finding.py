@@ -14,6 +14,7 @@ from gaussian_trimmer.finding.contacts import Contacts, one_thing
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.model_masks import AskedModel
+from gaussian_trimmer.finding.room_surfaces import find_room
 from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
@@ -74,6 +75,21 @@ def test_a_box_of_one_colour_beside_its_like_is_one_thing():
     found = find_objects(scene, cameras=CAMERAS)
     assert sum(one.sure for one in found) == 1
     assert best(found, part > 0)[1] > 0.85
+
+
+def test_the_lowest_strip_of_what_stands_may_belong_to_it_though_it_lies_in_the_layer_of_the_floor():
+    up, sunk = np.array([0.0, 0.0, 1.0]), room.box((0, 0), (0.8, 0.8, 0.6), room.RED, 1)
+    sunk = sunk.replace(means=sunk.means - np.float32([0, 0, 0.02]))
+    scene, part = room.scene_of(room.floor(), sunk)
+    surface = find_visible_surface(scene, views_of(scene, CAMERAS, up), up, get_renderer("numba"))
+    found = find_room(surface)
+    (floor,) = found.surfaces
+    below = floor.own & (floor.heights < -floor.border) & (part[surface.rows] == 1)
+    kept = below & found.border
+    assert below.sum() > 20
+    assert kept.sum() > 0.5 * below.sum()
+    of_floor = (part[surface.rows] == 0) & floor.own & (floor.heights < -floor.border)
+    assert found.border[of_floor].mean() < 0.02
 
 
 @pytest.mark.parametrize(("spread", "area", "accuracy", "is_one"), [
