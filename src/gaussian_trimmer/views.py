@@ -18,7 +18,7 @@ HALF = 0.5
 HALF_COVERAGE = 127
 """Coverage of a pixel from 0 to 255 above which it belongs to a mask."""
 
-OCCLUDER_DISTANCE = 0.1
+_OCCLUDER_DISTANCE = 0.1
 """Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
 
 REFERENCE_PIXELS = 5 * 512 * 512
@@ -101,6 +101,17 @@ def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:
     """
     pixels = sum(camera.height * camera.width for camera in cameras)
     return np.asarray(weights * np.float32(REFERENCE_PIXELS / pixels))
+
+
+def clearly_nearer(nearest_depth: FloatArray, depth: FloatArray, radius: float) -> BoolArray:
+    """Pixels at which something hides an object instead of touching it, (H, W).
+
+    Args:
+        nearest_depth: depth of what is seen, zero where nothing is, (H, W).
+        depth: depth of the object by itself, (H, W).
+        radius: the object's radius in scene units.
+    """
+    return np.asarray((nearest_depth > 0) & (nearest_depth < depth - _OCCLUDER_DISTANCE * radius))
 
 
 def mask_overlap(first: BoolArray, second: BoolArray) -> float:

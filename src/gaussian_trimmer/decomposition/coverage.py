@@ -23,7 +23,7 @@ from gaussian_trimmer.decomposition.fitting import Target
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate
 from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.rendering.gradients import Drawing, draw, draw_with
-from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE
+from gaussian_trimmer.views import HALF, clearly_nearer
 
 _SHARPENING_FACTOR = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
@@ -81,18 +81,20 @@ class OutlineViews:
     def look(self, inner: Gaussians, background: Gaussians) -> list[Sight]:
         """What each view shows of an object and of the Gaussians around it."""
         masks: Sequence[FloatArray | None] = [None] * len(self.cameras) if self.masks is None else self.masks
-        return list(map_side_by_side(partial(self._look, inner, background), self.cameras, masks))
-
-    def _look(self, inner: Gaussians, background: Gaussians, camera: Camera, mask: FloatArray | None) -> Sight:
-        alone, everything = draw(inner, camera), concatenate([inner, background])
+        everything = concatenate([inner, background])
         member = np.zeros((len(everything), 1), np.float32)
         member[: len(inner)] = 1
+        return list(map_side_by_side(partial(self._look, inner, everything, member), self.cameras, masks))
+
+    def _look(
+        self, inner: Gaussians, everything: Gaussians, member: FloatArray, camera: Camera, mask: FloatArray | None
+    ) -> Sight:
+        alone = draw(inner, camera)
         # Where the object does not reach, only a mask can ask for something to be shown.
         together, (share,) = draw_with(everything, camera, member, alone.reached if mask is None else None)
-        opacity, scene_depth, depth = alone.image[3], together.depth, alone.depth
-        in_place = share >= _TRUSTED_SHARE * opacity if mask is None else mask > HALF
-        nearer = (scene_depth > 0) & (scene_depth < depth - OCCLUDER_DISTANCE * self.radius)
-        unknown = nearer & ~in_place
+        depth = alone.depth
+        in_place = share >= _TRUSTED_SHARE * alone.image[3] if mask is None else mask > HALF
+        unknown = clearly_nearer(together.depth, depth, self.radius) & ~in_place
         if self.ground is not None:
             unknown &= ~self.ground.hides(camera, depth)
         return Sight(alone, together.image[:3], share, mask, in_place, unknown)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaussian_trimmer.decomposition.coverage import OutlineViews
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.geometry.compiling import map_side_by_side
 
 
 def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews, min_share: float) -> BoolArray:
@@ -25,10 +26,14 @@ def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews,
         views: where to look from.
         min_share: least share of what a Gaussian shows alone that has to be in place.
     """
-    weights = np.zeros((np.count_nonzero(members), 2), np.float32)
-    for sight in views.look(gaussians.select(members), gaussians.select(~members)):
-        counts = ~sight.unknown
-        weights += sight.alone.weigh(np.stack([sight.in_place & counts, counts]).astype(np.float32))
+    sights = views.look(gaussians.select(members), gaussians.select(~members))
+    weights = np.sum(list(map_side_by_side(_weights, sights)), axis=0)
     kept = members.copy()
     kept[members] = weights[:, 0] >= min_share * weights[:, 1]
     return kept
+
+
+def _weights(sight: Sight) -> FloatArray:
+    """Blend weights of the object's Gaussians alone: in place, and wherever the view can tell, (M, 2)."""
+    counts = ~sight.unknown
+    return sight.alone.weigh(np.stack([sight.in_place & counts, counts]).astype(np.float32))

@@ -38,7 +38,7 @@ class RefineConfig:
     """How the object's boundary Gaussians are fitted to soft coverage, where `refine` is `fit`."""
 
     views: Annotated[int, Range(1, 1000)] = 16
-    """Number of small views that they are fitted in."""
+    """Number of small views that they are fitted in, and in which it is found what is out of place."""
     size: Annotated[int, Range(16, 4096)] = 192
     """Width and height of these views in pixels."""
     steps: Annotated[int, Range(0, 10000)] = 32

@@ -13,7 +13,7 @@ from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, find_strad
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.scope import Scope
-from gaussian_trimmer.views import OCCLUDER_DISTANCE, TrimmedView
+from gaussian_trimmer.views import TrimmedView, clearly_nearer
 
 _OUTSIDE, _INSIDE, _HIDDEN = range(3)
 """Sides of a mask, and outside of it where something nearer hides the object."""
@@ -70,17 +70,16 @@ def split_boundary(
         return Decomposition(members, np.zeros(0, np.int64))
     rows = np.flatnonzero(members)
     isolated = scope.local.select(rows)
-    distance = OCCLUDER_DISTANCE * scope.bounds.radius
-    sides = list(over_views(renderer, lambda view: _sides(isolated, view, distance, renderer), accepted))
+    radius = scope.bounds.radius
+    sides = list(over_views(renderer, lambda view: _sides(isolated, view, radius, renderer), accepted))
     found = find_straddlers(isolated, accepted, sides, renderer, boundary)
     cut = SPLIT_RULES[config.rule](isolated.select(found.rows), found.normals, found.offsets)
     return Decomposition(members, rows[found.rows], *cut)
 
 
-def _sides(isolated: Gaussians, trimmed: TrimmedView, distance: float, renderer: Renderer) -> FloatArray:
+def _sides(isolated: Gaussians, trimmed: TrimmedView, radius: float, renderer: Renderer) -> FloatArray:
     """Blend weights of an object's Gaussians outside and inside a mask, where nothing nearer hides it, (M, 2)."""
-    camera, nearest_depth = trimmed.view.camera, trimmed.view.depth
-    depth = renderer.render(isolated, camera).depth
-    hidden = (nearest_depth > 0) & (nearest_depth < depth - distance)
+    camera = trimmed.view.camera
+    hidden = clearly_nearer(trimmed.view.depth, renderer.render(isolated, camera).depth, radius)
     labels = np.where(trimmed.mask, np.uint8(_INSIDE), np.where(hidden, np.uint8(_HIDDEN), np.uint8(_OUTSIDE)))
     return renderer.blend_weights(isolated, camera, labels, 3)[:, :_HIDDEN]

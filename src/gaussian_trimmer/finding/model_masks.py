@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaussian_trimmer.finding.contacts import Contacts, one_thing
-from gaussian_trimmer.finding.visible_surface import VisibleSurface
+from gaussian_trimmer.finding.visible_surface import VisibleSurface, evenly_spread
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, IntArray
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, middle_points
@@ -67,8 +67,7 @@ class AskedModel:
         renderer: Renderer,
     ) -> None:
         self._scene, self._surface, self._model, self._renderer = scene, surface, model, renderer
-        chosen = np.unique(np.linspace(0, len(views) - 1, _VIEWS).round().astype(np.int64))
-        self._views = [replace(views[number], camera=small_view(views[number].camera)) for number in chosen]
+        self._views = [replace(view, camera=small_view(view.camera)) for view in evenly_spread(views, _VIEWS)]
         self._answers: _Answers | None = None
 
     def __call__(self, contacts: Contacts) -> Float64Array:

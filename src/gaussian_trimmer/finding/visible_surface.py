@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.overview import drawn_part, plan_overview
 from gaussian_trimmer.selecting.surface_estimates import colour_bins, directions_to, estimate_surface
 from gaussian_trimmer.selecting.viewed_scene import shown_weight
+
+Item = TypeVar("Item")
 
 _MOST_VIEWS = 16
 """Number of the training cameras, evenly spread, from which the scene is looked at."""
@@ -81,12 +84,21 @@ class VisibleSurface:
         return float(np.median(np.sqrt(self.areas)))
 
 
+def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
+    """At most so many of the items, evenly spread, with the first and the last one.
+
+    >>> evenly_spread("abcdefg", 3)
+    ['a', 'd', 'g']
+    """
+    places = np.unique(np.linspace(0, len(items) - 1, min(most, len(items))).round().astype(np.int64))
+    return [items[place] for place in places]
+
+
 def views_of(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
     """Where a scene is looked at from: some of its training cameras or, without cameras, places around its middle."""
     taken = training_cameras(cameras)
     if taken:
-        chosen = np.unique(np.linspace(0, len(taken) - 1, min(_MOST_VIEWS, len(taken))).round().astype(np.int64))
-        return [Viewpoint(taken[number]) for number in chosen]
+        return [Viewpoint(camera) for camera in evenly_spread(taken, _MOST_VIEWS)]
     overview = plan_overview(scene, up)
     return overview.views if len(overview.whole) == len(overview.views) else overview.views[: overview.whole.start]
 

@@ -11,7 +11,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, Rendering, over_views
 from gaussian_trimmer.scope import Scope
-from gaussian_trimmer.views import HALF, OCCLUDER_DISTANCE, View, bounding_box, to_reference
+from gaussian_trimmer.views import HALF, View, bounding_box, clearly_nearer, to_reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,6 @@ def complete_views(
     for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
         whole = alone.alpha > HALF
-        nearer = (picture.depth > 0) & (picture.depth < alone.depth - OCCLUDER_DISTANCE * scope.bounds.radius)
-        hidden = whole & (visible <= HALF) & nearer
+        hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, alone.depth, scope.bounds.radius)
         views.append(View(camera, picture, alone.alpha, visible, expected, bounding_box(whole), hidden))
     return views

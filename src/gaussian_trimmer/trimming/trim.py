@@ -157,8 +157,7 @@ def decide(task: Task, clock: Clock) -> Decision:
     refused = excessive_loss(
         scope.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )
-    plan = replace(plan, outline=outline)
-    return replace(plan, refused=refused, parts=None if refused else parts)
+    return replace(plan, outline=outline, refused=refused, parts=None if refused else parts)
 
 
 def _plan(task: Task) -> Decision:
@@ -188,7 +187,7 @@ def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
 def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock) -> TrimResult:
     """Put object and background together, with the object's outline fitted and the surfaces that it hid continued."""
     config, scope, parts, warnings = task.config, decision.scope, decision.parts, list(decision.warnings)
-    if parts is None or decision.outline is None:
+    if parts is None:
         LOG.info("not trimmed: %s", decision.refused)
         kept = task.selection if decision.given_up is None else task.selection & ~decision.given_up
         return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock, warnings)
@@ -197,6 +196,7 @@ def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock
         assembly = assemble(task.scene, task.selection, scope.rows, parts, nobodys)
     if config.refine == "fit":
         with clock("refine"):
+            assert decision.outline is not None
             assembly = fit_outline(task, scope, assembly, decision.outline)
         LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
     if removal:
