@@ -1,6 +1,6 @@
 """Choose a setting of the trimmer by captures with ground truth, and see what it does on those that had no say.
 
-    python benchmarks/held_out.py ROOT [ROOT ...] --setting evidence.min_in_place --values 0.6 0.65 0.7 0.75
+    python benchmarks/held_out.py ROOT [ROOT ...] --setting evidence.min-in-place --values 0.6 0.65 0.7 0.75
 
 Each ROOT holds benchmark scenes (see benchmark_scenes.py), or is one. Every selection is trimmed with every value. For
 each group of captures the value is chosen by all other groups, and its score on this group is the held-out one; the
@@ -36,7 +36,7 @@ class HeldOut:
     roots: Annotated[Positional[tuple[Path, ...]], arg(metavar="ROOT")]
     """Folders with benchmark scenes."""
     setting: str
-    """What to choose, as on the command line: `evidence.prior`."""
+    """What to choose, as on the command line: `evidence.min-in-place`."""
     values: tuple[float, ...]
     """The values to choose from."""
     options: Annotated[TaskOptions, arg(name="")] = field(default_factory=TaskOptions)
@@ -56,8 +56,8 @@ class HeldOut:
 
 
 def changed(config: Any, setting: str, value: float) -> Any:
-    """A configuration with one number changed, which is named by its path."""
-    name, _, rest = setting.partition(".")
+    """A configuration with one number changed, which is named as on the command line."""
+    name, _, rest = setting.replace("-", "_").partition(".")
     if not hasattr(config, name):
         raise InputError(f"There is no setting '{name}'; 'gaussian-trimmer trim --help-all' lists them.")
     return replace(config, **{name: changed(getattr(config, name), rest, value) if rest else value})

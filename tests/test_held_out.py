@@ -33,7 +33,8 @@ def test_scenes_that_share_objects_are_one_group():
     assert group_of("room_a_small") == group_of("room_a") != group_of("room_b")
 
 
-def test_a_setting_is_named_by_its_path():
+def test_a_setting_is_named_as_on_the_command_line():
+    assert changed(TrimConfig(), "evidence.min-in-place", 0.6).evidence.min_in_place == 0.6
     config = changed(TrimConfig(), "evidence.prior", 0.3)
     assert config.evidence.prior == 0.3
     assert changed(config, "evidence.prior", TrimConfig().evidence.prior) == TrimConfig()
