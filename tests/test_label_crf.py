@@ -59,6 +59,26 @@ def test_a_straight_boundary_without_any_colour_edge_stays_about_where_it_is():
     assert (np.abs(plain.means[changed, 0] - 0.2) < 0.15).all()
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_labels_are_believed_as_far_as_others_of_their_side_are_right(side):
+    thing, red = patch(n=2500, noise=0.12)
+    x = side * thing.means[:, 0]
+    truth, near = x < 0, np.abs(x) < 0.1
+    assert (truth == (red if side > 0 else ~red)).all()
+
+    def certainty(selection):
+        probability = corrected(thing, selection)
+        assert np.count_nonzero((probability > 0.5) != truth) <= 2
+        odds = np.abs(np.log(probability / (1 - probability + 1e-9) + 1e-9))
+        return np.median(odds[near & truth]), np.median(odds[near & ~truth])
+
+    right, wide, narrow = (certainty(x < edge) for edge in (0, 0.15, -0.15))
+    assert wide[1] < 0.5 * right[1]
+    assert wide[1] < 0.5 * wide[0]
+    assert narrow[0] < 0.5 * right[0]
+    assert narrow[0] < 0.5 * narrow[1]
+
+
 def with_hidden():
     """The patch with a ninth of it wrongly labelled and shown by no view: both labels, visible weights, what is."""
     thing, red = patch()
@@ -66,16 +86,25 @@ def with_hidden():
     return thing, red, red ^ hidden, np.where(hidden, 0, visible(thing)).astype(np.float32), hidden
 
 
-def test_what_no_view_shows_follows_what_surrounds_it_and_is_a_third_its_own():
+def test_what_no_view_shows_follows_what_surrounds_it():
     thing, red, rough, seen, hidden = with_hidden()
     probability = corrected(thing, rough, seen)
     deep = hidden & (np.abs(thing.means[:, 0]) > 0.3)
-    np.testing.assert_allclose(probability[deep & red], 2 / 3, atol=0.01)
-    np.testing.assert_allclose(probability[deep & ~red], 1 / 3, atol=0.01)
-    assert (probability[hidden] >= rough[hidden] / 3 - 1e-6).all()
-    assert (probability[hidden] <= (2 + rough[hidden]) / 3 + 1e-6).all()
-    one = corrected(thing, rough, seen, config=LabelCrfConfig(k_hidden_neighbours=1))[hidden]
-    np.testing.assert_allclose(np.minimum(one % (1 / 3), 1 / 3 - one % (1 / 3)), 0, atol=0.05)
+    # The log-odds are 4 by all neighbours, and 1 by a label of its own.
+    np.testing.assert_array_equal(probability[deep] > 0.5, red[deep])
+    np.testing.assert_allclose(probability[deep & red], 1 / (1 + np.exp(-3)), atol=0.01)
+    right = corrected(thing, red, seen)
+    np.testing.assert_allclose(right[deep & red], 1 / (1 + np.exp(-5)), atol=0.01)
+
+
+def test_between_two_sides_the_label_of_what_no_view_shows_decides():
+    means = np.concatenate([np.random.default_rng(0).normal(side, 0.02, (40, 3)) for side in (-0.3, 0.3)])
+    middle = np.zeros((2, 3), np.float32)
+    thing = gaussians(np.concatenate([means, middle]), (0.03,) * 3, np.full((82, 3), 0.5))
+    selection = np.concatenate([np.arange(80) < 40, [True, False]])
+    seen = np.concatenate([np.full(80, 5.0), [0, 0]]).astype(np.float32)
+    every = LabelCrfConfig(k_neighbours=80, position_sigma=1.0)
+    np.testing.assert_allclose(corrected(thing, selection, seen, config=every)[-2:], [0.73, 0.27], atol=0.1)
 
 
 def test_labels_of_what_no_view_shows_tell_nothing_of_what_is_seen():

@@ -68,12 +68,15 @@ def support(thing, selection, box=None, seen=None, **config):
     return find_support_plane(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
 
 
-def attached(thing, selection, **config):
-    found = support(thing, selection)
-    positions = thing.scene.means
-    return attached_to_object(
-        positions, spacing(positions), selection, weights(thing), found, replace(CONFIG, **config)
-    )
+def attached(thing, selection, reach=0.1, **config):
+    found, positions, settings = support(thing, selection), thing.scene.means, replace(CONFIG, **config)
+    return attached_to_object(positions, spacing(positions), selection, weights(thing), found, reach, settings)
+
+
+def with_ends(thing):
+    """The block, with the far end of the arm, and the arm between them."""
+    arm, x = thing.of(ARM), thing.scene.means[:, 0]
+    return thing.of(BLOCK) | (arm & (x > 0.6)), arm & (x < 0.6)
 
 
 @pytest.mark.parametrize("height", [-0.8, -0.6, -0.37, 0.0])
@@ -177,18 +180,17 @@ def test_there_is_none_without_surroundings_without_a_selection_or_disabled():
 
 def test_an_arm_within_the_bounds_is_attached_and_a_piece_apart_is_not():
     thing = desk()
-    found = attached(thing, thing.of(BLOCK), bounds_margin=2.0)
-    assert found[thing.of(ARM)].all()
-    assert not found[~thing.of(ARM)].any()
-    beyond = attached(thing, thing.of(BLOCK), bounds_margin=0.0, min_within_bounds=1.0)
-    assert not beyond.any()
+    ends, between = with_ends(thing)
+    np.testing.assert_array_equal(attached(thing, ends), between)
+    assert not attached(thing, thing.of(BLOCK), min_within_bounds=1.0).any()
 
 
 def test_a_piece_of_which_too_little_is_selected_is_not_attached():
     thing = desk()
-    little = thing.of(BLOCK) & (thing.scene.means[:, 0] > 0.1)
-    assert attached(thing, little, bounds_margin=2.0)[thing.of(ARM)].all()
-    assert not attached(thing, little, bounds_margin=2.0, min_selected=0.6).any()
+    little, between = with_ends(thing)
+    little &= thing.scene.means[:, 0] > 0.1
+    assert attached(thing, little, reach=0.5)[between].all()
+    assert not attached(thing, little, reach=0.5, min_selected=0.6).any()
 
 
 def test_a_piece_within_the_bounds_of_a_few_selected_ends_is_attached_and_one_beyond_them_is_not():
@@ -202,7 +204,7 @@ def test_a_piece_within_the_bounds_of_a_few_selected_ends_is_attached_and_one_be
     above = support(thing, few).above
     assert attached(thing, few)[block & ~few & above].all()
     left = few & (positions[:, 0] < np.median(positions[block, 0]))
-    assert not attached(thing, left, bounds_margin=0.0).any()
+    assert not attached(thing, left, reach=0.05).any()
 
 
 def test_a_selection_of_the_surface_itself_stands_on_nothing():
@@ -214,23 +216,24 @@ def test_a_selection_of_the_surface_itself_stands_on_nothing():
 
 def test_a_wider_gap_joins_what_stands_apart():
     thing = desk()
-    assert attached(thing, thing.of(BLOCK), gap=0.8, bounds_margin=2.0)[
-        thing.of(POST) & (thing.scene.means[:, 2] > -0.5)
-    ].all()
+    assert attached(thing, thing.of(BLOCK), reach=0.8)[thing.of(POST) & (thing.scene.means[:, 2] > -0.5)].all()
 
 
 def test_nothing_above_the_surface_is_nothing_attached():
     thing = desk()
     flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
     positions = thing.scene.means
-    assert not attached_to_object(positions, spacing(positions), thing.of(BLOCK), weights(thing), flat, CONFIG).any()
+    assert not attached_to_object(
+        positions, spacing(positions), thing.of(BLOCK), weights(thing), flat, 0.1, CONFIG
+    ).any()
 
 
 @pytest.mark.parametrize(("gap_spacing", "joined"), [(2.8, True), (0.0, False)])
 def test_few_large_gaussians_are_one_piece_though_their_centres_lie_apart(gap_spacing, joined):
     thing = desk(step=0.12)  # wider than the gap
-    found = attached(thing, thing.of(BLOCK), gap_spacing=gap_spacing, bounds_margin=0.5)
-    assert found[thing.of(ARM)].all() == joined
+    ends, between = with_ends(thing)
+    found = attached(thing, ends, gap_spacing=gap_spacing)
+    assert found[between].all() == joined
     assert not found[thing.of(POST)].any()
 
 

@@ -18,15 +18,10 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.settings import Range, Share
 
-_SURROUNDINGS_RADII = 1.5
-"""Horizontal distance from the object's centre within which the plane is searched, in object radii."""
 _FOOT_DISTANCE_RADII = 0.4
 """Vertical distance from the object's foot within which the plane is searched, in object radii."""
-_BIN_RADII = 0.02
-"""Height of the histogram's bins, in object radii."""
 _FOOT_QUANTILE = 0.02
 """Quantile of the object's heights that is taken for its foot, so that single floaters do not count."""
-_MIN_WEIGHT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -42,11 +37,10 @@ class SupportPlaneConfig:
     """Smallest share that the plane must hold of all visible Gaussians around the object."""
     thickness: Annotated[float, Range(1e-3, 10)] = 0.05
     """Half of the plane's thickness, relative to the object's radius."""
-    gap: Annotated[float, Range(1e-3, 10)] = 0.1
-    """Largest distance between neighbours in one piece of what stands on the plane, in object radii."""
     gap_spacing: Annotated[float, Range(0, 100)] = 2.8
-    """The same in units of the median distance between nearest neighbours in the selection, if that is more: large
-    Gaussians touch each other although their centres lie far apart."""
+    """Largest step within a piece, in units of the median distance between nearest neighbours in the selection, where
+    that is more than the standard deviation of the kernel over position: large Gaussians touch each other although
+    their centres lie far apart."""
     max_selected_within: Share = 0.5
     """Largest share of what the selection shows that may lie within the plane or below it. With more, the selection is
     the surface itself, or lies on it as a rug does, and there is no plane to tell it from."""
@@ -54,8 +48,6 @@ class SupportPlaneConfig:
     """Smallest selected share of a piece within the bounds of the selection of which more may be the object's."""
     min_within_bounds: Share = 0.97
     """Smallest share of a piece within the bounds of the selection from which on it counts as lying within them."""
-    bounds_margin: Annotated[float, Range(0, 10)] = 0.1
-    """Margin around the bounds of the selection, in object radii."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +78,15 @@ def find_support_plane(
     """
     local = (positions - bounds.centre / bounds.radius) @ bounds.axes.T
     height = local[:, 2]
-    around = ~selection & (np.hypot(local[:, 0], local[:, 1]) < _SURROUNDINGS_RADII)
-    total = weights[around].sum()
-    if not config.enabled or total <= 0 or not selection.any():
+    if not config.enabled or not selection.any():
         return None
     foot = np.quantile(height[selection], _FOOT_QUANTILE)
-    lowest, highest = foot - _FOOT_DISTANCE_RADII, foot + _FOOT_DISTANCE_RADII + _BIN_RADII
-    layer = densest_layer(height[around], weights[around], float(lowest), float(highest), _BIN_RADII)
-    level = weights[around & (np.abs(height - foot) < _FOOT_DISTANCE_RADII)].sum()
-    if layer is None or layer[1] < max(config.min_share * level, config.min_share_of_all * total, _MIN_WEIGHT):
+    level = ~selection & (np.abs(height - foot) < _FOOT_DISTANCE_RADII)
+    bin_height = 2 / 3 * config.thickness  # a layer is three bins
+    lowest, highest = foot - _FOOT_DISTANCE_RADII, foot + _FOOT_DISTANCE_RADII + bin_height
+    layer = densest_layer(height[level], weights[level], float(lowest), float(highest), bin_height)
+    around = config.min_share * weights[level].sum(), config.min_share_of_all * weights[~selection].sum()
+    if layer is None or layer[1] < max(around):
         return None
     shown = weights[selection]
     if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():

@@ -15,11 +15,12 @@ def attached_to_object(
     labels: BoolArray,
     weights: Float64Array,
     plane: SupportPlane,
+    reach: float,
     config: SupportPlaneConfig,
 ) -> BoolArray:
     """Gaussians that are not labelled as object but belong to a piece that may be the object's, (N,).
 
-    A piece is what lies above the plane and is connected by steps no longer than the gap. It may be the object's if
+    A piece is what lies above the plane and is connected by short steps. It may be the object's if
     some of it is labelled so and all of it lies within the bounds of what is labelled, so that the selection has every
     end of it: a lawn that touches a plant, or a robot of which an arm was selected, reaches beyond them.
 
@@ -29,15 +30,16 @@ def attached_to_object(
         labels: the labels so far, (N,).
         weights: how visible each Gaussian is, (N,).
         plane: the plane that the object stands on.
+        reach: largest step within a piece, and how far it may lie outside the bounds of the selection, in object radii.
         config: what counts as a piece.
     """
     attached = np.zeros(len(labels), np.bool_)
     rows = np.flatnonzero(plane.above)
     if len(rows) == 0:
         return attached
-    gap = max(config.gap, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
+    gap = max(reach, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
     piece = connected_points(positions[rows].astype(np.float64), gap)
-    near = _within_bounds(positions[rows], positions[labels], config.bounds_margin)
+    near = _within_bounds(positions[rows], positions[labels], reach)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])
     within = np.bincount(piece, weights[rows] * near) >= config.min_within_bounds * total
     attached[rows] = (within & (selected > config.min_selected * total))[piece] & ~labels[rows]
