@@ -85,8 +85,8 @@ def find_support_plane(
     bin_height = 2 / 3 * config.thickness  # a layer is three bins
     lowest, highest = foot - _FOOT_DISTANCE_RADII, foot + _FOOT_DISTANCE_RADII + bin_height
     layer = densest_layer(height[level], weights[level], float(lowest), float(highest), bin_height)
-    around = config.min_share * weights[level].sum(), config.min_share_of_all * weights[~selection].sum()
-    if layer is None or layer[1] < max(around):
+    least = config.min_share * weights[level].sum(), config.min_share_of_all * weights[~selection].sum()
+    if layer is None or layer[1] < max(least):
         return None
     shown = weights[selection]
     if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():
