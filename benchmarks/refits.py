@@ -119,7 +119,7 @@ def fit(gaussians: Gaussians, views: Sequence[View], steps: int, rng: np.random.
             drawing = draw(gaussians, view.camera)
             weight = np.ones_like(view.picture)
             weight[3] = ALPHA_WEIGHT
-            slopes = slopes_towards(drawing, view.picture, weight, HUBER_WIDTH, 0.0)
+            slopes = slopes_towards(drawing, view.picture, weight, HUBER_WIDTH)
             of_view = gradients(drawing, slopes, everything)
             gradient += np.concatenate([of_view, _by_degree_one(gaussians, view.camera, of_view[:, 10:])], axis=1)
         gradient *= rates  # so that all parameters are measured in their steps

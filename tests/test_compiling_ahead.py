@@ -23,7 +23,7 @@ def test_every_kernel_is_compiled_for_the_types_that_it_is_called_with():
     scene, camera = random_scene(0, 40), front_camera(48, 32)
     drawing = draw(scene, camera)
     picture = np.zeros((4, 32, 48), np.float32)
-    gradients(drawing, slopes_towards(drawing, picture, picture + 1, 0.1, 0.0), np.ones(len(scene), np.bool_))
+    gradients(drawing, slopes_towards(drawing, picture, picture + 1, 0.1), np.ones(len(scene), np.bool_))
     kd_tree.nearest(scene.means, scene.means, 3)
     assert all(before)
     assert [kernel.signatures for kernel in KERNELS] == before

@@ -99,7 +99,7 @@ def test_parts_come_last_and_every_gaussian_of_the_object_is_still_there() -> No
 
 def test_no_gaussian_becomes_a_needle_or_flies_away() -> None:
     ball, cameras = _sphere(60, 0.8, 0.2, 0.5), _views()
-    config = RefineConfig(steps=100, cut_above=1e6)
+    config = RefineConfig(cut_above=1e6)
     masks = [np.zeros_like(mask) for mask in _true_masks(cameras)]  # Nothing can satisfy these.
     refined = refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, masks, 1.0), config)
     assert (_elongation(refined.object) < np.log(5.0)).all()

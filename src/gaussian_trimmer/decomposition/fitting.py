@@ -23,23 +23,11 @@ _VIEWS_PER_STEP = 2
 _HUBER_WIDTH = 0.1
 """Difference at a pixel from which on it counts in proportion rather than by its square, so that pixels that no
 Gaussian can mend do not govern the fit."""
-_INVISIBLE_DIFFERENCE = 1 / 255
-"""Difference at a pixel that counts as none."""
-_MEAN_DECAY, _SQUARE_DECAY = 0.8, 0.95
-"""What of the mean gradient, and of its mean square, one step hands on to the next."""
-_LAST_STEP_SHARE = 0.1
-"""Length of the last step relative to the first."""
-_NOISE_GRADIENT_PIXELS = 0.3
-"""Gradient in pixels that counts as nothing to go by: what the views hardly show moves by less than a step."""
+_MEAN_DECAY, _SQUARE_DECAY, _LEAST_LENGTH = 0.9, 0.999, 1e-8
+"""Adam's own: what of the mean gradient, and of its mean square, one step hands on to the next, and what keeps it from
+dividing by zero."""
 _PRIOR_WEIGHT = 0.3
 """Weight of the squares of all parameters against the pixels of one view."""
-_PARAMETER_STEPS = np.array([1] * 9 + [2] + [1] * 3, np.float32)
-"""Length of a step by parameter, relative to each other."""
-_MAX_MOVE_DEVIATIONS = 2.0
-"""Farthest that a centre goes, in standard deviations."""
-_MIN_LOG_SCALE_CHANGE, _MAX_LOG_SCALE_CHANGE = -1.2, 0.4
-"""Logarithms of the factors by which a scale may change: a Gaussian becomes at most five times as elongated."""
-_MAX_LOGIT_CHANGE = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +44,8 @@ class Target:
 def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], steps: int, rate: float) -> Gaussians:
     """The Gaussians, of which some are changed so that they show what they should.
 
-    Adam (Kingma and Ba, 2015) on the sum over pixels of sqrt(difference^2 + 0.1^2), two views a step.
+    Adam (Kingma and Ba, 2015) on the sum over pixels of sqrt(difference^2 + 0.1^2), two views a step. Its steps shrink
+    evenly to nothing, so that no parameter goes farther than about half of `steps * rate`.
 
     Args:
         gaussians: all that the views show, N of them.
@@ -85,21 +74,15 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
         mean = _MEAN_DECAY * mean + (1 - _MEAN_DECAY) * gradient
         square = _SQUARE_DECAY * square + (1 - _SQUARE_DECAY) * gradient**2
         direction = mean / (1 - _MEAN_DECAY ** (step + 1))
-        length = np.sqrt(square / (1 - _SQUARE_DECAY ** (step + 1))) + np.float32(_NOISE_GRADIENT_PIXELS)
-        shrinking = 1 - (1 - _LAST_STEP_SHARE) * step / steps
-        change -= np.float32(rate * shrinking) * _PARAMETER_STEPS * direction / length
-        change[:, :3] = np.clip(change[:, :3], -_MAX_MOVE_DEVIATIONS, _MAX_MOVE_DEVIATIONS)
-        change[:, 3:6] = np.clip(change[:, 3:6], _MIN_LOG_SCALE_CHANGE, _MAX_LOG_SCALE_CHANGE)
-        change[:, 9] = np.clip(change[:, 9], -_MAX_LOGIT_CHANGE, _MAX_LOGIT_CHANGE)
+        length = np.sqrt(square / (1 - _SQUARE_DECAY ** (step + 1))) + np.float32(_LEAST_LENGTH)
+        change -= np.float32(rate * (1 - step / steps)) * direction / length
         current = changed(gaussians, rows, change, axes)
     return current
 
 
 def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
     drawing = draw(gaussians, target.camera)
-    return gradients(
-        drawing, slopes_towards(drawing, target.picture, target.weight, _HUBER_WIDTH, _INVISIBLE_DIFFERENCE), moving
-    )
+    return gradients(drawing, slopes_towards(drawing, target.picture, target.weight, _HUBER_WIDTH), moving)
 
 
 def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: FloatArray) -> Gaussians:

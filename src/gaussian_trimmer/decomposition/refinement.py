@@ -23,8 +23,6 @@ from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.rendering.gradients import Drawing, draw
 from gaussian_trimmer.settings import Range, Share
 
-_MIN_WRONG_PIXELS = 0.02
-"""Blend weight of a wrong pixel in each view, in pixels, from which on a Gaussian is worth the fit."""
 _MAX_CUTS = 2
 """Times that a Gaussian may be cut in two."""
 _FIRST_STEP = 0.1
@@ -87,12 +85,12 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
     wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
     pieces, parent = inner, np.arange(len(inner))
     for _ in range(_MAX_CUTS):
-        coarse = _worth_it(wrong, len(targets), config) & (wrong[:, 0] > config.cut_above * len(targets))
+        coarse = _worth_it(wrong, config) & (wrong[:, 0] > config.cut_above * len(targets))
         if not coarse.any():
             break
         pieces, parent = _cut(pieces, parent, coarse)
         wrong = np.sum(list(map_side_by_side(partial(_wrong_weight_once_drawn, pieces), targets)), axis=0)
-    moving = _worth_it(wrong, len(targets), config)
+    moving = _worth_it(wrong, config)
     pieces = _sound(fit(pieces, moving, targets, config.steps, _FIRST_STEP), pieces)
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
@@ -115,9 +113,9 @@ def _wrong_weight_once_drawn(pieces: Gaussians, target: Target) -> FloatArray:
     return _wrong_weight(draw(pieces, target.camera), target)
 
 
-def _worth_it(wrong: FloatArray, views: int, config: RefineConfig) -> BoolArray:
-    """Which Gaussians show so much at wrong pixels that they are fitted, (N,)."""
-    return np.asarray((wrong[:, 0] > config.wrong_share * wrong[:, 1]) & (wrong[:, 0] > _MIN_WRONG_PIXELS * views))
+def _worth_it(wrong: FloatArray, config: RefineConfig) -> BoolArray:
+    """Which Gaussians show so large a part of themselves at wrong pixels that they are fitted, (N,)."""
+    return np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
 
 
 def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussians, IntArray]:

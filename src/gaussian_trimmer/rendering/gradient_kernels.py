@@ -147,7 +147,7 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
 
 
 @_jit
-def robust_slopes(image, picture, weight, rounding, invisible):  # type: ignore[no-untyped-def]
+def robust_slopes(image, picture, weight, rounding):  # type: ignore[no-untyped-def]
     """Derivatives of the sum of weight * sqrt(d^2 + rounding^2) by an image's values, (4, H', W').
 
     Args:
@@ -155,7 +155,6 @@ def robust_slopes(image, picture, weight, rounding, invisible):  # type: ignore[
         picture: the colour and alpha that it should have, (4, H, W); d is the difference.
         weight: of each value, (4, H, W); beside the picture it is zero.
         rounding: difference from which on the sum grows in proportion.
-        invisible: difference that counts as none.
     """
     out = np.zeros((4, image.shape[1], image.shape[2]), np.float32)
     square = rounding * rounding
@@ -164,8 +163,7 @@ def robust_slopes(image, picture, weight, rounding, invisible):  # type: ignore[
             ours, theirs, weights, slopes = image[c + c // 3, y], picture[c, y], weight[c, y], out[c, y]
             for x in range(len(theirs)):
                 difference = ours[x] - theirs[x]
-                slope = weights[x] * difference / math.sqrt(difference * difference + square)
-                slopes[x] = slope if abs(difference) >= invisible else _ZERO
+                slopes[x] = weights[x] * difference / math.sqrt(difference * difference + square)
     return out
 
 

@@ -80,23 +80,18 @@ def draw_with(
     return drawing, blended[4:-1, : camera.height, : camera.width]
 
 
-def slopes_towards(
-    drawing: Drawing, picture: FloatArray, weight: FloatArray, rounding: float, invisible: float
-) -> FloatArray:
+def slopes_towards(drawing: Drawing, picture: FloatArray, weight: FloatArray, rounding: float) -> FloatArray:
     """Derivatives of the weighted sum of sqrt(d^2 + rounding^2) by what a view shows, d its difference from a picture.
 
     Args:
         drawing: the view.
         picture, weight: colour and alpha that it should have, and how much each counts, (4, H, W).
         rounding: difference from which on it counts in proportion rather than by its square.
-        invisible: difference that counts as none.
 
     Returns:
         For colour and alpha of all pixels of whole tiles, (4, H', W').
     """
-    return np.asarray(
-        kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding), np.float32(invisible))
-    )
+    return np.asarray(kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding)))
 
 
 def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatArray:
