@@ -102,11 +102,11 @@ def trimmed(selection, n_ball, seed, views=5, **evidence):
     return trim(sparse_ball(n_ball, seed)[0], selection, config=config)
 
 
-THROUGH_GAPS = [(300, 0, 5), (300, 1, 3), (700, 0, 3), (700, 2, 5)]
+THROUGH_GAPS = [(300, 0, 5), (300, 1, 3)]
 """Balls with gaps behind which the masks alone take the floor for the ball."""
 
 
-@pytest.mark.parametrize(("n_ball", "seed", "views"), [*THROUGH_GAPS, (700, 1, 5)])
+@pytest.mark.parametrize(("n_ball", "seed", "views"), [*THROUGH_GAPS, (700, 0, 3), (700, 1, 5), (700, 2, 5)])
 def test_what_is_only_seen_through_the_object_is_not_recovered(n_ball, seed, views):
     truth = sparse_ball(n_ball, seed)[1]
     result = trimmed(truth, n_ball, seed, views)

@@ -50,11 +50,13 @@ def test_without_any_edge_only_certain_labels_are_followed():
     assert width(supported_silhouette(view(48, 40, certainty=0.45, rgb=plain))) == 40
 
 
-def test_an_edge_of_depth_alone_helps():
-    plain = np.full((SIDE, SIDE, 3), 0.5, np.float32)
-    step = np.where(X < EDGE, 1.0, 2.0).astype(np.float32)
-    assert width(supported_silhouette(view(48, 40, certainty=0.15, rgb=plain))) == 48
-    assert width(supported_silhouette(view(48, 40, certainty=0.15, rgb=plain, depth=step))) == 40
+def test_a_piece_of_its_own_is_followed_if_the_labels_are_certain():
+    one = view(EDGE, EDGE)
+    for certainty, count in ((0.1, 0), (0.4, 100)):
+        prior = one.object_prior.copy()
+        prior[30:40, 60:70] = 0.5 + certainty
+        apart = View(one.camera, one.picture, one.object_alpha, one.object_visible, prior, one.box)
+        assert np.count_nonzero(supported_silhouette(apart)[:, EDGE:]) == count
 
 
 def test_equal_silhouettes_are_kept_without_a_look():

@@ -24,6 +24,9 @@ _OCCLUDER_DISTANCE = 0.1
 REFERENCE_PIXELS = 5 * 512 * 512
 """Pixels of the default views. Thresholds on summed blend weights hold for these, whatever views there are."""
 
+MIN_SEEN_PIXELS = 1e-3
+"""Summed blend weight above which a Gaussian counts as seen."""
+
 Box = tuple[int, int, int, int]
 """Pixel box (x0, y0, x1, y1); x1 and y1 are exclusive."""
 

@@ -17,10 +17,8 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.rendering import Renderer, over_views
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.settings import Share, Weight
-from gaussian_trimmer.views import TrimmedView, to_reference
+from gaussian_trimmer.views import MIN_SEEN_PIXELS, TrimmedView, to_reference
 
-_MIN_SEEN_PIXELS = 1e-3
-"""Blend weight above which a Gaussian counts as seen."""
 _UNDECIDED_SHARE = 0.5
 """Share inside the masks, and probability, that speak neither for the object nor against it."""
 
@@ -83,5 +81,5 @@ def classify_gaussians(
     share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED_SHARE), where=total > 0)
     label = np.where(selection, probability, _UNDECIDED_SHARE * probability)
     support = share - _UNDECIDED_SHARE + config.prior * (label - _UNDECIDED_SHARE)
-    supported = np.where(total > _MIN_SEEN_PIXELS, support, label - _UNDECIDED_SHARE) > 0
+    supported = np.where(total > MIN_SEEN_PIXELS, support, label - _UNDECIDED_SHARE) > 0
     return supported & (selection | (probability > config.recover_limit)) if config.recover else supported & selection

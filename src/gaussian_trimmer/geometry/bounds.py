@@ -17,8 +17,6 @@ _SECOND_SHARE = 0.25
 _BOUND_PERCENTILES = (1.0, 99.0)
 _REACH_DEVIATIONS = 1.5
 """Standard deviations out to which a Gaussian reaches; two whose reaches meet hang together."""
-_MIN_CLUSTER_SHARE = 0.03
-"""Smallest share of the weight of a cluster that counts for the bounds because it touches the dominant ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,7 @@ def _dominant_cluster(target: Gaussians, points: Float64Array, size: float) -> B
         shares = np.bincount(cluster, weights) / weights.sum()
         if shares.max() >= _DOMINANT_SHARE:
             dominant = np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
-            return _with_touching_clusters(target, dominant, cluster, shares >= _MIN_CLUSTER_SHARE)
+            return _with_touching_clusters(target, dominant, cluster)
         size *= 1.5
 
 
@@ -141,10 +139,10 @@ def touching(target: Gaussians, group: BoolArray) -> BoolArray:
     return touches
 
 
-def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: IntArray, counts: BoolArray) -> BoolArray:
-    """The dominant clusters and, step by step, each cluster that counts and touches them, (N,)."""
+def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: IntArray) -> BoolArray:
+    """The dominant clusters and, step by step, each cluster that touches them, (N,)."""
     while not dominant.all():
-        found = np.isin(cluster, cluster[touching(target, dominant)]) & counts[cluster]
+        found = np.isin(cluster, cluster[touching(target, dominant)])
         if not found.any():
             break
         dominant = dominant | found

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, over_views
-from gaussian_trimmer.views import View, mask_overlap
+from gaussian_trimmer.views import MIN_SEEN_PIXELS, View, mask_overlap
 
 _CONFIDENCE_WEIGHT = 0.32
 """Weight of the mask's mean logit in a region, which counts up to `_MAX_LOGIT`."""
@@ -42,8 +42,6 @@ _MASK_GRID_CELLS = 256
 """Cells on the longer side of that grid, of all models of the SAM family."""
 _MIN_OVERLAP = 0.5
 """Smallest intersection over union with the silhouette from which on a mask is taken for one of the object."""
-_MIN_SEEN_PIXELS = 1e-3
-"""Blend weight in pixels above which a Gaussian counts as seen by the other views."""
 
 
 def fuse_with_silhouettes(
@@ -137,7 +135,7 @@ def _shares_elsewhere(
     def shown(view: View, own: FloatArray) -> FloatArray:
         outside, inside = (total - own).T
         seen = outside + inside
-        share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > _MIN_SEEN_PIXELS)
+        share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > MIN_SEEN_PIXELS)
         return renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0]
 
     return list(over_views(renderer, shown, views, weights))

@@ -31,15 +31,12 @@ from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 from gaussian_trimmer.settings import Range, Weight
+from gaussian_trimmer.views import MIN_SEEN_PIXELS
 
-_MIN_SEEN_PIXELS = 0.05
-"""Visible weight above which a Gaussian counts as seen."""
 _HALF_COUNTED_PIXELS = 1.0
 """Visible weight at which a neighbour counts half."""
 _MAJORITY_OF = 17
 """Number of nearest Gaussians, itself among them, whose labels decide on which side of the boundary one lies."""
-_MAX_COLOUR_EVIDENCE = 2.0
-"""Limit of the colour models' log-likelihood ratio."""
 _MAX_DISTANCE = 1.5
 """Distance from the boundary from which on trust in the given label no longer grows, in standard deviations of the
 kernel over position."""
@@ -97,7 +94,7 @@ def correct_labels(
     along with it.
     """
     probability = selection.astype(np.float32)
-    is_seen = visible > _MIN_SEEN_PIXELS
+    is_seen = visible > MIN_SEEN_PIXELS
     labels = selection[is_seen]
     if not config.enabled or labels.all() or not labels.any():
         return probability
@@ -204,8 +201,7 @@ class _Crf:
         for share in (object_share, 1 - object_share):
             held = np.bincount(self.colour, self.weights * share)
             models.append(held / max(held.sum(), 1e-12) + 1 / self.n_colours)
-        ratio: Float64Array = np.log(models[0] / models[1])[self.colour]
-        return np.clip(ratio, -_MAX_COLOUR_EVIDENCE, _MAX_COLOUR_EVIDENCE)
+        return np.asarray(np.log(models[0] / models[1])[self.colour])
 
 
 def _features(positions: FloatArray, colours: FloatArray, config: LabelCrfConfig) -> FloatArray:

@@ -1,12 +1,12 @@
 """Do no harm, in each picture: labels move a silhouette only to where the picture has an edge.
 
 Labels are corrected by what is alike and what hangs together, and both can be wrong. The picture has evidence of its
-own: the outline of an object lies on edges of colour and depth. So the silhouettes of the selection and of the
+own: the outline of an object lies on edges of colour. So the silhouettes of the selection and of the
 corrected labels are compared region by region, and where they differ the new outline must lie on stronger edges than
 the old one, or the labels must be certain.
 
-The three weights below are a logistic regression of whether a region's change was right, over 5,800 regions in views of
-30 objects with six kinds of error; they hold when each scene is left out in turn (docs/decisions/masks-from-labels.md).
+The weights come from a logistic regression of whether a region's change was right, over 5,800 regions in views of 30
+objects with six kinds of error; they hold when each scene is left out in turn (docs/decisions/masks-from-labels.md).
 """
 
 from __future__ import annotations
@@ -19,20 +19,12 @@ import numpy as np
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.views import HALF, View, bounding_box, box_slices
 
-_DEPTH_WEIGHT = 0.16
-"""Weight of the logarithm of the ratio of depth edges, relative to that of colour edges."""
 _CERTAINTY_WEIGHT = 1.6
-"""Weight of the certainty of the corrected labels, 0 to 0.5."""
+"""Weight of the certainty of the corrected labels, 0 to 0.5, relative to that of edges."""
 _MIN_SUPPORT = 0.35
-"""Smallest sum of the three from which on a change is followed."""
-_NO_OUTLINE = 0.2
-"""What stands for the edges of a region that the old or the new outline does not touch, such as a piece of its own."""
-_MIN_OUTLINE = 3
-"""Fewest pixels of an outline whose edges mean something."""
-_MAX_DEPTH_RATIO = 1.5
-"""Largest logarithm of the ratio of depth edges that counts."""
-_COLOUR_NOISE, _DEPTH_NOISE = 1.0, 0.002
-"""Edges that count as none: Lab units a pixel, and relative depth a pixel."""
+"""Smallest sum of both from which on a change is followed."""
+_NOISE = 1.0
+"""Edges that count as none, in Lab units a pixel."""
 _BLUR_PIXELS = 1.0
 """Standard deviation of the blur before gradients are taken, in pixels."""
 _EDGE_REACH_PIXELS = 8
@@ -60,8 +52,7 @@ def _supported(view: View, window: tuple[slice, slice], before: BoolArray, after
     """The same within a window of the image that holds all that may change and what its edges are found from."""
     mask = before.copy()
     count, regions, boxes, _ = cv2.connectedComponentsWithStats((before != after).astype(np.uint8), connectivity=8)
-    farthest = float(view.depth.max())
-    edges = _colour_edges(view.rgb[window]), _depth_edges(view.depth[window], farthest)
+    edges = _colour_edges(view.rgb[window])
     left, reached = _outline(before), _outline(after)
     old, new = left & ~reached, reached & ~left
     certainty = np.abs(view.object_prior[window] - HALF)
@@ -71,39 +62,28 @@ def _supported(view: View, window: tuple[slice, slice], before: BoolArray, after
         member = regions[part] == region
         near = cv2.dilate(member.astype(np.uint8), _NEIGHBOURHOOD) > 0
         support = _CERTAINTY_WEIGHT * float(certainty[part][member].mean())
-        support += _gain((edges[0][part], edges[1][part]), near & old[part], near & new[part])
+        support += _gain(edges[part], near & old[part], near & new[part])
         if support > _MIN_SUPPORT:
             mask[part][member] = after[part][member]
     return mask
 
 
-def _gain(edges: tuple[FloatArray, FloatArray], old: BoolArray, new: BoolArray) -> float:
-    """How much stronger the edges are along the new outline than along the old one, as a sum of logarithms."""
-    if min(np.count_nonzero(old), np.count_nonzero(new)) < _MIN_OUTLINE:
-        return _NO_OUTLINE
-    colour, depth = (
-        float(np.log((strength[new].mean() + noise) / (strength[old].mean() + noise)))
-        for strength, noise in zip(edges, (_COLOUR_NOISE, _DEPTH_NOISE), strict=True)
-    )
-    return colour + _DEPTH_WEIGHT * float(np.clip(depth, -_MAX_DEPTH_RATIO, _MAX_DEPTH_RATIO))
+def _gain(edges: FloatArray, old: BoolArray, new: BoolArray) -> float:
+    """How much stronger the edges (H, W) are along the new outline than along the old one: the logarithm of the ratio.
+
+    Zero where a region touches only one of them, such as a piece of its own.
+    """
+    if not (old.any() and new.any()):
+        return 0.0
+    return float(np.log((edges[new].mean() + _NOISE) / (edges[old].mean() + _NOISE)))
 
 
 def _colour_edges(rgb: FloatArray) -> FloatArray:
     """Strongest colour gradient of each pixel's neighbourhood, in Lab units a pixel, (H, W)."""
-    return _gradient(np.asarray(cv2.cvtColor(np.clip(rgb, 0, 1), cv2.COLOR_RGB2Lab), np.float32))
-
-
-def _depth_edges(depth: FloatArray, farthest: float) -> FloatArray:
-    """Strongest gradient of the logarithm of depth; nothing lies at twice the largest depth, (H, W)."""
-    depth = np.where(depth > 0, depth, 2 * farthest if farthest > 0 else 1.0)
-    return _gradient(np.log(depth).astype(np.float32))
-
-
-def _gradient(image: FloatArray) -> FloatArray:
-    smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PIXELS)
+    lab = np.asarray(cv2.cvtColor(np.clip(rgb, 0, 1), cv2.COLOR_RGB2Lab), np.float32)
+    smooth = cv2.GaussianBlur(lab, (0, 0), _BLUR_PIXELS)
     slopes = np.stack([cv2.Sobel(smooth, cv2.CV_32F, *order) / 8 for order in ((1, 0), (0, 1))])
-    squared = np.square(slopes).sum(axis=0)
-    length = np.sqrt(squared.sum(axis=-1) if image.ndim == 3 else squared)
+    length = np.sqrt(np.square(slopes).sum(axis=(0, -1)))
     return np.asarray(cv2.dilate(length, _NEIGHBOURHOOD), np.float32)
 
 
