@@ -16,15 +16,14 @@ EDGE = 40
 """Column at which the picture changes from red to grey: the object ends there."""
 
 
-def view(selected, corrected, certainty=0.2, rgb=None, depth=None):
+def view(selected, corrected, certainty=0.2, rgb=None):
     """A red object on the left; the selection ends at one column and the corrected labels at another."""
     if rgb is None:
         rgb = np.where((X < EDGE)[..., None], (0.8, 0.1, 0.1), (0.5, 0.5, 0.5)).astype(np.float32)
-    depth = np.ones((SIDE, SIDE), np.float32) if depth is None else depth
     visible = (selected > X).astype(np.float32)
     prior = np.where(corrected > X, 0.5 + certainty, 0.5 - certainty).astype(np.float32)
     camera = Camera(np.eye(4), np.array([[80.0, 0, 40], [0, 80, 40], [0, 0, 1]]), SIDE, SIDE)
-    picture = Rendering(rgb, np.ones((SIDE, SIDE), np.float32), depth)
+    picture = Rendering(rgb, np.ones((SIDE, SIDE), np.float32), np.ones((SIDE, SIDE), np.float32))
     return View(camera, picture, visible, visible, prior, bounding_box(visible > 0.5))
 
 

@@ -45,7 +45,7 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
     """The Gaussians, of which some are changed so that they show what they should.
 
     Adam (Kingma and Ba, 2015) on the sum over pixels of sqrt(difference^2 + 0.1^2), two views a step. Its steps shrink
-    evenly to nothing, so that no parameter goes farther than about half of `steps * rate`.
+    evenly to nothing, so that hardly a parameter goes farther than half of `steps * rate`, the sum of their lengths.
 
     Args:
         gaussians: all that the views show, N of them.

@@ -20,9 +20,9 @@ def attached_to_object(
 ) -> BoolArray:
     """Gaussians that are not labelled as object but belong to a piece that may be the object's, (N,).
 
-    A piece is what lies above the plane and is connected by short steps. It may be the object's if
-    some of it is labelled so and all of it lies within the bounds of what is labelled, so that the selection has every
-    end of it: a lawn that touches a plant, or a robot of which an arm was selected, reaches beyond them.
+    A piece is what lies above the plane and is connected by short steps. It may be the object's if some of it is
+    labelled so and all of it lies within the bounds of what is labelled, so that the selection has every end of it: a
+    lawn that touches a plant, or a robot of which an arm was selected, reaches beyond them.
 
     Args:
         positions: centres divided by the object's radius, (N, 3).

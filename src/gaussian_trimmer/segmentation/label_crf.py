@@ -25,7 +25,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray, logit, sigmoid
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
@@ -161,7 +161,7 @@ class _Crf:
         sums = np.bincount(self.group, counts * wrong, _GROUPS)
         error = np.divide(sums, total, out=np.full(_GROUPS, 0.5), where=total > 0)
         error = np.clip(error, _MIN_ERROR, 0.5)  # labels that are mostly wrong say nothing
-        return np.asarray(np.log(1 / error - 1))
+        return -logit(error)
 
     def infer_hidden(
         self, positions: FloatArray, colours: FloatArray, labels: BoolArray, probability: FloatArray
@@ -171,7 +171,7 @@ class _Crf:
         squared, near = nearest(self.features, features, min(self.config.k_neighbours, len(self.features)))
         followed = np.einsum("nk,nk->n", self._kernel(squared, near), 2 * probability[near] - 1)
         own = self.config.trust * np.where(labels, 1.0, -1.0)
-        return np.asarray(1 / (1 + np.exp(-own - self.config.smoothness * followed)), np.float32)
+        return sigmoid(np.asarray(own + self.config.smoothness * followed, np.float32))
 
     def _kernel(self, squared: FloatArray, neighbours: NDArray[np.int32]) -> FloatArray:
         """Weights of neighbours at squared distances (N, k), which sum up to one, (N, k)."""
@@ -192,7 +192,7 @@ class _Crf:
         return attached | (plane.on_surface & self.labels)
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> Float64Array:
-        """Clipped log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
+        """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
 
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even
         one so that colours that occur on one side only have a finite ratio.
