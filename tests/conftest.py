@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from functools import cache
@@ -18,6 +19,9 @@ FILLS = ("drawing", "searching and fitting")
 
 def pytest_configure(config):
     """Fill the cache of kernels with two processes at a time, in the process that starts the workers."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell starts programs in the background so; tests send this signal to programs that inherit it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     # Programs that tests start import the sources that are tested, and find their compiled kernels.
     os.environ["PYTHONPATH"] = os.pathsep.join([str(TESTS.parent / "src"), os.environ.get("PYTHONPATH", "")])
     if is_worker(config) or not getattr(config.option, "numprocesses", None) or config.option.collectonly:
