@@ -28,8 +28,9 @@ scene = gt.read(sample.SCENE)
 rough = gt.read_selection(sample.SELECTION, scene)
 for renderer in ("numba", MatteRenderer()):
     result = gt.trim(scene, rough, up="z", renderer=renderer, segmenter="grabcut")
+    colours = np.stack([seen.view.rgb for seen in result.views])
     unexpected = np.mean([np.mean(seen.mask != (seen.view.object_prior > 0.5)) for seen in result.views])
     print(
-        f"{result.renderer}: {result.object_mask.sum()} Gaussians kept, "
-        f"masks unexpected in {unexpected:.2%} of the pixels"
+        f"{result.renderer}: {result.object_mask.sum()} Gaussians kept, masks unexpected in {unexpected:.2%} of the "
+        f"pixels, mean colour {colours.mean():.4f}, brightest {colours.max():.2f}"
     )

@@ -63,10 +63,8 @@ def test_bring_your_own_renderer(printed):
     builtin, own = printed
     assert builtin.startswith("numba: ") and own.startswith("matte: ")
     assert all(2000 < numbers(line)[0] < SELECTED for line in printed)
-    # GrabCut segments what the renderer draws, with and without highlights.
-    assert 0 < numbers(own)[1] < 1
-    assert 0 < numbers(builtin)[1] < 1
-    assert numbers(own)[1] != numbers(builtin)[1]
+    assert all(0 < numbers(line)[1] < 1 for line in printed)  # per cent of the pixels
+    assert numbers(own)[2] != numbers(builtin)[2]  # GrabCut saw other colours
 
 
 @pytest.mark.parametrize("printed", ["05_measure_a_trim.py"], indirect=True)
