@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from toy import RED, WHITE, any_rotation, gaussians
+from toy import BLUE, RED, WHITE, any_rotation, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
@@ -246,6 +246,19 @@ def test_corrected_labels_take_a_missed_arm_whole_only_where_the_surface_is_know
     assert corrected[thing.of(ARM)].all() == enabled
     assert corrected[thing.of(BLOCK)].mean() > 0.95
     assert not corrected[thing.of(TABLE, POST)].any()
+
+
+def test_a_thing_against_the_object_is_left_out_of_a_selection_that_is_right():
+    """Its colour, of which the object has spots and nothing else anything, speaks for it."""
+    thing = desk(arm_colour=BLUE)
+    selection = thing.of(BLOCK, POST)  # with the arm within its bounds
+    assert attached(thing, selection, reach=0.12)[thing.of(ARM)].all()
+    colours = thing.scene.sh_dc.copy()
+    colours[np.flatnonzero(thing.of(BLOCK))[::20]] = colours[thing.of(ARM)][0]
+    scene = thing.scene.replace(sh_dc=colours)
+    seen = weights(thing).astype(np.float32)
+    corrected = correct_labels(scene, selection, seen, bounds(), LabelCrfConfig()) > 0.5
+    np.testing.assert_array_equal(corrected, selection)
 
 
 def test_the_densest_layer_is_three_bins_of_most_weight():

@@ -10,8 +10,10 @@ from it agree with each other, and no edge has to be found in a picture that the
 How often a selection is wrong is not known, and it differs from side to side: one that is too wide has everything of
 the object, and one that is too narrow has nothing else. So the field is solved twice. The first solution tells how
 often the labels of either side are wrong, near the boundary and where they contradict what is around them, and the
-second one trusts them accordingly. This is one step of the expectation-maximisation for noisy labels of Dawid and
-Skene, "Maximum Likelihood Estimation of Observer Error-Rates Using the EM Algorithm" (Applied Statistics, 1979).
+second one trusts them accordingly. A piece that stands against the object has no label in the first one, where its
+colours and neighbours speak for themselves: it may be an arm that was missed, or another thing. This is one step of the
+expectation-maximisation for noisy labels of Dawid and Skene, "Maximum Likelihood Estimation of Observer Error-Rates
+Using the EM Algorithm" (Applied Statistics, 1979).
 
 The mean-field update is that of Kraehenbuehl and Koltun, "Efficient Inference in Fully Connected CRFs with Gaussian
 Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over position and colour restricted to the nearest neighbours.
@@ -102,8 +104,8 @@ def correct_labels(
     colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32)
     weights = visible[is_seen].astype(np.float64)
     crf = _Crf(positions[is_seen], colours[is_seen], weights, labels, bounds, config)
-    first = crf.infer(np.full(_GROUPS, config.trust))
-    probability[is_seen] = crf.infer(crf.estimated_trust(first))
+    first = crf.infer(np.full(_GROUPS, config.trust), believes_attached=False)
+    probability[is_seen] = crf.infer(crf.estimated_trust(first), believes_attached=True)
     hidden = ~is_seen
     probability[hidden] = crf.infer_hidden(positions[hidden], colours[hidden], selection[hidden], probability[is_seen])
     return probability
@@ -135,17 +137,20 @@ class _Crf:
         self.agrees = labels == inside
         self.group = 2 * labels + self.agrees
         spacing = np.sqrt(squared[:, min(1, squared.shape[1] - 1)])
-        self.is_open = self._open_labels(spacing, bounds)
+        self.attached, self.in_plane = self._contradicted(spacing, bounds)
 
-    def infer(self, trust: Float64Array) -> FloatArray:
+    def infer(self, trust: Float64Array, believes_attached: bool) -> FloatArray:
         """The field solved, as probabilities (S,).
 
         Args:
             trust: weight of a label at the boundary, for each group, (4,).
+            believes_attached: whether labels of attached pieces have that weight, too; otherwise they have none.
         """
         config = self.config
-        own = (trust[self.group] + config.interior_trust * self.distance**2) * self.sides
-        unary = np.where(self.is_open, 0, own)
+        at_boundary = trust[self.group]
+        own = at_boundary + config.interior_trust * self.distance**2
+        own = np.where(self.attached, at_boundary if believes_attached else 0, own)
+        unary = np.where(self.in_plane, 0, own) * self.sides
         mean = np.sign(unary)
         for _ in range(config.iterations):
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
@@ -178,18 +183,20 @@ class _Crf:
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
-    def _open_labels(self, spacing: FloatArray, bounds: Bounds) -> BoolArray:
-        """Gaussians whose given label says nothing, because of the plane that the object stands on, (S,).
+    def _contradicted(self, spacing: FloatArray, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
+        """Labels that the plane contradicts that the object stands on: two masks, (S,).
 
-        These are selected ones that lie in the plane, and others of a piece above it that is partly selected.
+        The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
+        of selected ones in the plane.
         """
         config = self.config.support_plane
         plane = find_support_plane(self.positions, self.labels, self.weights, bounds, config)
         if plane is None:
-            return np.zeros(len(self.labels), np.bool_)
+            none = np.zeros(len(self.labels), np.bool_)
+            return none, none
         reach = self.config.position_sigma
         attached = attached_to_object(self.positions, spacing, self.labels, self.weights, plane, reach, config)
-        return attached | (plane.on_surface & self.labels)
+        return attached, plane.on_surface & self.labels
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> Float64Array:
         """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
