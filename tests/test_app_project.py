@@ -125,6 +125,7 @@ def test_projects_of_other_scenes_and_damaged_ones_are_refused(session, tmp_path
         ({"objects": []}, "active object"),
         ({"content": "else"}, "no project"),
         ({"objects": [{}]}, "objects"),
+        ({"objects": 2 * document["objects"]}, "two objects of the same name"),
     ):
         (tmp_path / "b.json").write_text(json.dumps(document | change))
         with pytest.raises(InputError, match=message):

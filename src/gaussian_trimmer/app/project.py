@@ -123,6 +123,9 @@ def read_project(path: Path) -> Project:
     project: Project = from_plain(raw, Project, f"'{path}': project", readers)
     if not project.objects or not 0 <= project.active < len(project.objects):
         raise InputError(f"'{path}' is damaged: its active object is not there.")
+    names = [part.name for part in project.objects]
+    if len(set(names)) < len(names):
+        raise InputError(f"'{path}' has two objects of the same name; give each its own.")
     return project
 
 
