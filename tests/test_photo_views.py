@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from toy import gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.planning.photo_views import photo_views
+from gaussian_trimmer.planning.photo_views import photo_views, visible_share
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 
 BOUNDS = Bounds(np.zeros(3), np.eye(3), np.full(3, 0.5))
 
@@ -58,3 +60,27 @@ def test_without_a_camera_that_sees_it_there_is_no_view():
     assert photo_views([Camera(behind, intrinsics(1.0, 400, 300), 400, 300)], BOUNDS, 3) == []
     assert photo_views([], BOUNDS, 3) == []
     assert photo_views(ring(), BOUNDS, 0) == []
+
+
+def test_views_in_which_something_hides_the_object_come_last():
+    behind = {f"{i}" for i in range(12)}
+
+    def shown(crop):
+        return 0.1 if crop.name in behind else 1.0
+
+    cameras = [camera(2 * np.pi * i / 24, name=f"{i}") for i in range(24)]
+    assert not behind & {c.name for c in photo_views(cameras, BOUNDS, 5, visible_share=shown)}
+    assert (
+        len(photo_views(cameras[:12], BOUNDS, 5, visible_share=shown)) == 5
+    )  # but where all are hidden, they are taken
+
+
+def test_the_share_of_an_object_that_a_camera_sees():
+    ball, fence = np.zeros((1, 3)), np.array([[2.0, 0.0, -0.3]])
+    scene = gaussians(np.concatenate([ball, fence]), [[0.3] * 3, [0.05, 3.0, 0.6]], (1, 1, 1), 0.98)
+    selection, renderer = np.array([True, False]), NumbaRenderer()
+    before, beside = camera(0.0, target=(0, 0, 0)), camera(np.pi, target=(0, 0, 0))
+    assert 0.2 < visible_share(scene, selection, before, renderer) < 0.8
+    assert visible_share(scene, selection, beside, renderer) > 0.98
+    away = camera(0.0, target=(10, 10, 0.3))
+    assert visible_share(scene, selection, away, renderer) == 0.0

@@ -11,9 +11,11 @@ from toy import (
     TightMasks,
     any_rotation,
     ball_on_floor,
+    camera_at,
     check_parts,
     dilated,
     eroded,
+    gaussians,
     jaccard,
     moved,
     object_rows,
@@ -117,6 +119,26 @@ def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene(
         opacities[source] = result.object.opacity_logits.tolist()
     assert opacities[None] == opacities["labels"] == opacities["renderings"]
     assert opacities["photographs"] == opacities["given"] != opacities[None]
+
+
+def test_what_hides_the_object_in_given_views_speaks_against_nothing():
+    """A fence far before the ball hides its lower part in every view, so the masks have only the upper one."""
+    y, z = np.meshgrid(np.linspace(-4, 4, 60), np.linspace(-1, 0.6, 13))
+    fence = gaussians(np.stack([np.full(y.size, 5.0), y.ravel(), z.ravel()], -1), 0.1, (0.2, 0.6, 0.2), 0.99)
+    scene, truth = concatenate([SCENE, fence]), np.append(TRUTH, np.zeros(y.size, np.bool_))
+    cameras = [camera_at((9, y, 1), size=128) for y in (-2, 0, 2)]
+
+    class VisibleMasks:
+        name, mask_source = "visible", "photographs"
+
+        def segment(self, views):
+            shares = truth.astype(np.float32)[:, None]
+            return [NumbaRenderer().blend_values(scene, view.camera, shares)[..., 0] > 0.5 for view in views]
+
+    result = trim(scene, truth, config=small_config(split=WHOLE), segmenter=VisibleMasks(), view_cameras=cameras)
+    assert result.refused is None
+    behind_it = truth & (scene.means[:, 2] > 0.2) & (scene.means[:, 2] < 0.9)
+    assert object_rows(result)[behind_it].mean() > 0.95
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.3])

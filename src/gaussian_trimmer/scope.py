@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneConfig, find_support_plane
 
@@ -28,6 +29,13 @@ class Scope:
     """Which of them are selected, without floaters far from the object, (L,)."""
     excluded: BoolArray
     """Which of them may not become part of the object, (L,)."""
+    occluders: Gaussians
+    """What else the cameras see before the object, if they were given: photographs and masks show that, too."""
+
+    @cached_property
+    def shown(self) -> Gaussians:
+        """What the views show: the L Gaussians, and the occluders after them."""
+        return concatenate([self.local, self.occluders]) if len(self.occluders) else self.local
 
     def support_plane(self, members: BoolArray, visible: FloatArray, config: SupportPlaneConfig) -> SupportPlane | None:
         """The plane that the object stands on, if there is one.

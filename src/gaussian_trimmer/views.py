@@ -48,6 +48,8 @@ class View:
     """Bounding box of the selected object rendered in isolation: the prompt of eq. 6."""
     hidden: BoolArray | None = None
     """Pixels of the selected object where something clearly nearer hides it, (H, W); None: there are none."""
+    photographed: bool = False
+    """Whether the picture is a photograph, which shows more than the scene does, and not a rendering of the scene."""
 
     @property
     def rgb(self) -> FloatArray:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,9 +37,9 @@ from gaussian_trimmer.output.engines import ENGINES, engine_files, write_for_eng
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.output.saving import trim_files, write_trim
-from gaussian_trimmer.planning.photo_views import photo_views
+from gaussian_trimmer.planning.photo_views import photo_views, visible_share
 from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmentation import supported_changes
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
@@ -135,7 +136,7 @@ class Trim(TrimInputs):
         renderer, segmenter = get_renderer(self.renderer), self.make_segmenter()
         views = views_of_masks(segmenter, loaded.cameras, self.settings())
         if self.photos is not None:
-            views, segmenter = self._photo_views(scene, selection, loaded.cameras, segmenter)
+            views, segmenter = self._photo_views(scene, selection, loaded.cameras, segmenter, renderer)
         if renderer.name == "numba":
             announce_compiling(console)
         result = trim(
@@ -241,7 +242,12 @@ class Trim(TrimInputs):
         return settled if earlier is None else earlier.followed_by(settled, self.cameras)
 
     def _photo_views(
-        self, scene: Gaussians, selection: BoolArray, cameras: CameraSet | None, segmenter: Segmenter
+        self,
+        scene: Gaussians,
+        selection: BoolArray,
+        cameras: CameraSet | None,
+        segmenter: Segmenter,
+        renderer: Renderer,
     ) -> tuple[list[Camera], Segmenter]:
         """Crops of the training pictures that show the object best, and the segmenter that is shown these pictures."""
         if self.photos is None or cameras is None or hasattr(segmenter, "own_cameras"):
@@ -251,7 +257,9 @@ class Trim(TrimInputs):
         up = find_up(scene, cameras, self.settings().up, selection)
         bounds = robust_bounds(scene.select(selection), up_frame(up.direction))
         plan = self.settings().plan
-        views = photo_views(known, bounds, self.views or max(plan.views, _USUAL_PHOTOS), plan.size, plan.fill)
+        number = self.views or max(plan.views, _USUAL_PHOTOS)
+        shown = partial(visible_share, scene, selection, renderer=renderer)
+        views = photo_views(known, bounds, number, plan.size, plan.fill, shown)
         if not views:
             raise InputError(f"None of the {len(known)} cameras with pictures in '{self.photos}' sees the object.")
         return views, PhotoSegmenter(segmenter, self.photos, known)

@@ -77,11 +77,13 @@ class OutlineViews:
     """The object's radius in scene units."""
     ground: Ground | None = None
     """What it stands on, if anything: nothing of it is below."""
+    occluders: Gaussians | None = None
+    """What else the views show before the object; None: nothing."""
 
     def look(self, inner: Gaussians, background: Gaussians) -> list[Sight]:
         """What each view shows of an object and of the Gaussians around it."""
         masks: Sequence[FloatArray | None] = [None] * len(self.cameras) if self.masks is None else self.masks
-        everything = concatenate([inner, background])
+        everything = concatenate([inner, background, *([self.occluders] if self.occluders else [])])
         member = np.zeros((len(everything), 1), np.float32)
         member[: len(inner)] = 1
         return list(map_side_by_side(partial(self._look, inner, everything, member), self.cameras, masks))

@@ -57,7 +57,8 @@ def find_members(
     """
 
     def weighed(trimmed: TrimmedView) -> FloatArray:
-        return renderer.blend_weights(scope.local, trimmed.view.camera, trimmed.mask.astype(np.uint8), 2)
+        weights = renderer.blend_weights(scope.shown, trimmed.view.camera, trimmed.mask.astype(np.uint8), 2)
+        return weights[: len(scope.local)]
 
     weights = list(over_views(renderer, weighed, accepted))
     outside, inside = to_reference(np.sum(weights, axis=0), scope.cameras).T

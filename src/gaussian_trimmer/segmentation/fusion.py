@@ -31,7 +31,8 @@ _AGREEMENT_WEIGHT = 3.83
 _ADDING_WEIGHT = 0.39
 """Gain of regions that the mask adds and loss of those that it removes."""
 _MIN_SUPPORT = 0.84
-"""Smallest sum of these from which on the mask is followed: even odds lie at 0.34."""
+"""Smallest sum of these from which on the mask of a rendering is followed: even odds lie at 0.34. That of a photograph,
+which shows what the scene does not, is followed wherever the sum is positive."""
 _TILE_PIXELS = 32
 """Side of the tiles, in pixels of a view of 512, that regions are cut into: a mask may be right at one end of a long
 seam and wrong at the other."""
@@ -69,14 +70,15 @@ def fuse_with_silhouettes(
     fused = []
     for number, silhouette in enumerate(silhouettes):
         if trusted[number]:
-            follow = _supported(silhouette, logits[number], elsewhere[number])
+            least = 0.0 if views[number].photographed else _MIN_SUPPORT
+            follow = _supported(silhouette, logits[number], elsewhere[number], least)
             fused.append(np.where(follow, masks[number], silhouette))
         else:
             fused.append(silhouette.copy())
     return fused, trusted.count(False)
 
 
-def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray) -> BoolArray:
+def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray, least: float) -> BoolArray:
     """Pixels at which mask and silhouette differ and the mask is to be followed, (H, W)."""
     mask = logits > 0
     regions, count = _regions(silhouette, mask)
@@ -90,7 +92,7 @@ def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray)
     confidence = mean(np.abs(np.clip(logits, -_MAX_LOGIT, _MAX_LOGIT)))
     agreement = sign * (mean(elsewhere) - 0.5)
     support = _CONFIDENCE_WEIGHT * confidence + _AGREEMENT_WEIGHT * agreement + _ADDING_WEIGHT * sign
-    return np.asarray(member & (support > _MIN_SUPPORT)[regions])
+    return np.asarray(member & (support > least)[regions])
 
 
 def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32], int]:

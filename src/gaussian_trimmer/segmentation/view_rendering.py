@@ -19,7 +19,7 @@ class SceneRenderings:
     """What the cameras of a scope see, with the blend weights of its L Gaussians, of which S are selected."""
 
     pictures: Sequence[Rendering]
-    """The object and the Gaussians around it."""
+    """The object, the Gaussians around it, and what hides them."""
     isolated: Sequence[Rendering]
     """The selected object alone."""
     visible: FloatArray
@@ -34,9 +34,9 @@ def render_scope(scope: Scope, renderer: Renderer) -> SceneRenderings:
     def drawn(gaussians: Gaussians) -> list[Rendering]:
         return list(over_views(renderer, lambda c: renderer.render(gaussians, c, weights=True), scope.cameras))
 
-    pictures, isolated = drawn(scope.local), drawn(scope.local.select(scope.selected))
+    pictures, isolated = drawn(scope.shown), drawn(scope.local.select(scope.selected))
     visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
-    return SceneRenderings(pictures, isolated, visible, alone)
+    return SceneRenderings(pictures, isolated, visible[: len(scope.local)], alone)
 
 
 def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
@@ -60,9 +60,10 @@ def complete_views(
         probability: the corrected labels, (L,).
         renderer: draws the labels.
     """
-    shares = np.stack([scope.selected.astype(np.float32), probability], axis=1)
+    shares = np.zeros((len(scope.shown), 2), np.float32)
+    shares[: len(probability)] = np.stack([scope.selected, probability], axis=1)
     views = []
-    values = over_views(renderer, lambda camera: renderer.blend_values(scope.local, camera, shares), scope.cameras)
+    values = over_views(renderer, lambda camera: renderer.blend_values(scope.shown, camera, shares), scope.cameras)
     drawn = zip(scope.cameras, renderings.pictures, renderings.isolated, values, strict=True)
     for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])

@@ -40,7 +40,8 @@ def outline_views(
     else:
         known = training_cameras(task.cameras)
         cameras = views_at_heights(bounds, scope.cameras, known, settings.views, settings.size)
-    return OutlineViews(cameras, masks, bounds.radius, None if plane is None else _ground(bounds, plane))
+    ground = None if plane is None else _ground(bounds, plane)
+    return OutlineViews(cameras, masks, bounds.radius, ground, scope.occluders)
 
 
 def _ground(bounds: Bounds, plane: SupportPlane) -> Ground:

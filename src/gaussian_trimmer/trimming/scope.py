@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from gaussian_trimmer.cameras import training_cameras
+from gaussian_trimmer.cameras import Camera, training_cameras
 from gaussian_trimmer.config import CONTEXT_RADIUS
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
 from gaussian_trimmer.geometry.bounds import Bounds, touching
@@ -16,6 +18,8 @@ from gaussian_trimmer.trimming.task import Task
 
 _MAX_WIDTH_RADII = 4.0
 """Largest standard deviation of a Gaussian of the object, in object radii."""
+_SEEN_DEVIATIONS = 3.0
+"""Standard deviations from its centre up to which a Gaussian may show in a picture."""
 _CONNECTING_STEPS = 8
 """Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 
@@ -33,7 +37,12 @@ def plan_scope(task: Task, up: Float64Array) -> Scope:
         plan = limit_yaw_to_observed(scene, selection, bounds, config.plan)
         if plan is not config.plan:
             planned, bounds = plan_cameras(local.select(selected), up, plan)
-    return Scope(bounds, planned, rows, local, selected, (task.excluded & ~selection)[rows])
+    occluding = np.zeros(len(scene), np.bool_)
+    if task.view_cameras and config.context_radius > 0:
+        occluding = _before(scene, task.view_cameras, bounds)
+        occluding[rows] = False
+    excluded = (task.excluded & ~selection)[rows]
+    return Scope(bounds, planned, rows, local, selected, excluded, scene.select(occluding))
 
 
 def _surroundings(
@@ -51,6 +60,21 @@ def _surroundings(
     members = _with_connected(scene, possible, members) if members.any() else selection
     rows = np.flatnonzero(members | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, members[rows]
+
+
+def _before(scene: Gaussians, cameras: Sequence[Camera], bounds: Bounds) -> BoolArray:
+    """Which Gaussians some camera may see nearer than the far end of the object, (N,)."""
+    found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.log_scales.max(axis=1))
+    for camera in cameras:
+        pixels, depths = camera.project(scene.means)
+        far = float(camera.project(bounds.centre[None])[1][0]) + bounds.radius
+        possible = np.flatnonzero((depths > camera.near) & (depths < far))
+        x, y = pixels[possible].T
+        aside = np.maximum(np.maximum(-x, x - camera.width), np.maximum(-y, y - camera.height))
+        focal_length = max(camera.K[0, 0], camera.K[1, 1])
+        reach = _SEEN_DEVIATIONS * widths[possible] * focal_length / depths[possible]
+        found[possible[aside < reach]] = True
+    return found
 
 
 def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) -> BoolArray:

@@ -78,7 +78,8 @@ class PhotoSegmenter:
         original = self._originals.get(view.camera.name)
         if original is None or not view.camera.name:
             raise InputError(f"The view '{view.camera.name}' has no photograph, since it is not a training camera's.")
-        return replace(view, picture=replace(view.picture, rgb=photo_of(view.camera, original, self._folder)))
+        rgb = photo_of(view.camera, original, self._folder)
+        return replace(view, picture=replace(view.picture, rgb=rgb), photographed=True)
 
 
 def cameras_with_photos(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
