@@ -20,10 +20,10 @@ def translucent_ball(n, logit):
 def test_a_trim_that_would_leave_little_is_refused_and_the_selection_returned():
     scene, truth = translucent_ball(150, -1.4)
     masks_alone = EvidenceConfig(prior=0.0)
-    bold = small_config(split=WHOLE, evidence=masks_alone, acceptance=AcceptanceConfig(min_remaining=0.0))
+    bold = small_config(split=WHOLE, evidence=masks_alone, acceptance=AcceptanceConfig(max_wrong=1.0))
     assert jaccard(object_rows(trim(scene, truth, config=bold)), truth) < 0.4  # the case is one where trimming fails
     result = trim(scene, truth, config=small_config(split=WHOLE, evidence=masks_alone))
-    assert "would remain; 0.4 is needed" in result.refused
+    assert "would remain; 0.40 is needed" in result.refused
     np.testing.assert_array_equal(object_rows(result), truth)
 
 
@@ -40,7 +40,7 @@ def ball_among_leaves(logit):
 
 def test_an_object_that_other_things_hide_in_most_views_is_left_as_it_was():
     scene, truth = ball_among_leaves(3.0)
-    bold = small_config(acceptance=AcceptanceConfig(max_hidden=1.0, min_views=0.0))
+    bold = small_config(acceptance=AcceptanceConfig(max_wrong=1.0))
     assert jaccard(object_rows(trim(scene, truth, config=bold)), truth) < 0.9  # the case is one where trimming fails
     result = trim(scene, truth, config=small_config())
     assert "something nearer hides 0." in result.refused
@@ -50,7 +50,7 @@ def test_an_object_that_other_things_hide_in_most_views_is_left_as_it_was():
 
 def test_what_shines_through_leaves_is_not_lost():
     scene, truth = ball_among_leaves(0.0)
-    bold = AcceptanceConfig(max_hidden=1.0)
+    bold = AcceptanceConfig(max_wrong=1.0)
     assert jaccard(object_rows(trim(scene, truth, config=small_config(acceptance=bold))), truth) > 0.98
 
 

@@ -70,7 +70,7 @@ def test_report_says_how_it_came_about(trimmed, written):
         {},
         {"refine": "fit"},
         {"split": SplitConfig("plane"), "boundary": BoundaryConfig(min_share=0.1, min_area=1e-5)},
-        {"acceptance": AcceptanceConfig(min_silhouette=10**6)},
+        {"acceptance": AcceptanceConfig(max_wrong=0.0)},
     ],
 )
 def test_every_selected_gaussian_is_counted_once(stages):
@@ -90,20 +90,18 @@ def test_every_selected_gaussian_is_counted_once(stages):
 def test_reasons_of_a_refused_trim_are_reported():
     scene, truth = toy.ball_on_floor()
     selection = toy.dilated(scene, truth)
-    config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
-    result = trim(scene, selection, config=config)
+    result = trim(scene, selection, config=toy.small_config(), segmenter=toy.EmptyMasks())
     report = describe(result)
     assert "0 of 5 views" in report["refused"]
-    assert all("pixels" in view["reason"] and not view["accepted"] for view in report["views"])
+    assert all("overlaps" in view["reason"] and not view["accepted"] for view in report["views"])
     assert (report["counts"]["removed"], report["counts"]["object"]) == (0, np.count_nonzero(selection))
 
 
 def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     scene, truth = toy.ball_on_floor()
     ball = scene.select(truth)
-    config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
     everything = np.ones(len(ball), np.bool_)
-    result = trim(ball, everything, config=config)
+    result = trim(ball, everything, config=toy.small_config(), segmenter=toy.EmptyMasks())
     write_results(result, {}, tmp_path, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
 

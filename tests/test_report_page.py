@@ -9,7 +9,6 @@ import toy
 from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
-from gaussian_trimmer.config import AcceptanceConfig
 from gaussian_trimmer.output.html.changes import FITTED, LEFT_OUT, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import LABEL_NAMES, describe
@@ -24,9 +23,9 @@ def page_of(result, **inputs):
     return Page(report_page(result, describe(result, inputs, {"read": 0.25})))
 
 
-def trimmed(**stages):
+def trimmed(segmenter="silhouette", **stages):
     scene, truth = toy.ball_on_floor()
-    return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages))
+    return trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=segmenter)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +103,7 @@ def test_names_of_strangers_are_shown_as_text(result):
 
 
 def test_refused_trims_and_views_are_shown_as_such():
-    refused = trimmed(acceptance=AcceptanceConfig(min_silhouette=10**6))
+    refused = trimmed(toy.EmptyMasks())
     page = page_of(refused)
     (_, verdict), *_ = page.all("p", role="alert")
     assert verdict.startswith("Not trimmed: only 0 of 5 views were accepted")
@@ -123,8 +122,8 @@ def test_inputs_that_were_found_wrong_give_a_page_without_views(result):
 def test_the_object_alone_has_no_scene_without_it():
     scene, truth = toy.ball_on_floor()
     ball = scene.select(truth)
-    config = toy.small_config(acceptance=AcceptanceConfig(min_silhouette=10**6))
-    page = page_of(trim(ball, np.ones(len(ball), np.bool_), config=config))
+    everything = np.ones(len(ball), np.bool_)
+    page = page_of(trim(ball, everything, config=toy.small_config(), segmenter=toy.EmptyMasks()))
     assert "Nothing is left" in page.text_of("background")
 
 

@@ -70,9 +70,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         config,
         plan=replace(config.plan, framing="paper"),
         label_crf=replace(config.label_crf, enabled=False),
-        acceptance=AcceptanceConfig(
-            min_overlap=0.0, min_silhouette=1, min_views=0.0, max_hidden=1.0, min_remaining=0.0
-        ),
+        acceptance=AcceptanceConfig(max_wrong=1.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, min_in_place=0.0),
         boundary=replace(config.boundary, min_share=0.05, min_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),

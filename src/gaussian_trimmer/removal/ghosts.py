@@ -67,7 +67,7 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
     """
     visible = place.seen.sum(axis=1)
     within, above = _where_the_object_was(place, surfaces)
-    there = within & (above | foreign_colours(place))
+    there = within & (above | _foreign_colours(place))
     ghosts, shown = np.zeros(len(there), np.bool_), np.zeros(len(there), np.float32)
     noticed = _MIN_SHOWN_SHARE * sum(camera.width * camera.height for camera in place.cameras)
     for _ in range(_MAX_ROUNDS):
@@ -99,7 +99,7 @@ def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> tuple[Bo
     return within & ~place.removed, above
 
 
-def foreign_colours(place: Place) -> BoolArray:
+def _foreign_colours(place: Place) -> BoolArray:
     """Which Gaussians have colours of which hardly anything is seen around the object, (N,)."""
     rgb = 0.5 + SH_C0 * place.gaussians.sh_dc
     level = np.clip((rgb * _COLOUR_LEVELS).astype(np.int64), 0, _COLOUR_LEVELS - 1)

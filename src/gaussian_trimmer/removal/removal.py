@@ -6,18 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, concatenate
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.removal.continuation import Continuation, continue_surfaces
-from gaussian_trimmer.removal.ghosts import find_hidden, foreign_colours
+from gaussian_trimmer.removal.ghosts import find_hidden
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import find_surfaces
-from gaussian_trimmer.rendering import over_views
 
 NO_SURFACE = "no flat surface that the object stands on or leans against was found, so nothing was made up where it was"
 NOT_SEEN = "too little is seen of the surfaces around the object, so nothing was made up where it was"
-_MAX_SEEN_SHARE = 0.4
-"""Blend weight in the scene, relative to that without the object, up to which nobody has seen a Gaussian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +32,6 @@ class Removal:
     """How many times brighter each Gaussian is without the object's shadow, at least 1, (N,)."""
     not_filled: str | None
     """Why nothing was made up; None if something was, or was not to be."""
-    unseen: float
-    """Share of the object's silhouettes in which there is now what no view of the scene showed, and of colours that are
-    not seen around it, in [0, 1]."""
 
 
 def remove(place: Place, *, fill: bool) -> Removal:
@@ -56,8 +49,6 @@ def remove(place: Place, *, fill: bool) -> Removal:
         not_filled = NOT_SEEN if surfaces else NO_SURFACE
     n, none = len(place.gaussians), place.gaussians.select(slice(0))
     going_on = going_on or Continuation(none, np.zeros(n, np.bool_), np.ones(n))
-    left = ~(place.removed | hidden.ghosts | hidden.to_object | going_on.replaced)
-    unseen = left & foreign_colours(place) & (place.seen.sum(axis=1) <= _MAX_SEEN_SHARE * hidden.shown)
     return Removal(
         to_object=hidden.to_object,
         ghosts=hidden.ghosts,
@@ -65,17 +56,4 @@ def remove(place: Place, *, fill: bool) -> Removal:
         replaced=going_on.replaced,
         gain=going_on.gain,
         not_filled=not_filled,
-        unseen=_share_in_silhouettes(place, concatenate([place.gaussians.select(left), going_on.filled]), unseen[left]),
     )
-
-
-def _share_in_silhouettes(place: Place, background: Gaussians, some: BoolArray) -> float:
-    """Share of the silhouettes that the first of a background's Gaussians make up where `some` is true."""
-
-    def weight(camera: Camera, silhouette: BoolArray) -> float:
-        weights = place.renderer.blend_weights(background, camera, silhouette.astype(np.uint8), 2)
-        return float(weights[: len(some), 1][some].sum())
-
-    silhouettes = place.silhouettes[::2]
-    pixels = sum(int(silhouette.sum()) for silhouette in silhouettes)
-    return sum(over_views(place.renderer, weight, place.cameras[::2], silhouettes)) / max(pixels, 1)

@@ -79,13 +79,14 @@ def find_surfaces(means: FloatArray, members: BoolArray, visible: FloatArray, bo
     directions = np.concatenate([[[0.0, 0.0, 1.0]], walls])
     found: list[tuple[Float64Array, float]] = []
     while len(directions) and len(found) < _MAX_SURFACES:
-        layers = [_layer(points[free] @ n, weights[free], object_points @ n) for n in directions]
+        free_points, free_weights = points[free], weights[free]
+        layers = [_layer(free_points @ n, free_weights, object_points @ n) for n in directions]
         held = [layer[1] if layer else 0.0 for layer in layers]
         best = int(np.argmax(held))
         layer = layers[best]
         if layer is None or held[best] < _MIN_SHARE * total:
             break
-        normal, offset = _fitted(points[free], weights[free], directions[best], layer[0])
+        normal, offset = _fitted(free_points, free_weights, directions[best], layer[0])
         if (object_points @ normal > offset - THICKNESS_RADII).mean() >= _MIN_ABOVE:
             found.append((normal, offset))
             free &= np.abs(points @ normal - offset) > 2 * THICKNESS_RADII

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.views import bounding_box, box_slices, grown
 
@@ -167,9 +167,10 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
         moved, there = _moved(rgb, down, right, window), _moved(examples, down, right, window)
         both = (there & ring_here).astype(np.float32)
         apart = (here - moved) * both[..., None]
-        local = _smoothed(np.dstack([(apart**2).sum(axis=2), both]), _NEARBY_PIXELS)
+        coarse, squared = _coarsened(np.dstack([apart, both])), _coarsened(np.einsum("hwc,hwc->hw", apart, apart))
+        local = _smoothed(np.dstack([squared, coarse[..., 3]]), _NEARBY_PIXELS, both.shape)
         disagreement = (local[..., 0] + 0.01 * difference) / (local[..., 1] + 0.01)
-        shades = _smoothed(np.dstack([apart, both]), 2 * _NEARBY_PIXELS)
+        shades = _smoothed(coarse, 2 * _NEARBY_PIXELS, both.shape)
         corrected = moved + shades[..., :3] / (shades[..., 3:] + 0.02)
         weight = (np.exp(-np.minimum(disagreement / sharpness, 60)) + 1e-12) * there
         return corrected[rows, columns], weight[rows, columns]
@@ -195,27 +196,30 @@ def _best_shifts(
     if not possible.any():
         possible = far & (pairs > 1) & (reached > 0.5)
     mean = np.where(possible, squared / np.maximum(pairs, 1), np.inf)
-    left, shifts, found = mean.copy(), [], []
-    for _ in range(_SHIFTS):
-        row, column = np.unravel_index(int(np.argmin(left)), left.shape)
-        if not np.isfinite(left[row, column]):
-            break
+    free, shifts, found = np.ones(mean.shape, np.bool_), [], []
+    candidates = np.flatnonzero(possible)
+    for candidate in candidates[np.argsort(mean.ravel()[candidates], kind="stable")]:
+        row, column = divmod(int(candidate), mean.shape[1])
+        if not free[row, column]:
+            continue
         shifts.append((int(down[row, column]), int(right[row, column])))
         found.append(float(mean[row, column]))
-        left[
+        if len(shifts) == _SHIFTS:
+            break
+        free[
             max(0, row - _SPREAD_PIXELS) : row + _SPREAD_PIXELS + 1,
             max(0, column - _SPREAD_PIXELS) : column + _SPREAD_PIXELS + 1,
-        ] = np.inf
+        ] = False
     return shifts, found
 
 
-def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Float64Array, Float64Array]:
+def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Sum of squared differences between pixels and those a shift farther, and their number, for all shifts.
 
     Only pixels of `here` are compared, with pixels of `there`, both (H, W). Shifts run from -H and -W, (2 H, 2 W).
     """
-    colours = rgb.astype(np.float64)
-    squared = (colours**2).sum(axis=2)
+    colours = rgb - rgb[there].mean(axis=0)  # small numbers, so that single precision suffices
+    squared = np.einsum("hwc,hwc->hw", colours, colours)
     images = [np.ones_like(squared), squared, *colours.transpose(2, 0, 1)]
     spectra = list(map_side_by_side(_spectrum, [part * image for image in images for part in (here, there)]))
     first, second = spectra[:2]
@@ -225,17 +229,23 @@ def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Fl
     return np.maximum(_by_shift(total, here.shape), 0), _by_shift(np.conj(first) * second, here.shape)
 
 
-def _overlaps(here: BoolArray, there: BoolArray) -> Float64Array:
+def _overlaps(here: BoolArray, there: BoolArray) -> FloatArray:
     """How many pixels of `here` meet one of `there` under each shift, (2 H, 2 W)."""
     return _by_shift(np.conj(_spectrum(here)) * _spectrum(there), here.shape)
 
 
-def _spectrum(image: BoolArray | Float64Array) -> np.ndarray:
-    return np.fft.rfft2(image, [2 * length for length in image.shape])
+def _spectrum(image: BoolArray | FloatArray) -> np.ndarray:
+    return np.fft.rfft2(image.astype(np.float32), _padded(image.shape))
 
 
-def _by_shift(spectrum: np.ndarray, shape: tuple[int, ...]) -> Float64Array:
-    return np.asarray(np.fft.fftshift(np.fft.irfft2(spectrum, [2 * length for length in shape])))
+def _by_shift(spectrum: np.ndarray, shape: tuple[int, ...]) -> FloatArray:
+    moved = np.roll(np.fft.irfft2(spectrum, _padded(shape)), shape, axis=(0, 1))
+    return np.asarray(moved[: 2 * shape[0], : 2 * shape[1]], np.float32)
+
+
+def _padded(shape: tuple[int, ...]) -> list[int]:
+    """Twice a picture's size or a little more, so that no shift wraps around and transforms are quick."""
+    return [cv2.getOptimalDFTSize(2 * length) for length in shape]
 
 
 def _moved(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]) -> np.ndarray:
@@ -249,13 +259,17 @@ def _moved(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]
     return moved
 
 
-def _smoothed(image: FloatArray, deviation: float) -> FloatArray:
-    """A Gaussian blur of an image (H, W, C), on a coarser grid."""
+def _coarsened(image: FloatArray) -> FloatArray:
+    """An image (H, W, C) on a coarser grid."""
     height, width = image.shape[:2]
-    coarse = (max(1, width // _COARSENING), max(1, height // _COARSENING))
-    small = cv2.resize(image, coarse, interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small, (0, 0), deviation / _COARSENING)
-    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR))
+    size = (max(1, width // _COARSENING), max(1, height // _COARSENING))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def _smoothed(coarse: FloatArray, deviation: float, shape: tuple[int, ...]) -> FloatArray:
+    """A Gaussian blur of an image of some shape (H, W) that was coarsened, (H, W, C)."""
+    blurred = cv2.GaussianBlur(coarse, (0, 0), deviation / _COARSENING)
+    return np.asarray(cv2.resize(blurred, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 def _middle_half(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, BoolArray]:

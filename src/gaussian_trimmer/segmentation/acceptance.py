@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.settings import Range, Share
+from gaussian_trimmer.settings import Share
 from gaussian_trimmer.views import TrimmedView, View, mask_overlap
 
 
@@ -17,30 +16,22 @@ from gaussian_trimmer.views import TrimmedView, View, mask_overlap
 class AcceptanceConfig:
     """When the mask of a view is accepted, and when the trim as a whole is."""
 
-    min_overlap: Share = 0.6
-    """Smallest intersection over union of a mask and the silhouette of the corrected labels."""
-    min_silhouette: Annotated[int, Range(0, 1 << 26)] = 64
-    """Smallest silhouette of the corrected labels, in pixels; a view that shows less of the object is rejected."""
-    min_views: Share = 0.4
-    """Smallest share of the views that must be accepted for the object to be trimmed."""
-    max_hidden: Share = 0.6
-    """Largest share of the object that something nearer may hide, in the mean of the accepted views."""
-    min_remaining: Share = 0.4
-    """Smallest share of what the selection shows that must remain in the object, in the scene and in isolation."""
+    max_wrong: Share = 0.6
+    """Largest share of a mask and the silhouette of the corrected labels together that only one of them has, of the
+    views whose masks are rejected, of the object that something nearer hides, and of what the selection shows that is
+    removed. 1: whatever the masks say is done."""
 
 
 def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptanceConfig) -> list[TrimmedView]:
     """Pair views with their masks, and say of each mask that is rejected why."""
-    checked = []
+    checked, least = [], 1 - config.max_wrong
     for view, mask in zip(views, masks, strict=True):
-        silhouette = view.silhouette
-        size = int(np.count_nonzero(silhouette))
-        overlap = mask_overlap(mask, silhouette)
+        overlap = mask_overlap(mask, view.silhouette)
         reason = None
-        if size < config.min_silhouette:
-            reason = f"the object is expected in only {size} pixels"
-        elif overlap < config.min_overlap:
-            reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {config.min_overlap} is needed"
+        if not view.silhouette.any():
+            reason = "the object is not expected in it"
+        elif overlap < least:
+            reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {least:.2f} is needed"
         checked.append(TrimmedView(view, mask, reason))
     return checked
 
@@ -48,10 +39,10 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
 def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str | None:
     """Why the views do not suffice to change the selection; None if they do."""
     accepted = [trimmed.view for trimmed in views if not trimmed.rejected]
-    if len(accepted) >= max(1.0, config.min_views * len(views)):
+    if len(accepted) >= max(1.0, (1 - config.max_wrong) * len(views)):
         hidden = float(np.mean([view.hidden_share for view in accepted]))
-        if hidden > config.max_hidden:
-            return f"something nearer hides {hidden:.2f} of the object in the views; {config.max_hidden} is allowed"
+        if hidden > config.max_wrong:
+            return f"something nearer hides {hidden:.2f} of the object in the views; {config.max_wrong} is allowed"
         return None
     reasons = "; ".join(sorted({view.rejected for view in views if view.rejected}))
     return f"only {len(accepted)} of {len(views)} views were accepted ({reasons})"
@@ -75,6 +66,7 @@ def excessive_loss(
     remaining = min(
         float(shown[kept].sum() / shown.sum()) if shown.sum() > 0 else 1.0 for shown in (visible[selection], alone)
     )
-    if remaining >= config.min_remaining:
+    least = 1 - config.max_wrong
+    if remaining >= least:
         return None
-    return f"only {remaining:.2f} of what the selection shows would remain; {config.min_remaining} is needed"
+    return f"only {remaining:.2f} of what the selection shows would remain; {least:.2f} is needed"

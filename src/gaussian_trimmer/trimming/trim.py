@@ -38,9 +38,6 @@ from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.task import PlugIns, Task
 from gaussian_trimmer.views import TrimmedView
 
-_MAX_UNSEEN_SHARE = 0.1
-"""Share of the place where the object stood from which on a warning says that what shows there was never seen."""
-
 
 @dataclass(frozen=True, eq=False)
 class Decision:
@@ -138,7 +135,7 @@ def decide(task: Task, clock: Clock) -> Decision:
         unsegmented = complete_views(scope, renderings, probability, renderer)
     task.plug_ins.report_parts_to(lambda part: clock.part(f"segment {part}"))
     with clock("segment"):
-        masks = task.plug_ins.segmenter.segment_with(unsegmented, scope.local, renderer)
+        masks = task.plug_ins.segmenter.segment_with(unsegmented, scope.shown, renderer)
         views = check_masks(unsegmented, masks, config.acceptance)
     plan = replace(plan, views=tuple(views), visible=renderings.visible)
     refused = rejection(views, config.acceptance)
@@ -186,11 +183,11 @@ def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
 
 def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock) -> TrimResult:
     """Put object and background together, with the object's outline fitted and the surfaces that it hid continued."""
-    config, scope, parts, warnings = task.config, decision.scope, decision.parts, list(decision.warnings)
+    config, scope, parts = task.config, decision.scope, decision.parts
     if parts is None:
         LOG.info("not trimmed: %s", decision.refused)
         kept = task.selection if decision.given_up is None else task.selection & ~decision.given_up
-        return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock, warnings)
+        return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock)
     with clock("assemble"):
         nobodys = scope.rows[removal.ghosts & ~parts.members] if removal else np.zeros(0, np.int64)
         assembly = assemble(task.scene, task.selection, scope.rows, parts, nobodys)
@@ -201,13 +198,8 @@ def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock
         LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
     if removal:
         assembly = _with_surfaces(assembly, scope, removal)
-        if removal.unseen > _MAX_UNSEEN_SHARE:
-            warnings.append(
-                f"Where the object stood, {removal.unseen:.0%} of what the background shows has colours that are not "
-                "seen around it, and no view of the scene showed it; look there, and remove in an editor what disturbs."
-            )
     LOG.info("object of %d Gaussians from a selection of %d", len(assembly.object), task.selection.sum())
-    return _result(task, decision, assembly, clock, warnings)
+    return _result(task, decision, assembly, clock)
 
 
 def _with_surfaces(assembly: Assembly, scope: Scope, removal: Removal) -> Assembly:
@@ -219,7 +211,7 @@ def _with_surfaces(assembly: Assembly, scope: Scope, removal: Removal) -> Assemb
     return assembly.with_surfaces(brighter, scope.rows[relit], scope.rows[removal.replaced], removal.filled)
 
 
-def _result(task: Task, decision: Decision, assembly: Assembly, clock: Clock, warnings: Sequence[str]) -> TrimResult:
+def _result(task: Task, decision: Decision, assembly: Assembly, clock: Clock) -> TrimResult:
     plug_ins, n_floaters = task.plug_ins, int(task.selection.sum() - decision.scope.selected.sum())
     return TrimResult(
         scene=task.scene,
@@ -237,5 +229,5 @@ def _result(task: Task, decision: Decision, assembly: Assembly, clock: Clock, wa
         config=task.config,
         used_renderer=plug_ins.given_renderer,
         cameras=tuple(training_cameras(task.cameras)),
-        warnings=tuple(warnings),
+        warnings=decision.warnings,
     )
