@@ -1,58 +1,91 @@
-"""Choose a setting of the trimmer by captures with ground truth, and see what it does on those that had no say.
+"""Choose settings of the trimmer by captures with ground truth, and see what they do on those that had no say.
 
-    python benchmarks/held_out.py ROOT [ROOT ...] --setting evidence.min-in-place --values 0.6 0.65 0.7 0.75
+    python benchmarks/held_out.py ROOT [ROOT ...] --settings evidence.min-in-place=0.6,0.8 label-crf.smoothness=3,5
 
-Each ROOT holds benchmark scenes (see benchmark_scenes.py), or is one. Every selection is trimmed with every value. For
-each group of captures the value is chosen by all other groups, and its score on this group is the held-out one; the
-last line has the value that all of them choose. Captures that show the same objects belong to one group.
+Each ROOT holds benchmark scenes (see benchmark_scenes.py), or is one. Every selection is trimmed with the defaults and
+with every value of every setting, one change at a time. For each group of captures, all other groups choose a value of
+each setting; with these values together the selections of the group are trimmed once more. So the last table has scores
+on which nothing that was chosen has looked. Captures that show the same objects belong to one group.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Any
 
 import tyro
+from benchmark_scenes import capture_of
 from quality import TaskOptions
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.runs import Run, Variant, measure
-from gaussian_trimmer.evaluation.scoring import Judge
+from gaussian_trimmer.evaluation.runs import Run, Task, Variant, measure
+from gaussian_trimmer.evaluation.scoring import RULES, Judge
 from gaussian_trimmer.rendering import get_renderer
 
-SAME_OBJECTS = (("scene0", "sparse"), ("tabletop", "parts", "flat"))
-"""Scenes of the benchmark that share objects; a capture's name may go on, as in "scene0_haze"."""
+Groups = Mapping[str, Mapping[str, float]]
+"""Scores by group of captures and variant."""
+DEFAULT = "default"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A setting, and the values that it is chosen from."""
+
+    setting: str
+    """Its name as on the command line."""
+    values: tuple[float, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> Choice:
+        """A choice from `name=value,value`; InputError if that is not what the text is."""
+        name, _, listed = text.partition("=")
+        try:
+            return cls(name, tuple(float(value) for value in listed.split(",")))
+        except ValueError as error:
+            raise InputError(f"'{text}' is no choice; write it as evidence.min-in-place=0.6,0.7,0.8.") from error
+
+    def variants(self) -> dict[str, Variant]:
+        """A way of running the trimmer for each value that is not the default, by name."""
+        made = {f"{self.setting}={value:g}": changed(TrimConfig(), self.setting, value) for value in self.values}
+        return {name: Variant(config) for name, config in made.items() if config != TrimConfig()}
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Choose one number by leaving each group of captures out in turn."""
+    """Choose settings by leaving each group of captures out in turn."""
 
     roots: Annotated[Positional[tuple[Path, ...]], arg(metavar="ROOT")]
     """Folders with benchmark scenes."""
-    setting: str
-    """What to choose, as on the command line: `evidence.min-in-place`."""
-    values: tuple[float, ...]
-    """The values to choose from."""
+    settings: tuple[str, ...]
+    """What to choose, named as on the command line, and the values beside the default."""
     options: Annotated[TaskOptions, arg(name="")] = field(default_factory=TaskOptions)
 
     def run(self) -> None:
-        if not self.values:
-            raise InputError("There is nothing to choose from: give --values.")
-        variants = {str(value): Variant(changed(TrimConfig(), self.setting, value)) for value in self.values}
-        judge, runs = Judge(get_renderer("numba")), list[Run]()
+        choices = [Choice.parse(text) for text in self.settings]
+        if not choices:
+            raise InputError("There is nothing to choose: give --settings.")
+        judge = Judge(get_renderer("numba"))
+        variants = {DEFAULT: Variant()}
+        for choice in choices:
+            variants |= choice.variants()
+        runs = [run for task in self._tasks() for run in measure(task, variants, judge, fidelity=False)]
+        groups = scores_by_group(runs)
+        for choice in choices:
+            print("\n".join(report(groups, [DEFAULT, *choice.variants()])), "\n")
+        again = {group: {"held out": Variant(chosen_config(groups, choices, group))} for group in groups}
+        runs = [run for run in runs if run.variant == DEFAULT]
+        for task in self._tasks():
+            runs += measure(task, again[capture_of(task.scene)], judge, fidelity=False)
+        print("\n".join(comparison(runs)))
+
+    def _tasks(self) -> Iterator[Task]:
         for root in self.roots:
-            for task in self.options.tasks(root, print):
-                runs += measure(task, variants, judge, fidelity=False)
-                print(
-                    task.scene, task.object, task.kind, *(f"{run.after['iou']:.1f}" for run in runs[-len(variants) :])
-                )
-        print("\n".join(report(scores_by_group(runs), [str(value) for value in self.values])))
+            yield from self.options.tasks(root, print)
 
 
 def changed(config: Any, setting: str, value: float) -> Any:
@@ -60,44 +93,70 @@ def changed(config: Any, setting: str, value: float) -> Any:
     name, _, rest = setting.replace("-", "_").partition(".")
     if not hasattr(config, name):
         raise InputError(f"There is no setting '{name}'; 'gaussian-trimmer trim --help-all' lists them.")
-    return replace(config, **{name: changed(getattr(config, name), rest, value) if rest else value})
-
-
-def group_of(scene: str) -> str:
-    """The group of captures that a scene belongs to."""
-    for names in SAME_OBJECTS:
-        if scene.startswith(names):
-            return "+".join(names)
-    return scene.removesuffix("_small")
+    now = getattr(config, name)
+    new = changed(now, rest, value) if rest else (int(value) if isinstance(now, int) else value)
+    return replace(config, **{name: new})
 
 
 def scores_by_group(runs: Sequence[Run]) -> dict[str, dict[str, float]]:
     """The mean of IoU alone and in scene by group and variant; each selection counts once."""
     groups: dict[str, dict[str, list[float]]] = {}
     for run in runs:
-        score = (run.after["iou"] + run.after["iou_in_scene"]) / 2
-        groups.setdefault(group_of(run.scene), {}).setdefault(run.variant, []).append(score)
+        score = fmean(run.after[f"iou{ending}"] for ending in RULES.values())
+        groups.setdefault(capture_of(run.scene), {}).setdefault(run.variant, []).append(score)
     return {group: {name: fmean(scores) for name, scores in found.items()} for group, found in groups.items()}
 
 
-def chosen(groups: Mapping[str, Mapping[str, float]], values: Sequence[str], left_out: str = "") -> str:
-    """The value with the largest mean over groups, the first of equals; one group has no say."""
+def chosen(groups: Groups, names: Sequence[str], left_out: str = "") -> str:
+    """The variant with the largest mean over groups, the first of equals; one group has no say."""
     having_a_say = [scores for group, scores in groups.items() if group != left_out]
-    return max(values, key=lambda value: fmean(scores[value] for scores in having_a_say))
+    return max(names, key=lambda name: fmean(scores[name] for scores in having_a_say))
 
 
-def report(groups: Mapping[str, Mapping[str, float]], values: Sequence[str]) -> list[str]:
-    """Lines of a table: group, score with each value, the value that the others choose, and the score with it."""
+def chosen_config(groups: Groups, choices: Sequence[Choice], left_out: str) -> TrimConfig:
+    """The configuration that all other groups choose, each setting by itself."""
+    config = TrimConfig()
+    for choice in choices:
+        name = chosen(groups, [DEFAULT, *choice.variants()], left_out)
+        if name != DEFAULT:
+            config = changed(config, choice.setting, float(name.partition("=")[2]))
+    return config
+
+
+def report(groups: Groups, names: Sequence[str]) -> list[str]:
+    """Lines of a table: group, score of each variant, and the one that the others choose with its score."""
     if len(groups) < 2:
         raise InputError("Only one group of captures: there is none that could be left out.")
-    lines, held_out = [f"{'left out':24}" + "".join(f"{value:>8}" for value in values) + "  the others choose"], []
+    width = max(map(len, names)) + 2
+    lines, held_out = [f"{'left out':24}" + "".join(f"{name:>{width}}" for name in names) + "  the others choose"], []
     for group, scores in groups.items():
-        value = chosen(groups, values, group)
-        held_out.append(scores[value])
-        cells = "".join(f"{scores[other]:8.2f}" for other in values)
-        lines.append(f"{group:24}{cells}  {value}: {scores[value]:.2f}")
-    means = "".join(f"{fmean(scores[value] for scores in groups.values()):8.2f}" for value in values)
-    lines.append(f"{'mean':24}{means}  held out {fmean(held_out):.2f}; all choose {chosen(groups, values)}")
+        name = chosen(groups, names, group)
+        held_out.append(scores[name])
+        cells = "".join(f"{scores[other]:{width}.2f}" for other in names)
+        lines.append(f"{group:24}{cells}  {name}: {scores[name]:.2f}")
+    means = "".join(f"{fmean(scores[name] for scores in groups.values()):{width}.2f}" for name in names)
+    lines.append(f"{'mean':24}{means}  held out {fmean(held_out):.2f}; all choose {chosen(groups, names)}")
+    return lines
+
+
+def comparison(runs: Sequence[Run]) -> list[str]:
+    """Lines of a table: group, IoU by each rule of the input, with the defaults and held out, and trims that lose."""
+    lines = [f"{'left out':24}{'trims':>6}" + "".join(f"{rule:>10}: input, default, held out" for rule in RULES)]
+    groups = {capture_of(run.scene): None for run in runs}
+    for name in [*groups, "all"]:
+        of_group = [run for run in runs if name in (capture_of(run.scene), "all")]
+        final = [run for run in of_group if run.variant == DEFAULT]
+        held_out = [run for run in of_group if run.variant != DEFAULT]
+        line = f"{name:24}{len(final):6}"
+        for ending in RULES.values():
+            metric = f"iou{ending}"
+            means = (
+                fmean(r.before[metric] for r in final),
+                *(fmean(r.after[metric] for r in s) for s in (final, held_out)),
+            )
+            line += "".join(f"{mean:9.2f}" for mean in means)
+            line += f"  lose {sum(r.loses(metric) for r in final)}, {sum(r.loses(metric) for r in held_out)}"
+        lines.append(line)
     return lines
 
 

@@ -10,7 +10,6 @@ background everywhere.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -20,7 +19,7 @@ from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.compiling import map_side_by_side
-from gaussian_trimmer.rendering.gradients import Drawing, draw
+from gaussian_trimmer.rendering.gradients import Drawing
 from gaussian_trimmer.settings import Range, Share
 
 _MAX_CUTS = 2
@@ -83,14 +82,12 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
         return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
     targets = [coverage_target(sight) for sight in sights]
     wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
+    worth_it = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
     pieces, parent = inner, np.arange(len(inner))
-    for _ in range(_MAX_CUTS):
-        coarse = _worth_it(wrong, config) & (wrong[:, 0] > config.cut_above * len(targets))
-        if not coarse.any():
-            break
-        pieces, parent = _cut(pieces, parent, coarse)
-        wrong = np.sum(list(map_side_by_side(partial(_wrong_weight_once_drawn, pieces), targets)), axis=0)
-    moving = _worth_it(wrong, config)
+    for halvings in range(_MAX_CUTS):  # a half has half of what its Gaussian shows at wrong pixels
+        coarse = worth_it & (wrong[:, 0] > 2**halvings * config.cut_above * len(targets))
+        pieces, parent = _cut(pieces, parent, coarse[parent])
+    moving = worth_it[parent]
     pieces = _sound(fit(pieces, moving, targets, config.steps, _FIRST_STEP), pieces)
     part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
     order = np.argsort(part, kind="stable")
@@ -107,15 +104,6 @@ def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
     wrong = np.abs(alone.image[3] - target.picture[3]) * target.weight[3]
     scale = _REFERENCE_PIXELS / (target.camera.width * target.camera.height)
     return alone.weigh(np.stack([wrong, np.ones_like(wrong)])) * np.float32(scale)
-
-
-def _wrong_weight_once_drawn(pieces: Gaussians, target: Target) -> FloatArray:
-    return _wrong_weight(draw(pieces, target.camera), target)
-
-
-def _worth_it(wrong: FloatArray, config: RefineConfig) -> BoolArray:
-    """Which Gaussians show so large a part of themselves at wrong pixels that they are fitted, (N,)."""
-    return np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
 
 
 def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussians, IntArray]:
