@@ -8,7 +8,6 @@ from toy import BLUE, RED, WHITE, any_rotation, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, densest_layer, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
@@ -53,12 +52,6 @@ def bounds(radius=1.0, centre=(0, 0, 0), axes=AXES):
     return Bounds(radius * np.array(centre, np.float64), axes, half)
 
 
-def spacing(positions):
-    """Distance of each point from its nearest neighbour."""
-    squared, _ = nearest(positions, positions, 2)
-    return np.sqrt(squared[:, 1])
-
-
 def weights(thing):
     return np.full(len(thing.part), 5.0)
 
@@ -68,9 +61,9 @@ def support(thing, selection, box=None, seen=None, **config):
     return find_support_plane(thing.scene.means, selection, seen, box or bounds(), replace(CONFIG, **config))
 
 
-def attached(thing, selection, reach=0.1, **config):
+def attached(thing, selection, gap=0.1, reach=0.1, **config):
     found, positions, settings = support(thing, selection), thing.scene.means, replace(CONFIG, **config)
-    return attached_to_object(positions, spacing(positions), selection, weights(thing), found, reach, settings)
+    return attached_to_object(positions, selection, weights(thing), found, gap, reach, settings)
 
 
 def with_ends(thing):
@@ -204,7 +197,7 @@ def test_a_piece_within_the_bounds_of_a_few_selected_ends_is_attached_and_one_be
     above = support(thing, few).above
     assert attached(thing, few)[block & ~few & above].all()
     left = few & (positions[:, 0] < np.median(positions[block, 0]))
-    assert not attached(thing, left, reach=0.05).any()
+    assert not attached(thing, left, gap=0.05, reach=0.05).any()
 
 
 def test_a_selection_of_the_surface_itself_stands_on_nothing():
@@ -216,23 +209,21 @@ def test_a_selection_of_the_surface_itself_stands_on_nothing():
 
 def test_a_wider_gap_joins_what_stands_apart():
     thing = desk()
-    assert attached(thing, thing.of(BLOCK), reach=0.8)[thing.of(POST) & (thing.scene.means[:, 2] > -0.5)].all()
+    assert attached(thing, thing.of(BLOCK), gap=0.8, reach=0.8)[thing.of(POST) & (thing.scene.means[:, 2] > -0.5)].all()
 
 
 def test_nothing_above_the_surface_is_nothing_attached():
     thing = desk()
     flat = replace(support(thing, thing.of(BLOCK)), above=np.zeros(len(thing.part), np.bool_))
     positions = thing.scene.means
-    assert not attached_to_object(
-        positions, spacing(positions), thing.of(BLOCK), weights(thing), flat, 0.1, CONFIG
-    ).any()
+    assert not attached_to_object(positions, thing.of(BLOCK), weights(thing), flat, 0.1, 0.1, CONFIG).any()
 
 
-@pytest.mark.parametrize(("gap_spacing", "joined"), [(2.8, True), (0.0, False)])
-def test_few_large_gaussians_are_one_piece_though_their_centres_lie_apart(gap_spacing, joined):
+@pytest.mark.parametrize(("gap", "joined"), [(0.3, True), (0.1, False)])
+def test_few_large_gaussians_are_one_piece_if_the_gap_is_as_wide_as_they_lie_apart(gap, joined):
     thing = desk(step=0.12)  # wider than the gap
     ends, between = with_ends(thing)
-    found = attached(thing, ends, gap_spacing=gap_spacing)
+    found = attached(thing, ends, gap=gap)
     assert found[between].all() == joined
     assert not found[thing.of(POST)].any()
 

@@ -14,7 +14,8 @@ from gaussian_trimmer.geometry.kd_tree import nearest
 _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5
 _SECOND_SHARE = 0.25
-_BOUND_PERCENTILES = (1.0, 99.0)
+BOUND_PERCENTILES = (1.0, 99.0)
+"""Percentiles of an object's points along an axis that are taken for its ends, so that floaters do not count."""
 _REACH_DEVIATIONS = 1.5
 """Standard deviations out to which a Gaussian reaches; two whose reaches meet hang together."""
 
@@ -70,7 +71,7 @@ def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     rows = _dominant_cluster(target, points, size)
     local = (points[rows].reshape(-1, 3) @ axes.T).reshape(-1, *points.shape[1:])
     weights = target.opacities[rows].astype(np.float64)
-    low, high = _percentiles(local, weights, _BOUND_PERCENTILES)
+    low, high = _percentiles(local, weights, BOUND_PERCENTILES)
     floor = max(1e-3 * float((high - low).max()), float(np.exp(np.median(target.log_scales[rows]))))
     return Bounds((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, floor))
 

@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
 from gaussian_trimmer.settings import Range, Share
 
 _FOOT_DISTANCE_RADII = 0.4
 """Vertical distance from the object's foot within which the plane is searched, in object radii."""
-_FOOT_QUANTILE = 0.02
-"""Quantile of the object's heights that is taken for its foot, so that single floaters do not count."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +35,6 @@ class SupportPlaneConfig:
     """Smallest share that the plane must hold of all visible Gaussians around the object."""
     thickness: Annotated[float, Range(1e-3, 10)] = 0.05
     """Half of the plane's thickness, relative to the object's radius."""
-    gap_spacing: Annotated[float, Range(0, 100)] = 2.8
-    """Largest step within a piece, in units of the median distance between nearest neighbours in the selection, where
-    that is more than the standard deviation of the kernel over position: large Gaussians touch each other although
-    their centres lie far apart."""
     max_selected_within: Share = 0.5
     """Largest share of what the selection shows that may lie within the plane or below it. With more, the selection is
     the surface itself, or lies on it as a rug does, and there is no plane to tell it from."""
@@ -80,7 +74,7 @@ def find_support_plane(
     height = local[:, 2]
     if not config.enabled or not selection.any():
         return None
-    foot = np.quantile(height[selection], _FOOT_QUANTILE)
+    foot = np.percentile(height[selection], BOUND_PERCENTILES[0])
     level = ~selection & (np.abs(height - foot) < _FOOT_DISTANCE_RADII)
     bin_height = 2 / 3 * config.thickness  # a layer is three bins
     lowest, highest = foot - _FOOT_DISTANCE_RADII, foot + _FOOT_DISTANCE_RADII + bin_height

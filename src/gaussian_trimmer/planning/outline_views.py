@@ -20,11 +20,9 @@ _PITCH_STEPS = (-20.0, 0.0, 20.0, 40.0)
 """Heights of the views above and below the planned ones, in degrees."""
 _MIN_PITCH, _MAX_PITCH = 5.0, 75.0
 """Range of pitches in degrees where nothing is known of the training cameras; what they saw is looked at from there."""
-_GAP_PITCH_MARGIN = 10.0
-"""The same around the planned pitch where the views leave a part of the circle out, since then nothing was seen from
-there."""
-_TRAINING_PITCH_MARGIN = 25.0
-"""How much farther up and down than the training cameras the views may look from, in degrees."""
+_PITCH_MARGIN = 25.0
+"""How much farther up and down than the training cameras, or than planned views that leave a part of the circle out,
+the views may look from, in degrees."""
 _SINGLE_VIEW_SPAN = np.radians(30)
 """Span of yaws around a single view."""
 _CLOSE_UP_MARGIN = 0.15
@@ -46,15 +44,13 @@ def views_at_heights(
     yaws, pitches = angles_around(planned, bounds)
     first, span = observed_arc(yaws)
     pitch = float(np.degrees(np.median(pitches)))
-    low, high = (
-        (_MIN_PITCH, _MAX_PITCH) if span >= 2 * np.pi else (pitch - _GAP_PITCH_MARGIN, pitch + _GAP_PITCH_MARGIN)
-    )
+    low, high = (_MIN_PITCH, _MAX_PITCH) if span >= 2 * np.pi else (pitch - _PITCH_MARGIN, pitch + _PITCH_MARGIN)
     seen = cameras_that_see(training, bounds)
     if seen:
         lowest, highest = np.degrees(np.percentile(angles_around(seen, bounds)[1], [2, 98]))
         low, high = (
-            max(lowest - _TRAINING_PITCH_MARGIN, -_MAX_PITCH),
-            min(highest + _TRAINING_PITCH_MARGIN, _MAX_PITCH),
+            max(lowest - _PITCH_MARGIN, -_MAX_PITCH),
+            min(highest + _PITCH_MARGIN, _MAX_PITCH),
         )
     heights = np.radians(np.clip(pitch + np.array(_PITCH_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.

@@ -11,10 +11,10 @@ from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneCo
 
 def attached_to_object(
     positions: FloatArray,
-    spacing: FloatArray,
     labels: BoolArray,
     weights: Float64Array,
     plane: SupportPlane,
+    gap: float,
     reach: float,
     config: SupportPlaneConfig,
 ) -> BoolArray:
@@ -26,18 +26,17 @@ def attached_to_object(
 
     Args:
         positions: centres divided by the object's radius, (N, 3).
-        spacing: distance of each centre from its nearest neighbour, (N,).
         labels: the labels so far, (N,).
         weights: how visible each Gaussian is, (N,).
         plane: the plane that the object stands on.
-        reach: largest step within a piece, and how far it may lie outside the bounds of the selection, in object radii.
+        gap: largest step within a piece, in object radii.
+        reach: how far a piece may lie outside the bounds of the selection, in object radii.
         config: what counts as a piece.
     """
     attached = np.zeros(len(labels), np.bool_)
     rows = np.flatnonzero(plane.above)
     if len(rows) == 0:
         return attached
-    gap = max(reach, config.gap_spacing * float(np.median(spacing[labels])) if labels.any() else 0.0)
     piece = connected_points(positions[rows].astype(np.float64), gap)
     near = _within_bounds(positions[rows], positions[labels], reach)
     selected, total = np.bincount(piece, weights[rows] * labels[rows]), np.bincount(piece, weights[rows])

@@ -37,13 +37,12 @@ from gaussian_trimmer.views import MIN_SEEN_PIXELS
 
 _HALF_COUNTED_PIXELS = 1.0
 """Visible weight at which a neighbour counts half."""
-_MAJORITY_OF = 17
-"""Number of nearest Gaussians, itself among them, whose labels decide on which side of the boundary one lies."""
 _MAX_DISTANCE = 1.5
 """Distance from the boundary from which on trust in the given label no longer grows, in standard deviations of the
 kernel over position."""
 _MIN_ERROR = 1e-3
 """Smallest share of a group's labels that is taken to be wrong."""
+_PLANE_BELIEVED = False
 _GROUPS = 4
 """Groups of labels that are wrong equally often: not selected and selected, each against the majority around it and
 with it."""
@@ -61,10 +60,12 @@ class LabelCrfConfig:
     iterations: Annotated[int, Range(1, 1000)] = 10
     """Number of mean-field updates in each of two rounds."""
     k_neighbours: _Neighbours = 32
-    """Number of nearest neighbours in position and colour whose labels a Gaussian follows."""
+    """Number of nearest neighbours in position and colour whose labels a Gaussian follows. The majority of half as many,
+    the nearest in position, and itself decides on which side of the selection's boundary it lies."""
     position_sigma: _Width = 0.12
     """Standard deviation of the kernel over position, relative to the object's radius; also the largest gap within one
-    piece of what stands on the support plane, and how far such a piece may reach beyond the selection's bounds."""
+    piece of what stands on the support plane, unless the nearest Gaussians lie farther apart, and how far such a piece
+    may reach beyond the selection's bounds."""
     colour_sigma: _Width = 0.08
     """Standard deviation of the kernel over colour, and width of the colour models' bins, for channels in [0, 1]."""
     smoothness: Weight = 4.0
@@ -130,14 +131,15 @@ class _Crf:
         self.kernel = self._kernel(squared, self.alike)
         self.colour, self.n_colours = _colour_bins(colours, config.colour_sigma)
         self.sides = np.where(labels, np.float32(1), np.float32(-1))
-        squared, near = nearest(positions, positions, min(_MAJORITY_OF, len(positions)))
+        squared, near = nearest(positions, positions, min(config.k_neighbours // 2 + 1, len(positions)))
         inside = np.sum(self.sides[near] * self.importance[near], axis=1) > 0
         self.distance = _distance_to_boundary(positions, inside, _MAX_DISTANCE * config.position_sigma)
         self.distance /= config.position_sigma
         self.agrees = labels == inside
         self.group = 2 * labels + self.agrees
-        spacing = np.sqrt(squared[:, min(1, squared.shape[1] - 1)])
-        self.attached, self.in_plane = self._contradicted(spacing, bounds)
+        # Large Gaussians are one piece though their centres lie farther apart than the kernel reaches.
+        gap = max(config.position_sigma, float(np.sqrt(np.median(squared[labels, -1]))))
+        self.attached, self.in_plane = self._contradicted(gap, bounds)
 
     def infer(self, trust: Float64Array, believes_attached: bool) -> FloatArray:
         """The field solved, as probabilities (S,).
@@ -150,7 +152,8 @@ class _Crf:
         at_boundary = trust[self.group]
         own = at_boundary + config.interior_trust * self.distance**2
         own = np.where(self.attached, at_boundary if believes_attached else 0, own)
-        unary = np.where(self.in_plane, 0, own) * self.sides
+        plane = at_boundary if (believes_attached and _PLANE_BELIEVED) else 0
+        unary = np.where(self.in_plane, plane, own) * self.sides
         mean = np.sign(unary)
         for _ in range(config.iterations):
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
@@ -183,11 +186,11 @@ class _Crf:
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
-    def _contradicted(self, spacing: FloatArray, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
+    def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
         """Labels that the plane contradicts that the object stands on: two masks, (S,).
 
         The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
-        of selected ones in the plane.
+        of selected ones in the plane. `gap` is the largest step within a piece, in object radii.
         """
         config = self.config.support_plane
         plane = find_support_plane(self.positions, self.labels, self.weights, bounds, config)
@@ -195,7 +198,7 @@ class _Crf:
             none = np.zeros(len(self.labels), np.bool_)
             return none, none
         reach = self.config.position_sigma
-        attached = attached_to_object(self.positions, spacing, self.labels, self.weights, plane, reach, config)
+        attached = attached_to_object(self.positions, self.labels, self.weights, plane, gap, reach, config)
         return attached, plane.on_surface & self.labels
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> Float64Array:

@@ -16,12 +16,8 @@ from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.trimming.task import Task
 
-_MAX_WIDTH_RADII = 4.0
-"""Largest standard deviation of a Gaussian of the object, in object radii."""
 _SEEN_DEVIATIONS = 3.0
 """Standard deviations from its centre up to which a Gaussian may show in a picture."""
-_CONNECTING_STEPS = 8
-"""Steps from Gaussian to touching Gaussian in which what is selected hangs together with the object."""
 
 
 def plan_scope(task: Task, up: Float64Array) -> Scope:
@@ -50,14 +46,12 @@ def _surroundings(
 ) -> tuple[IntArray, BoolArray]:
     """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
-    Selected Gaussians far from the object that nothing connects with it, floaters, are neither; nor are those that are
-    several times as wide as the whole object.
+    Selected Gaussians far from the object that nothing connects with it, floaters, are neither.
     """
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
-    possible = selection & (scene.log_scales.max(axis=1) < np.log(_MAX_WIDTH_RADII * bounds.radius))
-    members = possible & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
-    members = _with_connected(scene, possible, members) if members.any() else selection
+    members = selection & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
+    members = _with_connected(scene, selection, members) if members.any() else selection
     rows = np.flatnonzero(members | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, members[rows]
 
@@ -81,8 +75,8 @@ def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) 
     """The members with those of the other selected Gaussians that hang together with it, (N,)."""
     rows = np.flatnonzero(selection)
     selected, member = scene.select(rows), members[rows]
-    for _ in range(_CONNECTING_STEPS):
-        found = touching(selected, member) if not member.all() else np.zeros(0, np.bool_)
+    while not member.all():
+        found = touching(selected, member)
         if not found.any():
             break
         member = member | found
