@@ -10,7 +10,6 @@ from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.segmentation import segmenters
 from gaussian_trimmer.segmentation.segmenters import SEGMENTERS, all_options, get_segmenter
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig, GrabCutSegmenter, grab_cut
-from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteConfig
 from gaussian_trimmer.views import View
 
 HEIGHT, WIDTH = 96, 128
@@ -54,7 +53,7 @@ def test_a_segmenter_takes_its_configuration():
 
 def test_silhouettes_are_where_the_object_contributes_more_than_half():
     expected = np.array([[0.0, 0.49, 0.51], [1.0, 0.2, 0.8]])
-    segmenter = get_segmenter("silhouette", SilhouetteConfig(check_edges=False))
+    segmenter = get_segmenter("silhouette")
     masks = segmenter.segment([view(expected), view(1 - expected)])
     assert masks[0].tolist() == [[False, False, True], [True, False, True]]
     assert masks[1].tolist() == [[True, True, False], [False, True, False]]
@@ -122,7 +121,7 @@ def test_grabcut_accepts_colours_out_of_range():
 def test_options_of_segmenters_come_from_their_own_dataclasses(monkeypatch):
     options = all_options()()
     assert options.grabcut == GrabCutConfig()
-    assert set(vars(options)) == {"silhouette", "grabcut", "sam", "sam2", "mask_files"}
+    assert set(vars(options)) == {"grabcut", "sam", "sam2", "mask_files"}
     row = ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig")
     monkeypatch.setitem(segmenters.SEGMENTERS, "another-one", row)
     assert all_options()().another_one == GrabCutConfig()

@@ -22,13 +22,12 @@ from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig
 from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
-from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteConfig
 from gaussian_trimmer.selecting.overview import OverviewConfig
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range, Vector, check_settings, hints_of
 
 ROOTS = {
-    TrimConfig: "", SelectionOptions: "selection", SilhouetteConfig: "silhouette",
+    TrimConfig: "", SelectionOptions: "selection",
     GrabCutConfig: "grabcut", Sam2Config: "sam2", SamConfig: "sam",
     MaskFilesConfig: "mask-files", OverviewConfig: "", FindConfig: "",
 }  # fmt: skip

@@ -40,7 +40,6 @@ from gaussian_trimmer.output.saving import trim_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views, visible_share
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.segmentation import supported_changes
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
 from gaussian_trimmer.selecting.marks import FromFile, Marks
@@ -126,7 +125,6 @@ class Trim(TrimInputs):
     ) -> dict[str, Any]:
         """Trim and write the results to a folder; returns the report."""
         start = time.perf_counter()
-        supported_changes.prepare()
         stage("read")
         loaded = loaded or self._read(console)
         scene, selection, excluded = loaded.scene, *self.without_excluded(loaded)

@@ -37,7 +37,7 @@ class RefineConfig:
     views: Annotated[int, Range(1, 1000)] = 16
     """Number of small views that they are fitted in, and in which it is found what is out of place."""
     size: Annotated[int, Range(16, 4096)] = 192
-    """Width and height of these views in pixels."""
+    """Width and height in pixels of these views, and of those in which the scene without the object is made."""
     steps: Annotated[int, Range(0, 10000)] = 32
     """Steps of the fit; each looks at two views."""
     wrong_share: Share = 0.02

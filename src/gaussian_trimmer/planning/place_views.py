@@ -11,10 +11,9 @@ from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 _PITCHES_DEGREES = (12.0, 45.0)
 _VIEWS_A_PITCH = 4
-_SIZE_PIXELS = 256
 
 
-def views_of_place(bounds: Bounds) -> list[Camera]:
+def views_of_place(bounds: Bounds, size: int) -> list[Camera]:
     """Small views from all sides at two heights, those of the upper one between those of the lower one.
 
     They go around the whole circle even where the object was seen from one side only: with views of that side alone,
@@ -22,9 +21,10 @@ def views_of_place(bounds: Bounds) -> list[Camera]:
 
     Args:
         bounds: the object's bounds, which the views frame; their third axis is up.
+        size: width and height of the views in pixels.
     """
     fov, cameras = float(np.radians(PlanConfig.fov_degrees)), []
-    lens = Lens(_SIZE_PIXELS, fov, NEAR_RADII * bounds.radius)
+    lens = Lens(size, fov, NEAR_RADII * bounds.radius)
     for i, pitch in enumerate(np.radians(_PITCHES_DEGREES)):
         yaws = 2 * np.pi * (np.arange(_VIEWS_A_PITCH) + 0.5 * i) / _VIEWS_A_PITCH
         distance = framing_distance(bounds, yaws, pitch, fov, PlanConfig.fill)

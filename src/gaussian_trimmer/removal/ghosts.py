@@ -42,8 +42,6 @@ _CRUMB_NEIGHBOUR_SHARE = 0.75
 _CRUMB_INSIDE_SHARE = 0.9
 _MAX_CRUMB_WEIGHT_SHARE = 0.01
 """Largest blend weight of all crumbs in the scene, relative to the object's; more is no crumb."""
-_MAX_JOINING_SHARE = 0.02
-"""Largest blend weight in the object, relative to that in the background alone, of a ghost that joins the object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +50,8 @@ class Hidden:
 
     ghosts: BoolArray
     """Those that show in the background alone, (N,)."""
-    to_object: BoolArray
-    """Those that belong to the object and do not change how it looks: some ghosts, and crumbs, (N,)."""
+    crumbs: BoolArray
+    """Those that belong to the object, (N,)."""
     shown: FloatArray
     """Blend weight of each Gaussian in the background alone, (N,); compare with that in the whole scene."""
 
@@ -78,12 +76,7 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
         if not found.any():
             break
         ghosts |= found
-    joins = _find_crumbs(place, ghosts, within & above)
-    if ghosts.any():
-        both = place.weigh(place.own | ghosts | joins)
-        # What lies below would show there, where no view looks.
-        joins |= ghosts & above & (both.sum(axis=1) <= _MAX_JOINING_SHARE * shown)
-    return Hidden(ghosts, joins, shown)
+    return Hidden(ghosts, _find_crumbs(place, ghosts, within & above), shown)
 
 
 def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:

@@ -11,9 +11,10 @@ How often a selection is wrong is not known, and it differs from side to side: o
 the object, and one that is too narrow has nothing else. So the field is solved twice. The first solution tells how
 often the labels of either side are wrong, near the boundary and where they contradict what is around them, and the
 second one trusts them accordingly. A piece that stands against the object has no label in the first one, where its
-colours and neighbours speak for themselves: it may be an arm that was missed, or another thing. This is one step of the
-expectation-maximisation for noisy labels of Dawid and Skene, "Maximum Likelihood Estimation of Observer Error-Rates
-Using the EM Algorithm" (Applied Statistics, 1979).
+colours and neighbours speak for themselves: it may be an arm that was missed, or another thing. Nor has what is
+selected of the surface below: it may be the object's foot. This is one step of the expectation-maximisation for noisy
+labels of Dawid and Skene, "Maximum Likelihood Estimation of Observer Error-Rates Using the EM Algorithm" (Applied
+Statistics, 1979).
 
 The mean-field update is that of Kraehenbuehl and Koltun, "Efficient Inference in Fully Connected CRFs with Gaussian
 Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over position and colour restricted to the nearest neighbours.
@@ -42,7 +43,6 @@ _MAX_DISTANCE = 1.5
 kernel over position."""
 _MIN_ERROR = 1e-3
 """Smallest share of a group's labels that is taken to be wrong."""
-_PLANE_BELIEVED = False
 _GROUPS = 4
 """Groups of labels that are wrong equally often: not selected and selected, each against the majority around it and
 with it."""
@@ -60,8 +60,8 @@ class LabelCrfConfig:
     iterations: Annotated[int, Range(1, 1000)] = 10
     """Number of mean-field updates in each of two rounds."""
     k_neighbours: _Neighbours = 32
-    """Number of nearest neighbours in position and colour whose labels a Gaussian follows. The majority of half as many,
-    the nearest in position, and itself decides on which side of the selection's boundary it lies."""
+    """Number of nearest neighbours in position and colour whose labels a Gaussian follows. The majority of half as
+    many, the nearest in position, and itself decides on which side of the selection's boundary it lies."""
     position_sigma: _Width = 0.12
     """Standard deviation of the kernel over position, relative to the object's radius; also the largest gap within one
     piece of what stands on the support plane, unless the nearest Gaussians lie farther apart, and how far such a piece
@@ -105,8 +105,8 @@ def correct_labels(
     colours = np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1).astype(np.float32)
     weights = visible[is_seen].astype(np.float64)
     crf = _Crf(positions[is_seen], colours[is_seen], weights, labels, bounds, config)
-    first = crf.infer(np.full(_GROUPS, config.trust), believes_attached=False)
-    probability[is_seen] = crf.infer(crf.estimated_trust(first), believes_attached=True)
+    first = crf.infer(np.full(_GROUPS, config.trust), believes_contradicted=False)
+    probability[is_seen] = crf.infer(crf.estimated_trust(first), believes_contradicted=True)
     hidden = ~is_seen
     probability[hidden] = crf.infer_hidden(positions[hidden], colours[hidden], selection[hidden], probability[is_seen])
     return probability
@@ -139,21 +139,20 @@ class _Crf:
         self.group = 2 * labels + self.agrees
         # Large Gaussians are one piece though their centres lie farther apart than the kernel reaches.
         gap = max(config.position_sigma, float(np.sqrt(np.median(squared[labels, -1]))))
-        self.attached, self.in_plane = self._contradicted(gap, bounds)
+        self.contradicted = self._contradicted(gap, bounds)
 
-    def infer(self, trust: Float64Array, believes_attached: bool) -> FloatArray:
+    def infer(self, trust: Float64Array, believes_contradicted: bool) -> FloatArray:
         """The field solved, as probabilities (S,).
 
         Args:
             trust: weight of a label at the boundary, for each group, (4,).
-            believes_attached: whether labels of attached pieces have that weight, too; otherwise they have none.
+            believes_contradicted: whether labels that the plane contradicts have that weight, too; otherwise they have
+                none.
         """
         config = self.config
         at_boundary = trust[self.group]
         own = at_boundary + config.interior_trust * self.distance**2
-        own = np.where(self.attached, at_boundary if believes_attached else 0, own)
-        plane = at_boundary if (believes_attached and _PLANE_BELIEVED) else 0
-        unary = np.where(self.in_plane, plane, own) * self.sides
+        unary = np.where(self.contradicted, at_boundary if believes_contradicted else 0, own) * self.sides
         mean = np.sign(unary)
         for _ in range(config.iterations):
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
@@ -186,20 +185,19 @@ class _Crf:
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
-    def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
-        """Labels that the plane contradicts that the object stands on: two masks, (S,).
+    def _contradicted(self, gap: float, bounds: Bounds) -> BoolArray:
+        """Labels that the plane contradicts that the object stands on, (S,).
 
-        The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
+        They are those of Gaussians that are not selected, in pieces above the plane that are partly selected, and those
         of selected ones in the plane. `gap` is the largest step within a piece, in object radii.
         """
         config = self.config.support_plane
         plane = find_support_plane(self.positions, self.labels, self.weights, bounds, config)
         if plane is None:
-            none = np.zeros(len(self.labels), np.bool_)
-            return none, none
+            return np.zeros(len(self.labels), np.bool_)
         reach = self.config.position_sigma
         attached = attached_to_object(self.positions, self.labels, self.weights, plane, gap, reach, config)
-        return attached, plane.on_surface & self.labels
+        return attached | (plane.on_surface & self.labels)
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> Float64Array:
         """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).

@@ -292,12 +292,13 @@ def remove_all(scene: Gaussians, claims: Sequence[_Claim], owner: IntArray, rend
     filled, why_not = [rest.filled], []
 
     def without(place: int) -> tuple[IntArray, BoolArray, Removal]:
-        own, bounds = owner == place, claims[place].decision.scope.bounds
+        own, bounds, config = owner == place, claims[place].decision.scope.bounds, claims[place].task.config
         distances = np.linalg.norm(scene.means - bounds.centre.astype(np.float32), axis=1)
-        reach = max(claims[place].task.config.context_radius, CONTEXT_RADIUS) * bounds.radius
+        reach = max(config.context_radius, CONTEXT_RADIUS) * bounds.radius
         rows = np.flatnonzero(own | (distances < reach))
         removed = owner[rows] != _NOBODY
-        at = Place(scene.select(rows), own[rows], removed, bounds, views_of_place(bounds), renderer)
+        cameras = views_of_place(bounds, config.refinement.size)
+        at = Place(scene.select(rows), own[rows], removed, bounds, cameras, renderer)
         return rows, removed, remove(at, fill=fill)
 
     trimmed = [place for place, claim in enumerate(claims) if claim.decision.parts is not None and place in owner]

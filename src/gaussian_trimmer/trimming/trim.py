@@ -174,10 +174,10 @@ def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
     """The decision with what else belongs to the object, and the scene without it."""
     scope, parts = decision.scope, decision.parts
     assert parts is not None
-    cameras = views_of_place(scope.bounds)
+    cameras = views_of_place(scope.bounds, task.config.refinement.size)
     place = Place(scope.local, parts.members, parts.members, scope.bounds, cameras, task.renderer)
     removal = remove(place, fill=task.config.background == "filled")
-    joins = removal.to_object & ~scope.excluded & (scope.selected | task.config.evidence.recover)
+    joins = removal.crumbs & ~scope.excluded & (scope.selected | task.config.evidence.recover)
     return replace(decision, parts=replace(parts, members=parts.members | joins)), removal
 
 

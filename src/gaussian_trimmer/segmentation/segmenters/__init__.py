@@ -40,7 +40,7 @@ class Segmenter(Protocol):
 # Name -> module, class, and the dataclass of its options if it has any; the class takes these as its only argument.
 # On the command line the options are `--NAME.OPTION`.
 SEGMENTERS = {
-    "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter", "SilhouetteConfig"),
+    "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter", ""),
     "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig"),
     "sam": ("gaussian_trimmer.segmentation.segmenters.sam", "SamSegmenter", "SamConfig"),
     "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter", "Sam2Config"),

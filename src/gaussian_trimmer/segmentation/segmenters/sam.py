@@ -21,7 +21,6 @@ from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.fusion import fuse_with_silhouettes
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt, expected_logits, middle_points
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates, Embedding, OnnxSam
-from gaussian_trimmer.segmentation.segmenters.silhouette import SilhouetteSegmenter
 from gaussian_trimmer.settings import Range, check_settings
 from gaussian_trimmer.views import HALF, View, bounding_box, box_slices, mask_overlap
 
@@ -122,7 +121,7 @@ class SamSegmenter:
         logits = self._followed(views, gaussians, renderer) if follow else self._logits(views)
         if not self.config.fusion:
             return [logit > 0 for logit in logits]
-        silhouettes = SilhouetteSegmenter().segment(views)
+        silhouettes = [view.silhouette for view in views]
         masks, aside = fuse_with_silhouettes(views, silhouettes, logits, gaussians, renderer)
         self._note = f"; {aside} of {len(views)} masks set aside, since they show something else" if aside else ""
         return masks
