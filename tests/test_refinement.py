@@ -8,7 +8,7 @@ import pytest
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight, coverage_target, resized_mask
-from gaussian_trimmer.decomposition.fitting import Target, fit
+from gaussian_trimmer.decomposition.fitting import Parts, Target, fit
 from gaussian_trimmer.decomposition.refinement import RefineConfig, refine
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.bounds import Bounds
@@ -173,10 +173,10 @@ def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     cameras = small_views_around(_BOUNDS, 4, (40.0, 70.0), 64)
     weight = np.ones((4, 64, 64), np.float32)
     targets = [Target(camera, draw(turned, camera).image, weight) for camera in cameras]
-    fitted = fit(long, np.array([True]), targets, 60, 0.05)
+    fitted = fit(long, np.array([True]), Parts.whole(1), targets, 60, 0.05)
     axis = rotation_matrices(fitted.quaternions)[0, :, 0]
     assert abs(axis @ [np.cos(angle), np.sin(angle), 0]) > np.cos(0.1)
-    assert fit(long, np.array([False]), targets, 5, 0.05) is long
+    assert fit(long, np.array([False]), Parts.whole(1), targets, 5, 0.05) is long
 
 
 def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:

@@ -1,8 +1,9 @@
 """Gaussians fitted to pictures by gradient steps: place, shape, opacity and colour, never far from where they began.
 
 The parameters of a Gaussian are what it is changed by, in its own measure: a move in standard deviations along its own
-axes, logarithms of factors of its scales, a turn about its own axes, a difference of its opacity logit and of its
-constant colour. All are zero at the start, so that a weight on their squares keeps what the pictures do not show.
+axes (of the whole Gaussian, if it is a part of one), logarithms of factors of its scales, a turn about its own axes, a
+difference of its opacity logit and of its constant colour. All are zero at the start, so that a weight on their squares
+keeps what the pictures do not show.
 """
 
 from __future__ import annotations
@@ -41,7 +42,24 @@ class Target:
     """How much each value of it counts, (4, H, W)."""
 
 
-def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], steps: int, rate: float) -> Gaussians:
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What N Gaussians are parts of: the measure of their changes."""
+
+    widths: FloatArray
+    """How many times wider the whole of each is, (N,): a part has as far to go as the whole."""
+    counts: IntArray
+    """How many parts the whole of each has, (N,): together they weigh as much as the whole."""
+
+    @classmethod
+    def whole(cls, n: int) -> Parts:
+        """Of n Gaussians that are parts of nothing but themselves."""
+        return cls(np.ones(n, np.float32), np.ones(n, np.int64))
+
+
+def fit(
+    gaussians: Gaussians, moving: BoolArray, parts: Parts, targets: Sequence[Target], steps: int, rate: float
+) -> Gaussians:
     """The Gaussians, of which some are changed so that they show what they should.
 
     Adam (Kingma and Ba, 2015) on the sum over pixels of sqrt(difference^2 + 0.1^2), two views a step. Its steps shrink
@@ -50,6 +68,7 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
     Args:
         gaussians: all that the views show, N of them.
         moving: which of them may change, (N,).
+        parts: what they are parts of.
         targets: what they should show.
         steps: number of steps.
         rate: length of the first step, in the units of the parameters.
@@ -58,7 +77,8 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
     if not len(rows) or not targets:
         return gaussians
     axes = rotation_matrices(gaussians.quaternions[rows]).astype(np.float32)
-    axes *= np.exp(gaussians.log_scales[rows])[:, None, :]
+    axes *= (parts.widths[rows, None] * np.exp(gaussians.log_scales[rows]))[:, None, :]
+    prior = (_PRIOR_WEIGHT / parts.counts[rows, None]).astype(np.float32)
     change = np.zeros((len(rows), N_PARAMETERS), np.float32)
     mean, square = np.zeros_like(change), np.zeros_like(change)
     order = _spread(len(targets))
@@ -70,7 +90,7 @@ def fit(gaussians: Gaussians, moving: BoolArray, targets: Sequence[Target], step
             gradient += of_view[rows]
         gradient /= _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
-        gradient += np.float32(_PRIOR_WEIGHT) * change
+        gradient += prior * change
         mean = _MEAN_DECAY * mean + (1 - _MEAN_DECAY) * gradient
         square = _SQUARE_DECAY * square + (1 - _SQUARE_DECAY) * gradient**2
         direction = mean / (1 - _MEAN_DECAY ** (step + 1))

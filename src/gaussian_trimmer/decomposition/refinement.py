@@ -15,14 +15,14 @@ from typing import Annotated
 import numpy as np
 
 from gaussian_trimmer.decomposition.coverage import OutlineViews, coverage_target, thin_share
-from gaussian_trimmer.decomposition.fitting import Target, fit
+from gaussian_trimmer.decomposition.fitting import Parts, Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.rendering.gradients import Drawing
 from gaussian_trimmer.settings import Range, Share
 
-_MAX_CUTS = 2
+_MAX_CUTS = 5
 """Times that a Gaussian may be cut in two."""
 _FIRST_STEP = 0.1
 """Length of the first step of a fit."""
@@ -34,8 +34,9 @@ _REFERENCE_PIXELS = 256 * 256
 class RefineConfig:
     """How the object's boundary Gaussians are fitted to soft coverage, where `refine` is `fit`."""
 
-    views: Annotated[int, Range(1, 1000)] = 16
-    """Number of small views that they are fitted in, and in which it is found what is out of place."""
+    views: Annotated[int, Range(1, 1000)] = 12
+    """Number of small views that they are fitted in, and in which it is found what is out of place. Of views of given
+    cameras, all are."""
     size: Annotated[int, Range(16, 4096)] = 192
     """Width and height in pixels of these views, and of those in which the scene without the object is made."""
     steps: Annotated[int, Range(0, 10000)] = 32
@@ -47,7 +48,7 @@ class RefineConfig:
     more is, coverage that follows from labels makes leaves and wires thinner, so nothing is fitted."""
     cut_above: Annotated[float, Range(0, 1e6)] = 0.5
     """Blend weight at wrong pixels in each view, in pixels, above which a Gaussian is cut in two along its longest axis
-    before the fit; its halves may be cut once more."""
+    before the fit, and so are its halves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +85,15 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
     wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
     worth_it = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
     pieces, parent = inner, np.arange(len(inner))
-    for halvings in range(_MAX_CUTS):  # a half has half of what its Gaussian shows at wrong pixels
-        coarse = worth_it & (wrong[:, 0] > 2**halvings * config.cut_above * len(targets))
-        pieces, parent = _cut(pieces, parent, coarse[parent])
+    each = np.where(worth_it, wrong[:, 0], 0) / len(targets)
+    for _ in range(_MAX_CUTS):
+        pieces, parent = _cut(pieces, parent, (each > config.cut_above)[parent])
+        each = np.where(each > config.cut_above, each / 2, 0)  # what each half has of it
     moving = worth_it[parent]
-    pieces = _sound(fit(pieces, moving, targets, config.steps, _FIRST_STEP), pieces)
-    part = (np.bincount(parent, minlength=len(inner)) > 1)[parent]
+    widths = np.exp(inner.log_scales.max(axis=1)[parent] - pieces.log_scales.max(axis=1))
+    parts = Parts(widths, np.bincount(parent)[parent])
+    pieces = _sound(fit(pieces, moving, parts, targets, config.steps, _FIRST_STEP), pieces)
+    part = parts.counts > 1
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
 

@@ -41,8 +41,6 @@ _HALF_COUNTED_PIXELS = 1.0
 _MAX_DISTANCE = 1.5
 """Distance from the boundary from which on trust in the given label no longer grows, in standard deviations of the
 kernel over position."""
-_MIN_ERROR = 1e-3
-"""Smallest share of a group's labels that is taken to be wrong."""
 _GROUPS = 4
 """Groups of labels that are wrong equally often: not selected and selected, each against the majority around it and
 with it."""
@@ -166,9 +164,8 @@ class _Crf:
         counts = self.importance * ((self.distance < 1) | ~self.agrees)
         total = np.bincount(self.group, counts, _GROUPS)
         sums = np.bincount(self.group, counts * wrong, _GROUPS)
-        error = np.divide(sums, total, out=np.full(_GROUPS, 0.5), where=total > 0)
-        error = np.clip(error, _MIN_ERROR, 0.5)  # labels that are mostly wrong say nothing
-        return -logit(error)
+        error = (sums + 1) / (total + 2)  # by the rule of succession, so that no label is beyond doubt
+        return -logit(np.minimum(error, 0.5))  # labels that are mostly wrong say nothing
 
     def infer_hidden(
         self, positions: FloatArray, colours: FloatArray, labels: BoolArray, probability: FloatArray

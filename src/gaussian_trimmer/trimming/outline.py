@@ -32,11 +32,10 @@ def outline_views(
     """
     settings, bounds, masks = task.config.refinement, scope.bounds, None
     if task.view_cameras:
-        some = accepted[:: max(1, len(accepted) // settings.views)]
-        close = [close_up_of(trimmed.view.camera, bounds, settings.size) for trimmed in some]
+        close = [close_up_of(trimmed.view.camera, bounds, settings.size) for trimmed in accepted]
         cameras = [camera for camera, _ in close]
         if knows_outlines(task.plug_ins.given_segmenter):
-            masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(some, close, strict=True)]
+            masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(accepted, close, strict=True)]
     else:
         known = training_cameras(task.cameras)
         cameras = views_at_heights(bounds, scope.cameras, known, settings.views, settings.size)
