@@ -18,8 +18,9 @@ HALF = 0.5
 HALF_COVERAGE = 127
 """Coverage of a pixel from 0 to 255 above which it belongs to a mask."""
 
-_OCCLUDER_DISTANCE = 0.1
-"""Distance in front of the object, in object radii, from which on something hides the object instead of touching it."""
+NEAR_RADII = 0.12
+"""Distance in object radii within which things are at one place: labels of neighbours agree, what lies before the object
+touches it rather than hides it, and what lies beside its bounds is within them."""
 
 REFERENCE_PIXELS = 5 * 512 * 512
 """Pixels of the default views. Thresholds on summed blend weights hold for these, whatever views there are."""
@@ -116,7 +117,7 @@ def clearly_nearer(nearest_depth: FloatArray, depth: FloatArray, radius: float) 
         depth: depth of the object by itself, (H, W).
         radius: the object's radius in scene units.
     """
-    return np.asarray((nearest_depth > 0) & (nearest_depth < depth - _OCCLUDER_DISTANCE * radius))
+    return np.asarray((nearest_depth > 0) & (nearest_depth < depth - NEAR_RADII * radius))
 
 
 def mask_overlap(first: BoolArray, second: BoolArray) -> float:

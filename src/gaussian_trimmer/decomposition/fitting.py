@@ -3,7 +3,7 @@
 The parameters of a Gaussian are what it is changed by, in its own measure: a move in standard deviations along its own
 axes (of the whole Gaussian, if it is a part of one), logarithms of factors of its scales, a turn about its own axes, a
 difference of its opacity logit and of its constant colour. All are zero at the start, so that a weight on their squares
-keeps what the pictures do not show.
+keeps what the pictures do not show: as much as the pixels of one view count.
 """
 
 from __future__ import annotations
@@ -27,8 +27,6 @@ Gaussian can mend do not govern the fit."""
 _MEAN_DECAY, _SQUARE_DECAY, _LEAST_LENGTH = 0.9, 0.999, 1e-8
 """Adam's own: what of the mean gradient, and of its mean square, one step hands on to the next, and what keeps it from
 dividing by zero."""
-_PRIOR_WEIGHT = 0.3
-"""Weight of the squares of all parameters against the pixels of one view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ def fit(
         return gaussians
     axes = rotation_matrices(gaussians.quaternions[rows]).astype(np.float32)
     axes *= (parts.widths[rows, None] * np.exp(gaussians.log_scales[rows]))[:, None, :]
-    prior = (_PRIOR_WEIGHT / parts.counts[rows, None]).astype(np.float32)
+    prior = (1 / parts.counts[rows, None]).astype(np.float32)
     change = np.zeros((len(rows), N_PARAMETERS), np.float32)
     mean, square = np.zeros_like(change), np.zeros_like(change)
     order = _spread(len(targets))

@@ -14,7 +14,7 @@ FULL_CIRCLE_GAP = np.radians(100)
 """Training cameras without a wider gap between their yaws stand all around the object."""
 _MIN_SPAN = np.radians(20)
 """Smallest span of yaws: one camera, or several close together, saw nearly as much from a little to either side."""
-_MAX_PITCH = np.radians(80)
+MAX_PITCH = np.radians(80)
 """Largest pitch of planned views. The yaw of a steeper training camera says nothing, since it looks from above."""
 
 
@@ -38,8 +38,8 @@ def observed_angles(cameras: Sequence[Camera], bounds: Bounds, wished_pitch: flo
     """
     offsets = (np.array([camera.centre for camera in cameras]) - bounds.centre) @ bounds.axes.T
     pitches = np.arctan2(offsets[:, 2], np.linalg.norm(offsets[:, :2], axis=1))
-    pitch = float(np.clip(np.clip(wished_pitch, *np.percentile(pitches, [25, 75])), -_MAX_PITCH, _MAX_PITCH))
-    aside = offsets[np.abs(pitches) <= _MAX_PITCH]
+    pitch = float(np.clip(np.clip(wished_pitch, *np.percentile(pitches, [25, 75])), -MAX_PITCH, MAX_PITCH))
+    aside = offsets[np.abs(pitches) <= MAX_PITCH]
     if not len(aside):
         return 0.0, 2 * np.pi, pitch
     yaws = np.sort(np.arctan2(aside[:, 1], aside[:, 0]))

@@ -8,9 +8,9 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
-from gaussian_trimmer.planning.observed_angles import FULL_CIRCLE_GAP, cameras_that_see
+from gaussian_trimmer.planning.observed_angles import FULL_CIRCLE_GAP, MAX_PITCH, cameras_that_see
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 _FOV_DEGREES = 20.0
@@ -18,8 +18,9 @@ _FOV_DEGREES = 20.0
 was trained from afar is not right in their perspective: an outline that is fitted in wide views shrinks."""
 _PITCH_STEPS = (-20.0, 0.0, 20.0, 40.0)
 """Heights of the views above and below the planned ones, in degrees."""
-_MIN_PITCH, _MAX_PITCH = 5.0, 75.0
-"""Range of pitches in degrees where nothing is known of the training cameras; what they saw is looked at from there."""
+_MIN_PITCH = 5.0
+"""Smallest pitch in degrees where nothing is known of the training cameras; what they saw is looked at from there."""
+_MAX_PITCH = float(np.degrees(MAX_PITCH))
 _PITCH_MARGIN = 25.0
 """How much farther up and down than the training cameras, or than planned views that leave a part of the circle out,
 the views may look from, in degrees."""
@@ -47,7 +48,7 @@ def views_at_heights(
     low, high = (_MIN_PITCH, _MAX_PITCH) if span >= 2 * np.pi else (pitch - _PITCH_MARGIN, pitch + _PITCH_MARGIN)
     seen = cameras_that_see(training, bounds)
     if seen:
-        lowest, highest = np.degrees(np.percentile(angles_around(seen, bounds)[1], [2, 98]))
+        lowest, highest = np.degrees(np.percentile(angles_around(seen, bounds)[1], BOUND_PERCENTILES))
         low, high = (
             max(lowest - _PITCH_MARGIN, -_MAX_PITCH),
             min(highest + _PITCH_MARGIN, _MAX_PITCH),
@@ -94,7 +95,7 @@ def observed_arc(yaws: Float64Array) -> tuple[float, float]:
     ordered = np.sort(yaws)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
     widest = int(np.argmax(gaps))
-    if gaps[widest] <= max(FULL_CIRCLE_GAP, 1.5 * 2 * np.pi / len(yaws)):
+    if gaps[widest] <= max(FULL_CIRCLE_GAP, 2 * np.pi / len(yaws) + 1e-6):
         return float(ordered[0]), float(2 * np.pi)
     between = 2 * np.pi - gaps[widest]
     step = between / (len(yaws) - 1)

@@ -21,6 +21,7 @@ from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
+from gaussian_trimmer.views import NEAR_RADII
 
 _MAX_ROUNDS = 3
 """What a ghost has hidden shows when it is gone, and may be another ghost."""
@@ -30,16 +31,14 @@ _MAX_VISIBLE_SHARE = 0.4
 """Largest blend weight in the whole scene, relative to that in the background alone."""
 _MIN_INSIDE_SHARE = 0.65
 """Smallest share of the blend weight in the background alone within the object's silhouettes."""
-_BOUNDS_MARGIN_RADII = 0.1
-"""Margin around the object's bounds, in object radii."""
 _COLOUR_LEVELS = 8
 """Levels of each channel between which colours are told apart."""
 _FOREIGN_SHARE = 0.02
 """Largest share of what is seen around the object that has about a foreign colour."""
 _CRUMB_NEIGHBOURS = 12
-_CRUMB_NEIGHBOUR_SHARE = 0.75
-"""Share of the nearest Gaussians of a crumb that are the object's or ghosts, at the least."""
-_CRUMB_INSIDE_SHARE = 0.9
+_CRUMB_SHARE = 0.8
+"""Least share of the nearest Gaussians of a crumb that are the object's or ghosts, and of what it shows that lies within
+the object's silhouettes."""
 _MAX_CRUMB_WEIGHT_SHARE = 0.01
 """Largest blend weight of all crumbs in the scene, relative to the object's; more is no crumb."""
 
@@ -81,7 +80,7 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
 
 def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:
     """Which Gaussians of the background lie within the object's bounds, and which lie above what it stands on, (N,)."""
-    bounds, margin = place.bounds, _BOUNDS_MARGIN_RADII * place.bounds.radius
+    bounds, margin = place.bounds, NEAR_RADII * place.bounds.radius
     local = (place.gaussians.means - bounds.centre) @ bounds.axes.T
     # The bounds are robust ones, so a thin top rises above them.
     top = max(bounds.half_extents[2], float(local[place.own, 2].max(initial=0.0))) + margin
@@ -106,13 +105,13 @@ def _foreign_colours(place: Place) -> BoolArray:
 def _find_crumbs(place: Place, ghosts: BoolArray, there: BoolArray) -> BoolArray:
     """Visible scraps of the object among the background, (N,)."""
     total, means = place.seen.sum(axis=1), place.gaussians.means
-    possible = np.flatnonzero(there & ~ghosts & (total > 0) & (place.seen[:, 1] >= _CRUMB_INSIDE_SHARE * total))
+    possible = np.flatnonzero(there & ~ghosts & (total > 0) & (place.seen[:, 1] >= _CRUMB_SHARE * total))
     crumbs = np.zeros(len(ghosts), np.bool_)
     if not len(possible):
         return crumbs
     _, near = nearest(means, means[possible], min(_CRUMB_NEIGHBOURS + 1, len(means)))
     others = near != possible[:, None]
-    ours = ((place.own | ghosts)[near] & others).sum(axis=1) >= _CRUMB_NEIGHBOUR_SHARE * others.sum(axis=1)
+    ours = ((place.own | ghosts)[near] & others).sum(axis=1) >= _CRUMB_SHARE * others.sum(axis=1)
     rows = possible[ours]
     rows = rows[np.argsort(total[rows], kind="stable")]
     crumbs[rows[np.cumsum(total[rows]) <= _MAX_CRUMB_WEIGHT_SHARE * total[place.own].sum()]] = True

@@ -19,9 +19,6 @@ from gaussian_trimmer.trimming.assembly import Assembly
 from gaussian_trimmer.trimming.task import Task
 from gaussian_trimmer.views import TrimmedView
 
-_GROUND_DEPTH_THICKNESSES = 2.0
-"""Depth below the middle of the support plane from which on it is ground, relative to half of its thickness."""
-
 
 def outline_views(
     task: Task, scope: Scope, accepted: Sequence[TrimmedView], plane: SupportPlane | None
@@ -44,8 +41,9 @@ def outline_views(
 
 
 def _ground(bounds: Bounds, plane: SupportPlane) -> Ground:
-    up, depth = bounds.axes[2], _GROUND_DEPTH_THICKNESSES * plane.thickness
-    return Ground(up, float(up @ bounds.centre + (plane.height - depth) * bounds.radius))
+    """What lies below the plane's layer."""
+    up, top = bounds.axes[2], plane.height - plane.thickness
+    return Ground(up, float(up @ bounds.centre + top * bounds.radius))
 
 
 def fit_outline(task: Task, scope: Scope, assembly: Assembly, views: OutlineViews) -> Assembly:
