@@ -71,7 +71,7 @@ def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden)
         surfaces: what it stands on, hangs on or leans against.
         hidden: what only the object hid.
     """
-    gaussians, gone = place.gaussians, hidden.ghosts | hidden.crumbs
+    gaussians, gone = place.gaussians, hidden.ghosts | hidden.to_object
     visible = place.seen.sum(axis=1) > _MAX_VISIBLE_SHARE * hidden.shown
     replaced, gain = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
     new, unknown = [gaussians.select(slice(0))], False

@@ -37,10 +37,12 @@ _FOREIGN_SHARE = 0.02
 """Largest share of what is seen around the object that has about a foreign colour."""
 _CRUMB_NEIGHBOURS = 12
 _CRUMB_SHARE = 0.8
-"""Least share of the nearest Gaussians of a crumb that are the object's or ghosts, and of what it shows that lies within
+"""Least share of the nearest Gaussians of a crumb that are the object's or ghosts, and of what it shows that lies in
 the object's silhouettes."""
 _MAX_CRUMB_WEIGHT_SHARE = 0.01
 """Largest blend weight of all crumbs in the scene, relative to the object's; more is no crumb."""
+_MAX_JOINING_SHARE = 0.02
+"""Largest blend weight in the object, relative to that in the background alone, of a ghost that joins the object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +51,8 @@ class Hidden:
 
     ghosts: BoolArray
     """Those that show in the background alone, (N,)."""
-    crumbs: BoolArray
-    """Those that belong to the object, (N,)."""
+    to_object: BoolArray
+    """Those that belong to the object and do not change how it looks: some ghosts, and crumbs, (N,)."""
     shown: FloatArray
     """Blend weight of each Gaussian in the background alone, (N,); compare with that in the whole scene."""
 
@@ -75,7 +77,12 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
         if not found.any():
             break
         ghosts |= found
-    return Hidden(ghosts, _find_crumbs(place, ghosts, within & above), shown)
+    joins = _find_crumbs(place, ghosts, within & above)
+    if ghosts.any():
+        both = place.weigh(place.own | ghosts | joins)
+        # What lies below would show there, where no view looks.
+        joins |= ghosts & above & (both.sum(axis=1) <= _MAX_JOINING_SHARE * shown)
+    return Hidden(ghosts, joins, shown)
 
 
 def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:

@@ -20,8 +20,8 @@ NOT_SEEN = "too little is seen of the surfaces around the object, so nothing was
 class Removal:
     """What the scene is without an object, for the N Gaussians of its place."""
 
-    crumbs: BoolArray
-    """Visible scraps of the object, which belong to it, (N,)."""
+    to_object: BoolArray
+    """Gaussians that belong to the object without changing how it looks, (N,)."""
     ghosts: BoolArray
     """Gaussians that only the object hid, (N,)."""
     filled: Gaussians
@@ -50,7 +50,7 @@ def remove(place: Place, *, fill: bool) -> Removal:
     n, none = len(place.gaussians), place.gaussians.select(slice(0))
     going_on = going_on or Continuation(none, np.zeros(n, np.bool_), np.ones(n))
     return Removal(
-        crumbs=hidden.crumbs,
+        to_object=hidden.to_object,
         ghosts=hidden.ghosts,
         filled=going_on.filled,
         replaced=going_on.replaced,

@@ -41,8 +41,8 @@ def outline_views(
 
 
 def _ground(bounds: Bounds, plane: SupportPlane) -> Ground:
-    """What lies below the plane's layer."""
-    up, top = bounds.axes[2], plane.height - plane.thickness
+    """What lies deeper below the middle of the plane's layer than the layer is thick."""
+    up, top = bounds.axes[2], plane.height - 2 * plane.thickness
     return Ground(up, float(up @ bounds.centre + top * bounds.radius))
 
 

@@ -177,7 +177,7 @@ def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
     cameras = views_of_place(scope.bounds, task.config.refinement.size)
     place = Place(scope.local, parts.members, parts.members, scope.bounds, cameras, task.renderer)
     removal = remove(place, fill=task.config.background == "filled")
-    joins = removal.crumbs & ~scope.excluded & (scope.selected | task.config.evidence.recover)
+    joins = removal.to_object & ~scope.excluded & (scope.selected | task.config.evidence.recover)
     return replace(decision, parts=replace(parts, members=parts.members | joins)), removal
 
 
