@@ -12,9 +12,9 @@ the object, and one that is too narrow has nothing else. So the field is solved 
 often the labels of either side are wrong, near the boundary and where they contradict what is around them, and the
 second one trusts them accordingly. A piece that stands against the object has no label in the first one, where its
 colours and neighbours speak for themselves: it may be an arm that was missed, or another thing. Nor has what is
-selected of the surface below: it may be the object's foot. This is one step of the expectation-maximisation for noisy
-labels of Dawid and Skene, "Maximum Likelihood Estimation of Observer Error-Rates Using the EM Algorithm" (Applied
-Statistics, 1979).
+selected of the surface below, which may be the object's foot: how often such labels are wrong is estimated for them
+alone. This is one step of the expectation-maximisation for noisy labels of Dawid and Skene, "Maximum Likelihood
+Estimation of Observer Error-Rates Using the EM Algorithm" (Applied Statistics, 1979).
 
 The mean-field update is that of Kraehenbuehl and Koltun, "Efficient Inference in Fully Connected CRFs with Gaussian
 Edge Potentials" (NeurIPS 2011), with its Gaussian kernel over position and colour restricted to the nearest neighbours.
@@ -41,9 +41,9 @@ _HALF_COUNTED_PIXELS = 1.0
 _MAX_DISTANCE = 1.5
 """Distance from the boundary from which on trust in the given label no longer grows, in standard deviations of the
 kernel over position."""
-_GROUPS = 4
+_GROUPS = 5
 """Groups of labels that are wrong equally often: not selected and selected, each against the majority around it and
-with it."""
+with it; and selected in the plane that the object stands on, the last one."""
 
 _Neighbours = Annotated[int, Range(1, 256)]
 _Width = Annotated[float, Range(1e-3, 100)]
@@ -134,23 +134,24 @@ class _Crf:
         self.distance = _distance_to_boundary(positions, inside, _MAX_DISTANCE * config.position_sigma)
         self.distance /= config.position_sigma
         self.agrees = labels == inside
-        self.group = 2 * labels + self.agrees
         # Large Gaussians are one piece though their centres lie farther apart than the kernel reaches.
         gap = max(config.position_sigma, float(np.sqrt(np.median(squared[labels, -1]))))
-        self.contradicted = self._contradicted(gap, bounds)
+        self.attached, self.in_plane = self._contradicted(gap, bounds)
+        self.group = np.where(self.in_plane, _GROUPS - 1, 2 * labels + self.agrees)
 
     def infer(self, trust: Float64Array, believes_contradicted: bool) -> FloatArray:
         """The field solved, as probabilities (S,).
 
         Args:
-            trust: weight of a label at the boundary, for each group, (4,).
+            trust: weight of a label at the boundary, for each group, (G,).
             believes_contradicted: whether labels that the plane contradicts have that weight, too; otherwise they have
                 none.
         """
         config = self.config
         at_boundary = trust[self.group]
         own = at_boundary + config.interior_trust * self.distance**2
-        unary = np.where(self.contradicted, at_boundary if believes_contradicted else 0, own) * self.sides
+        contradicted = self.attached | self.in_plane
+        unary = np.where(contradicted, at_boundary if believes_contradicted else 0, own) * self.sides
         mean = np.sign(unary)
         for _ in range(config.iterations):
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
@@ -159,9 +160,9 @@ class _Crf:
         return np.asarray(0.5 * (mean + 1), np.float32)
 
     def estimated_trust(self, probability: FloatArray) -> Float64Array:
-        """Log-odds that labels are right, by a solution (S,): of each group, near the boundary, (4,)."""
+        """Log-odds that labels are right, by a solution (S,): of each group, near the boundary, (G,)."""
         wrong = np.where(self.labels, 1 - probability, probability)
-        counts = self.importance * ((self.distance < 1) | ~self.agrees)
+        counts = self.importance * ((self.distance < 1) | ~self.agrees | self.in_plane)
         total = np.bincount(self.group, counts, _GROUPS)
         sums = np.bincount(self.group, counts * wrong, _GROUPS)
         error = (sums + 1) / (total + 2)  # by the rule of succession, so that no label is beyond doubt
@@ -182,19 +183,20 @@ class _Crf:
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
-    def _contradicted(self, gap: float, bounds: Bounds) -> BoolArray:
-        """Labels that the plane contradicts that the object stands on, (S,).
+    def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
+        """Labels that the plane contradicts that the object stands on: two masks, (S,).
 
-        They are those of Gaussians that are not selected, in pieces above the plane that are partly selected, and those
+        The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
         of selected ones in the plane. `gap` is the largest step within a piece, in object radii.
         """
         config = self.config.support_plane
         plane = find_support_plane(self.positions, self.labels, self.weights, bounds, config)
         if plane is None:
-            return np.zeros(len(self.labels), np.bool_)
+            none = np.zeros(len(self.labels), np.bool_)
+            return none, none
         reach = self.config.position_sigma
         attached = attached_to_object(self.positions, self.labels, self.weights, plane, gap, reach, config)
-        return attached | (plane.on_surface & self.labels)
+        return attached, plane.on_surface & self.labels
 
     def _colour_evidence(self, object_share: NDArray[np.floating]) -> Float64Array:
         """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
