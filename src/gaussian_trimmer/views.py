@@ -18,9 +18,9 @@ HALF = 0.5
 HALF_COVERAGE = 127
 """Coverage of a pixel from 0 to 255 above which it belongs to a mask."""
 
-NEAR_RADII = 0.12
-"""Distance in object radii within which things are at one place: labels of neighbours agree, what lies before the
-object touches it rather than hides it, and what lies beside its bounds is within them."""
+NEAR_RADII = 0.1
+"""Distance in object radii within which what lies before the object touches it rather than hides it, and what lies
+beside its bounds is within them."""
 
 REFERENCE_PIXELS = 5 * 512 * 512
 """Pixels of the default views. Thresholds on summed blend weights hold for these, whatever views there are."""

@@ -34,7 +34,7 @@ from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 from gaussian_trimmer.settings import Range, Weight
-from gaussian_trimmer.views import MIN_SEEN_PIXELS, NEAR_RADII
+from gaussian_trimmer.views import MIN_SEEN_PIXELS
 
 _HALF_COUNTED_PIXELS = 1.0
 """Visible weight at which a neighbour counts half."""
@@ -60,7 +60,7 @@ class LabelCrfConfig:
     k_neighbours: _Neighbours = 32
     """Number of nearest neighbours in position and colour whose labels a Gaussian follows. The majority of half as
     many, the nearest in position, and itself decides on which side of the selection's boundary it lies."""
-    position_sigma: _Width = NEAR_RADII
+    position_sigma: _Width = 0.12
     """Standard deviation of the kernel over position, relative to the object's radius; also the largest gap within one
     piece of what stands on the support plane, unless the nearest Gaussians lie farther apart, and how far such a piece
     may reach beyond the selection's bounds."""
