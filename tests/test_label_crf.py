@@ -51,6 +51,19 @@ def test_labels_that_follow_a_colour_edge_stay():
     np.testing.assert_array_equal(corrected(thing, red) > 0.5, red)
 
 
+def test_where_nearly_everything_is_selected_nobody_knows_the_colours_of_the_rest():
+    """Two Gaussians of a dark spot on a speckled patch are not selected, and hardly seen."""
+    thing, _ = patch()
+    colours = np.random.default_rng(1).uniform(-1.5, 1.5, thing.sh_dc.shape).astype(np.float32)
+    spot = np.flatnonzero(np.linalg.norm(thing.means[:, :2] - 0.4, axis=1) < 0.2)
+    colours[spot] = -1.6
+    selection, seen = np.ones(len(thing), np.bool_), visible(thing)
+    selection[spot[:2]], seen[spot[:2]] = False, 0.2
+    changed = corrected(thing.replace(sh_dc=colours), selection, seen) < 0.5
+    assert len(spot) > 20
+    assert not changed[selection].any()
+
+
 def test_a_straight_boundary_without_any_colour_edge_stays_about_where_it_is():
     thing, _ = patch()
     plain = thing.replace(sh_dc=np.zeros_like(thing.sh_dc))

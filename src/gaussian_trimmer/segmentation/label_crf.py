@@ -202,12 +202,13 @@ class _Crf:
         """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
 
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even
-        one so that colours that occur on one side only have a finite ratio.
+        one so that colours that occur on one side only have a finite ratio. Fewer pixels than there are colours say
+        little: where nearly everything is selected, nobody knows what the surroundings look like.
         """
         models = []
         for share in (object_share, 1 - object_share):
             held = np.bincount(self.colour, self.weights * share)
-            models.append(held / max(held.sum(), 1e-12) + 1 / self.n_colours)
+            models.append(held / (held.sum() + self.n_colours) + 1 / self.n_colours)
         return np.asarray(np.log(models[0] / models[1])[self.colour])
 
 
