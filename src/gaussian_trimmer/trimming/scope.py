@@ -16,6 +16,9 @@ from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.trimming.task import Task
 
+_MOST_STEPS = 8
+"""Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the
+object."""
 _SEEN_DEVIATIONS = 3.0
 """Standard deviations from its centre up to which a Gaussian may show in a picture."""
 
@@ -46,12 +49,15 @@ def _surroundings(
 ) -> tuple[IntArray, BoolArray]:
     """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
-    Selected Gaussians far from the object that nothing connects with it, floaters, are neither.
+    Selected Gaussians far from the object that nothing connects with it, floaters, are neither; nor are those that are
+    wider than what is looked at.
     """
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
-    members = selection & (squared < (max(context_radius, CONTEXT_RADIUS) * bounds.radius) ** 2)
-    members = _with_connected(scene, selection, members) if members.any() else selection
+    reach = max(context_radius, CONTEXT_RADIUS) * bounds.radius
+    possible = selection & (scene.log_scales.max(axis=1) < np.log(reach))
+    members = possible & (squared < reach**2)
+    members = _with_connected(scene, possible, members) if members.any() else selection
     rows = np.flatnonzero(members | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
     return rows, members[rows]
 
@@ -75,8 +81,8 @@ def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) 
     """The members with those of the other selected Gaussians that hang together with it, (N,)."""
     rows = np.flatnonzero(selection)
     selected, member = scene.select(rows), members[rows]
-    while not member.all():
-        found = touching(selected, member)
+    for _ in range(_MOST_STEPS):
+        found = touching(selected, member) if not member.all() else np.zeros(0, np.bool_)
         if not found.any():
             break
         member = member | found
