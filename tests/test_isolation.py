@@ -12,7 +12,7 @@ from gaussian_trimmer.decomposition.isolation import find_in_place
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 from gaussian_trimmer.trimming.trim import trim
-from gaussian_trimmer.views import NEAR_RADII
+from gaussian_trimmer.views import TOUCHING_RADII
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 DARK = (0.05, 0.02, 0.02)
@@ -90,7 +90,7 @@ def test_the_shares_are_those_of_the_reference_renderer():
     for camera in CAMERAS:
         alone, whole = renderer.render(scene.select(members), camera), renderer.render(scene, camera)
         share = renderer.blend_values(scene, camera, members[:, None].astype(np.float32))[..., 0]
-        nearer = (whole.depth > 0) & (whole.depth < alone.depth - NEAR_RADII * RADIUS)
+        nearer = (whole.depth > 0) & (whole.depth < alone.depth - TOUCHING_RADII * RADIUS)
         placed = share >= 0.5 * alone.alpha
         labels = np.where(nearer & ~placed, 2, placed).astype(np.uint8)
         sums = sums + renderer.blend_weights(scene.select(members), camera, labels, 2)

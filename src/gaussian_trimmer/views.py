@@ -18,7 +18,7 @@ HALF = 0.5
 HALF_COVERAGE = 127
 """Coverage of a pixel from 0 to 255 above which it belongs to a mask."""
 
-NEAR_RADII = 0.1
+TOUCHING_RADII = 0.1
 """Distance in object radii within which what lies before the object touches it rather than hides it, and what lies
 beside its bounds is within them."""
 
@@ -117,7 +117,7 @@ def clearly_nearer(nearest_depth: FloatArray, depth: FloatArray, radius: float) 
         depth: depth of the object by itself, (H, W).
         radius: the object's radius in scene units.
     """
-    return np.asarray((nearest_depth > 0) & (nearest_depth < depth - NEAR_RADII * radius))
+    return np.asarray((nearest_depth > 0) & (nearest_depth < depth - TOUCHING_RADII * radius))
 
 
 def mask_overlap(first: BoolArray, second: BoolArray) -> float:

@@ -21,7 +21,7 @@ from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
-from gaussian_trimmer.views import NEAR_RADII
+from gaussian_trimmer.views import TOUCHING_RADII
 
 _MAX_ROUNDS = 3
 """What a ghost has hidden shows when it is gone, and may be another ghost."""
@@ -87,7 +87,7 @@ def find_hidden(place: Place, surfaces: Sequence[Surface]) -> Hidden:
 
 def _where_the_object_was(place: Place, surfaces: Sequence[Surface]) -> tuple[BoolArray, BoolArray]:
     """Which Gaussians of the background lie within the object's bounds, and which lie above what it stands on, (N,)."""
-    bounds, margin = place.bounds, NEAR_RADII * place.bounds.radius
+    bounds, margin = place.bounds, TOUCHING_RADII * place.bounds.radius
     local = (place.gaussians.means - bounds.centre) @ bounds.axes.T
     # The bounds are robust ones, so a thin top rises above them.
     top = max(bounds.half_extents[2], float(local[place.own, 2].max(initial=0.0))) + margin

@@ -26,9 +26,9 @@ def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: Accep
     """Pair views with their masks, and say of each mask that is rejected why."""
     checked, least = [], 1 - config.max_wrong
     for view, mask in zip(views, masks, strict=True):
-        overlap = mask_overlap(mask, view.silhouette)
-        reason = None
-        if not view.silhouette.any():
+        silhouette, reason = view.silhouette, None
+        overlap = mask_overlap(mask, silhouette)
+        if not silhouette.any():
             reason = "the object is not expected in it"
         elif overlap < least:
             reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {least:.2f} is needed"

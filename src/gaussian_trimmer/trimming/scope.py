@@ -65,8 +65,9 @@ def _surroundings(
 def _before(scene: Gaussians, cameras: Sequence[Camera], bounds: Bounds) -> BoolArray:
     """Which Gaussians some camera may see nearer than the far end of the object, (N,)."""
     found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.log_scales.max(axis=1))
+    means = scene.means.astype(np.float64)
     for camera in cameras:
-        pixels, depths = camera.project(scene.means.astype(np.float64))
+        pixels, depths = camera.project(means)
         far = float(camera.project(bounds.centre[None])[1][0]) + bounds.radius
         possible = np.flatnonzero((depths > camera.near) & (depths < far))
         x, y = pixels[possible].T
