@@ -122,8 +122,9 @@ def test_options_of_segmenters_come_from_their_own_dataclasses(monkeypatch):
     options = all_options()()
     assert options.grabcut == GrabCutConfig()
     assert set(vars(options)) == {"grabcut", "sam", "sam2", "mask_files"}
-    row = ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig")
-    monkeypatch.setitem(segmenters.SEGMENTERS, "another-one", row)
+    monkeypatch.setitem(
+        segmenters.OPTIONS, "another-one", "gaussian_trimmer.segmentation.segmenters.grabcut:GrabCutConfig"
+    )
     assert all_options()().another_one == GrabCutConfig()
 
 

@@ -13,10 +13,10 @@ What is named here is loaded when it is first used, so that importing the packag
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gaussian_trimmer._version import __version__
+from gaussian_trimmer.lazy_import import late_attributes
 
 if TYPE_CHECKING:
     from gaussian_trimmer import batch
@@ -62,37 +62,28 @@ __all__ = [
     "write",
 ]
 
-# Name -> module and the name there; without one the module itself.
 _LATE = {
-    "Gaussians": ("gaussian_trimmer.gaussians", "Gaussians"),
-    "InputError": ("gaussian_trimmer.errors", "InputError"),
-    "TrimConfig": ("gaussian_trimmer.config", "TrimConfig"),
-    "TrimResult": ("gaussian_trimmer.result", "TrimResult"),
-    "batch": ("gaussian_trimmer.batch", ""),
-    "chosen_objects": ("gaussian_trimmer.finding.editing", "chosen_objects"),
-    "describe": ("gaussian_trimmer.output.report", "describe"),
-    "export_viewer": ("gaussian_trimmer.output.html.viewer", "export_viewer"),
-    "find_objects": ("gaussian_trimmer.finding.find", "find_objects"),
-    "marks": ("gaussian_trimmer.selecting.marks", ""),
-    "read": ("gaussian_trimmer.formats", "read"),
-    "read_cameras": ("gaussian_trimmer.camera_files", "read_camera_set"),
-    "read_marks": ("gaussian_trimmer.selecting.marks_file", "read_marks"),
-    "read_selection": ("gaussian_trimmer.selection_files", "load_selection"),
-    "save": ("gaussian_trimmer.output.saving", "save"),
-    "select": ("gaussian_trimmer.selecting.select", "select"),
-    "trim": ("gaussian_trimmer.trimming.trim", "trim"),
-    "trim_objects": ("gaussian_trimmer.trimming.several_objects", "trim_objects"),
-    "write": ("gaussian_trimmer.formats", "write"),
+    "Gaussians": "gaussian_trimmer.gaussians:Gaussians",
+    "InputError": "gaussian_trimmer.errors:InputError",
+    "TrimConfig": "gaussian_trimmer.config:TrimConfig",
+    "TrimResult": "gaussian_trimmer.result:TrimResult",
+    "batch": "gaussian_trimmer.batch",
+    "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
+    "describe": "gaussian_trimmer.output.report:describe",
+    "export_viewer": "gaussian_trimmer.output.html.viewer:export_viewer",
+    "find_objects": "gaussian_trimmer.finding.find:find_objects",
+    "marks": "gaussian_trimmer.selecting.marks",
+    "read": "gaussian_trimmer.formats:read",
+    "read_cameras": "gaussian_trimmer.camera_files:read_camera_set",
+    "read_marks": "gaussian_trimmer.selecting.marks_file:read_marks",
+    "read_selection": "gaussian_trimmer.selection_files:load_selection",
+    "save": "gaussian_trimmer.output.saving:save",
+    "select": "gaussian_trimmer.selecting.select:select",
+    "trim": "gaussian_trimmer.trimming.trim:trim",
+    "trim_objects": "gaussian_trimmer.trimming.several_objects:trim_objects",
+    "write": "gaussian_trimmer.formats:write",
 }
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _LATE:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    module, attribute = _LATE[name]
-    loaded = import_module(module)
-    value = globals()[name] = getattr(loaded, attribute) if attribute else loaded
-    return value
+__getattr__ = late_attributes(__name__, _LATE)
 
 
 def __dir__() -> list[str]:

@@ -99,7 +99,7 @@ def _parse(name: str, arguments: Sequence[str]) -> Any:
 
 def _overview() -> str:
     width = max(map(len, COMMANDS)) + 2
-    lines = [f"  {name:<{width}}{text}" for name, (_, _, text) in COMMANDS.items()]
+    lines = [f"  {name:<{width}}{text}" for name, (_, text) in COMMANDS.items()]
     head = f"usage: {PROGRAM} COMMAND ...\n\nSharp object boundaries for 3D Gaussian Splatting segmentations.\n"
     tail = f"\n{PROGRAM} COMMAND --help shows the usual options of a command, --help-all every setting.\n"
     tail += f"{PROGRAM} --version prints the version."

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.lazy_import import load
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views import TrimmedView
@@ -203,4 +203,4 @@ def _mask(rows: NDArray[Any], n: int) -> BoolArray:
 
 def _output(module: str) -> Any:
     """A module of `output`, which writes results: loaded when it is needed, since it works on what stands here."""
-    return import_module(f"gaussian_trimmer.output.{module}")
+    return load(f"gaussian_trimmer.output.{module}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -13,7 +12,7 @@ from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
 
@@ -64,12 +63,6 @@ class Item:
             if self.format is None
             else suffix_of(self.format)
         )
-
-
-def options_kind(segmenter: str) -> type[Any] | None:
-    """The dataclass of a segmenter's options, or None if it has none."""
-    module, _, kind = SEGMENTERS[segmenter]
-    return getattr(import_module(module), kind) if kind else None
 
 
 def check_items(items: Iterable[Item]) -> list[Item]:

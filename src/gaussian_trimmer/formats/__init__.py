@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
 from gaussian_trimmer.io.reading import is_file, is_folder, reading
+from gaussian_trimmer.lazy_import import load
 
 FORMATS = {
     ".ply": "ply",
@@ -175,7 +175,7 @@ def convert(
 
 
 def _module(suffix: str) -> Any:
-    return import_module(f"gaussian_trimmer.formats.{(FORMATS | READ_ONLY)[suffix]}")
+    return load(f"gaussian_trimmer.formats.{(FORMATS | READ_ONLY)[suffix]}")
 
 
 def _writable(path: str | Path) -> str:

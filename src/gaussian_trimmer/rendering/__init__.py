@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
+from gaussian_trimmer.lazy_import import load
 
 Made = TypeVar("Made")
 ALPHA_CAP = 0.99
@@ -130,11 +130,10 @@ def check_pairs(n_pairs: int, camera: Camera) -> None:
         )
 
 
-# Name -> module and class.
 RENDERERS = {
-    "numba": ("gaussian_trimmer.rendering.numba_cpu", "NumbaRenderer"),
-    "reference": ("gaussian_trimmer.rendering.reference", "ReferenceRenderer"),
-    "gsplat": ("gaussian_trimmer.rendering.gsplat_cuda", "GsplatRenderer"),
+    "numba": "gaussian_trimmer.rendering.numba_cpu:NumbaRenderer",
+    "reference": "gaussian_trimmer.rendering.reference:ReferenceRenderer",
+    "gsplat": "gaussian_trimmer.rendering.gsplat_cuda:GsplatRenderer",
 }
 RENDERER_CHOICES = ("auto", *RENDERERS)
 """What `get_renderer` takes."""
@@ -151,5 +150,4 @@ def get_renderer(name: str) -> Renderer:
         name = "numba"
     if name not in RENDERERS:
         raise InputError(f"Unknown renderer '{name}'; available: {', '.join(RENDERER_CHOICES)}.")
-    module, attribute = RENDERERS[name]
-    return cast(Renderer, getattr(import_module(module), attribute)())
+    return cast(Renderer, load(RENDERERS[name])())

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import field, make_dataclass, replace
-from importlib import import_module
 from typing import Any, Literal, Protocol, cast
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.lazy_import import load
 from gaussian_trimmer.views import View
 
 MaskSource = Literal["labels", "renderings", "photographs", "given"]
@@ -37,15 +37,20 @@ class Segmenter(Protocol):
         ...
 
 
-# Name -> module, class, and the dataclass of its options if it has any; the class takes these as its only argument.
-# On the command line the options are `--NAME.OPTION`.
 SEGMENTERS = {
-    "silhouette": ("gaussian_trimmer.segmentation.segmenters.silhouette", "SilhouetteSegmenter", ""),
-    "grabcut": ("gaussian_trimmer.segmentation.segmenters.grabcut", "GrabCutSegmenter", "GrabCutConfig"),
-    "sam": ("gaussian_trimmer.segmentation.segmenters.sam", "SamSegmenter", "SamConfig"),
-    "sam2": ("gaussian_trimmer.segmentation.segmenters.sam2_video", "Sam2Segmenter", "Sam2Config"),
-    "mask-files": ("gaussian_trimmer.segmentation.segmenters.mask_files", "MaskFilesSegmenter", "MaskFilesConfig"),
+    "silhouette": "gaussian_trimmer.segmentation.segmenters.silhouette:SilhouetteSegmenter",
+    "grabcut": "gaussian_trimmer.segmentation.segmenters.grabcut:GrabCutSegmenter",
+    "sam": "gaussian_trimmer.segmentation.segmenters.sam:SamSegmenter",
+    "sam2": "gaussian_trimmer.segmentation.segmenters.sam2_video:Sam2Segmenter",
+    "mask-files": "gaussian_trimmer.segmentation.segmenters.mask_files:MaskFilesSegmenter",
 }
+OPTIONS = {
+    "grabcut": "gaussian_trimmer.segmentation.segmenters.grabcut:GrabCutConfig",
+    "sam": "gaussian_trimmer.segmentation.segmenters.sam:SamConfig",
+    "sam2": "gaussian_trimmer.segmentation.segmenters.sam2_video:Sam2Config",
+    "mask-files": "gaussian_trimmer.segmentation.segmenters.mask_files:MaskFilesConfig",
+}
+"""Dataclass of the options of each segmenter that has any, its only argument; `--NAME.OPTION` on the command line."""
 DEFAULT_SEGMENTER = "silhouette"
 PAPER_SEGMENTER = "grabcut"
 """The segmenter of the paper's preset: the paper's own, SAM2, needs weights that must be downloaded."""
@@ -59,14 +64,18 @@ def get_segmenter(name: str, *options: Any) -> Segmenter:
     """
     if name not in SEGMENTERS:
         raise InputError(f"Unknown segmenter '{name}'; available: {', '.join(SEGMENTERS)}.")
-    module, attribute, _ = SEGMENTERS[name]
-    return cast(Segmenter, getattr(import_module(module), attribute)(*options))
+    return cast(Segmenter, load(SEGMENTERS[name])(*options))
+
+
+def options_kind(name: str) -> type[Any] | None:
+    """The dataclass of a segmenter's options, or None if it has none."""
+    return load(OPTIONS[name]) if name in OPTIONS else None
 
 
 def all_options() -> type[Any]:
     """A dataclass with a field for each segmenter that has options: its name, with underscores, and its options."""
-    kinds = {name: getattr(import_module(module), kind) for name, (module, _, kind) in SEGMENTERS.items() if kind}
-    fields = [(field_name(name), kind, field(default_factory=kind)) for name, kind in kinds.items()]
+    kinds = {field_name(name): load(kind) for name, kind in OPTIONS.items()}
+    fields = [(name, kind, field(default_factory=kind)) for name, kind in kinds.items()]
     return make_dataclass("SegmenterOptions", fields, frozen=True)
 
 
