@@ -18,9 +18,12 @@ from gaussian_trimmer.app.placing import stood_upright
 from gaussian_trimmer.app.project import (
     autosave_path,
     is_project,
+    private_folder,
     project_as_json,
     read_project,
     restored,
+    state_folder,
+    write_private,
     write_project,
 )
 from gaussian_trimmer.app.saving import Target
@@ -29,10 +32,10 @@ from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.worker import stopping
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.writing import make_folder, write_whole
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.result import TrimResult
 
+__all__ = ["Files", "private_folder", "state_folder", "write_private"]
 Stages = Callable[[int, str], Callable[[str], None]]
 """What shows the progress of about so many stages, whose names begin with a text."""
 
@@ -104,8 +107,8 @@ class Files:
         """
         folder = self._state / "files" / hashlib.sha256(content).hexdigest()[:16]
         path = folder / (Path(name).name or "file")
-        make_folder(folder)
-        write_whole(path, content)
+        private_folder(folder)
+        write_private(path, content)
         if is_project(path):
             return self.open_project(path)
         if path.name in _CAMERA_NAMES:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from gaussian_trimmer.app.snapshots import Colour, MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.dataclass_json import from_plain, to_plain
-from gaussian_trimmer.io.writing import make_folder, write_json
+from gaussian_trimmer.io.writing import make_folder, write_whole
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Marks, Point, point_of
 from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json, read_json
@@ -58,6 +60,29 @@ def state_folder() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "gaussian-trimmer"
 
 
+def private_folder(folder: Path) -> Path:
+    """Make a folder that its user alone can enter, and return it.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    make_folder(folder)
+    with suppress(OSError):  # a file system without permissions
+        folder.chmod(0o700)
+    return folder
+
+
+def write_private(path: Path, data: str | bytes) -> None:
+    """Write a file that its user alone can read, into a private folder.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    write_whole(path, data)
+    with suppress(OSError):
+        path.chmod(0o600)
+
+
 def autosave_path(folder: Path, scene: Gaussians) -> Path:
     """Where work on a scene is kept: by what the scene holds, wherever its file lies."""
     rows = np.linspace(0, len(scene) - 1, min(len(scene), _HASHED_GAUSSIANS)).astype(np.int64)
@@ -97,8 +122,8 @@ def write_project(now: Snapshot, path: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    make_folder(path.parent)
-    write_json(project_as_json(now, path.parent), path)
+    private_folder(path.parent)
+    write_private(path, json.dumps(project_as_json(now, path.parent), indent=1, allow_nan=False))
 
 
 def is_project(path: Path) -> bool:

@@ -1,19 +1,21 @@
-"""Starts the app: a viser server that only pages of its own, on this machine, can talk to."""
+"""Starts the app: a viser server that only pages of its own, on this machine, with the app's key, can talk to."""
 
 from __future__ import annotations
 
 import io
+import secrets
 import threading
+import webbrowser
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer import sample
 from gaussian_trimmer.app.controller import Controller
+from gaussian_trimmer.app.files import private_folder, state_folder, write_private
 from gaussian_trimmer.app.guard import guarding_viser
-from gaussian_trimmer.app.project import state_folder
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.errors import InputError
 
@@ -21,6 +23,7 @@ HOST = "127.0.0.1"
 INSTALL = 'pip install "gaussian-trimmer[app]"'
 MOST_SHOWN = 400_000
 """Gaussians that are shown at most, unless another number is asked for."""
+_KEY_BYTES = 24
 _FAREWELL_SECONDS = 0.3
 """Time for the last message to reach the browser."""
 
@@ -30,17 +33,24 @@ class Running:
     """The app while it runs."""
 
     address: str
-    """What to open in a browser."""
+    """What to open in a browser; whoever has it can do what the app's user can."""
     server: Any
     """The viser server."""
     controller: Controller
+    page: Path
+    """A file of the user's own that leads to the address."""
+
+    def open_browser(self) -> None:
+        """Open the address by way of a file, since every user of a machine can read what programs were started with."""
+        write_private(self.page, f'<meta http-equiv="refresh" content="0;url={self.address}">')
+        webbrowser.open(self.page.as_uri())
 
 
 @contextmanager
 def serving(
     scene: Path | None, cameras: Path | None, *, port: int = 8080, most: int = MOST_SHOWN, state: Path | None = None
 ) -> Iterator[Running]:
-    """Run the app, until the end of the context. Only this machine can reach it.
+    """Run the app, until the end of the context. Only this machine can reach it, and only with the key.
 
     Args:
         scene: opened at the start; None: the user opens one.
@@ -52,18 +62,22 @@ def serving(
     Raises:
         InputError: viser is not installed or cannot be guarded.
     """
-    server = _start(port)
+    key = secrets.token_urlsafe(_KEY_BYTES)
+    server, state = _start(port, key), private_folder(state or state_folder())
+    page = state / f"open-{server.get_port()}.html"
     controller = None
     try:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
         server.gui.main_panel.dock_right()
         server.scene.world_axes.visible = False
         offered = (str(scene), str(cameras or "")) if scene else (str(sample.SCENE), str(sample.CAMERAS))
-        controller = Controller(server, Session(), most, state or state_folder(), *offered)
+        controller = Controller(server, Session(), most, state, *offered)
         if scene is not None:
             controller.do("Opening", controller.open)
-        yield Running(f"http://{HOST}:{server.get_port()}/", server, controller)
+        yield Running(f"http://{HOST}:{server.get_port()}/{key}/", server, controller, page)
     finally:
+        with suppress(OSError):
+            page.unlink()
         if controller is not None:
             controller.stop()
             threading.Event().wait(_FAREWELL_SECONDS)
@@ -78,14 +92,14 @@ def wait(until: Callable[[], bool] = lambda: False) -> None:
         pause.wait(0.5)
 
 
-def _start(port: int) -> Any:
-    """A guarded server that listens; viser has to be there."""
+def _start(port: int, key: str) -> Any:
+    """Start a guarded server that listens; viser has to be there."""
     try:
         import viser
     except ImportError as error:
         raise InputError(f"The app needs viser: {INSTALL}.") from error
 
-    with guarding_viser() as guards, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
+    with guarding_viser(key) as guards, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
         # Without a label, the panel says in its place whether the page is connected.
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if not guards:

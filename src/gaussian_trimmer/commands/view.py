@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -21,8 +20,9 @@ from gaussian_trimmer.settings import Range, check_settings
 class View:
     """Open the app in a browser: mark an object in the 3D view, trim it, look at it from all sides, correct, and save.
 
-    Press Ctrl-C to stop. It needs the extra `app`. Only this machine can reach the app; from another one,
-    use a tunnel: ssh -L 8080:127.0.0.1:8080 WORKSTATION.
+    Press Ctrl-C to stop. It needs the extra `app`. Only this machine can reach the app, and only under the address
+    that is printed, whose last part is a key; from another machine, use a tunnel: ssh -L 8080:127.0.0.1:8080
+    WORKSTATION.
     """
 
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
@@ -58,6 +58,6 @@ class View:
             if not self.quiet:
                 console.print("Press Ctrl-C to stop.")
             if self.browser:
-                webbrowser.open(app.address)
+                app.open_browser()
             wait()
         return 0
