@@ -18,7 +18,7 @@ PACKAGE = Path(gaussian_trimmer.__file__).parent
 STAGES = ("planning", "segmentation", "decomposition")
 FILES = ("formats", "camera_files", "selection_files")
 BASE = (
-    "settings", "errors", "lazy_import", "_version", "io", "gaussians", "cameras", "sample",
+    "settings", "errors", "lazy_import", "_version", "io", "gaussians", "cameras", "parallel", "sample",
 )  # fmt: skip
 LAYERS = (
     BASE,

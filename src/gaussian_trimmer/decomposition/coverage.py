@@ -21,7 +21,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.fitting import Target
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate
-from gaussian_trimmer.geometry.compiling import map_side_by_side
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradients import Drawing, draw, draw_with
 from gaussian_trimmer.views import HALF, clearly_nearer
 
@@ -86,7 +86,7 @@ class OutlineViews:
         everything = concatenate([inner, background, *([self.occluders] if self.occluders else [])])
         member = np.zeros((len(everything), 1), np.float32)
         member[: len(inner)] = 1
-        return list(map_side_by_side(partial(self._look, inner, everything, member), self.cameras, masks))
+        return list(parallel_map(partial(self._look, inner, everything, member), self.cameras, masks))
 
     def _look(
         self, inner: Gaussians, everything: Gaussians, member: FloatArray, camera: Camera, mask: FloatArray | None

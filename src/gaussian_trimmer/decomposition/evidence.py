@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.settings import Share, Weight
 from gaussian_trimmer.views import MIN_SEEN_PIXELS, TrimmedView, to_reference
@@ -60,7 +60,7 @@ def find_members(
         weights = renderer.blend_weights(scope.shown, trimmed.view.camera, trimmed.mask.astype(np.uint8), 2)
         return weights[: len(scope.local)]
 
-    weights = list(over_views(renderer, weighed, accepted))
+    weights = list(parallel_map(weighed, accepted, using=[renderer]))
     outside, inside = to_reference(np.sum(weights, axis=0), scope.cameras).T
     return classify_gaussians(inside, outside, probability, scope.selected, config)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, rotation_matrices
-from gaussian_trimmer.geometry.compiling import map_side_by_side
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
 from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
 
@@ -84,7 +84,7 @@ def fit(
     for step in range(steps):
         seen = [targets[order[(_VIEWS_PER_STEP * step + k) % len(order)]] for k in range(_VIEWS_PER_STEP)]
         gradient = np.zeros_like(change)
-        for of_view in map_side_by_side(partial(_gradient, current, moving), seen):
+        for of_view in parallel_map(partial(_gradient, current, moving), seen):
             gradient += of_view[rows]
         gradient /= _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])

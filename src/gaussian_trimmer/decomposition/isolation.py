@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.geometry.compiling import map_side_by_side
+from gaussian_trimmer.parallel import parallel_map
 
 
 def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews, min_share: float) -> BoolArray:
@@ -27,7 +27,7 @@ def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews,
         min_share: least share of what a Gaussian shows alone that has to be in place.
     """
     sights = views.look(gaussians.select(members), gaussians.select(~members))
-    weights = np.sum(list(map_side_by_side(_weights, sights)), axis=0)
+    weights = np.sum(list(parallel_map(_weights, sights)), axis=0)
     kept = members.copy()
     kept[members] = weights[:, 0] >= min_share * weights[:, 1]
     return kept

@@ -18,7 +18,7 @@ from gaussian_trimmer.decomposition.coverage import OutlineViews, coverage_targe
 from gaussian_trimmer.decomposition.fitting import Parts, Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
-from gaussian_trimmer.geometry.compiling import map_side_by_side
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradients import Drawing
 from gaussian_trimmer.settings import Range, Share
 
@@ -82,7 +82,7 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
     if thin > config.max_thin:
         return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
     targets = [coverage_target(sight) for sight in sights]
-    wrong = np.sum(list(map_side_by_side(_wrong_weight, drawings, targets)), axis=0)
+    wrong = np.sum(list(parallel_map(_wrong_weight, drawings, targets)), axis=0)
     worth_it = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
     pieces, parent = inner, np.arange(len(inner))
     each = np.where(worth_it, wrong[:, 0], 0) / len(targets)

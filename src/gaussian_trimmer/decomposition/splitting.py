@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, find_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.views import TrimmedView, clearly_nearer
 
@@ -71,7 +71,7 @@ def split_boundary(
     rows = np.flatnonzero(members)
     isolated = scope.local.select(rows)
     radius = scope.bounds.radius
-    sides = list(over_views(renderer, lambda view: _sides(isolated, view, radius, renderer), accepted))
+    sides = list(parallel_map(lambda view: _sides(isolated, view, radius, renderer), accepted, using=[renderer]))
     found = find_straddlers(isolated, accepted, sides, renderer, boundary)
     cut = SPLIT_RULES[config.rule](isolated.select(found.rows), found.normals, found.offsets)
     return Decomposition(members, rows[found.rows], *cut)

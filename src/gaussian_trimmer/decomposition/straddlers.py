@@ -12,7 +12,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.settings import Range, Share
 from gaussian_trimmer.views import TrimmedView
 
@@ -73,7 +73,9 @@ def find_straddlers(
         renderer: gives the contributors of the contours' pixels.
         config: thresholds.
     """
-    found = list(over_views(renderer, lambda v, w: _in_view(gaussians, v, w, renderer, config), views, weights))
+    found = list(
+        parallel_map(lambda v, w: _in_view(gaussians, v, w, renderer, config), views, weights, using=[renderer])
+    )
     rows = np.concatenate([straddlers.rows for straddlers in found])
     normals = np.concatenate([straddlers.normals for straddlers in found])
     offsets = np.concatenate([straddlers.offsets for straddlers in found])

@@ -17,7 +17,7 @@ from gaussian_trimmer.evaluation import metrics
 from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import TestView, Truth
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 
 Scores = dict[str, float]
 """Metric -> percentage, or dB for `psnr` and `fidelity`; a metric that is not known is missing."""
@@ -101,7 +101,7 @@ class Judge:
 
     def score_views(self, cut: Cut, views: Sequence[TestView]) -> list[Scores]:
         """The metrics of each view, see `score`."""
-        shown = over_views(self.renderer, lambda view: self.show(cut, view.camera), views)
+        shown = parallel_map(lambda view: self.show(cut, view.camera), views, using=[self.renderer])
         return [self.score(picture, view) for picture, view in zip(shown, views, strict=True)]
 
     def score(self, shown: Shown, view: TestView) -> Scores:

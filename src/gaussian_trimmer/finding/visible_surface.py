@@ -17,7 +17,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.kd_tree import nearest
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.overview import drawn_part, plan_overview
 from gaussian_trimmer.selecting.surface_estimates import colour_bins, directions_to, estimate_surface
@@ -129,7 +129,7 @@ def find_visible_surface(
         drawn, rows = drawn_part(scene, view)
         return rows, shown_weight(drawn, view.camera, renderer)
 
-    for number, (rows, weights) in enumerate(over_views(renderer, weighed, views)):
+    for number, (rows, weights) in enumerate(parallel_map(weighed, views, using=[renderer])):
         looked(number + 1)
         shown[number, rows] = weights
     total = shown.sum(axis=0)

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import CACHE, side_by_side
+from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.parallel import parallel_for
 
 _POINTS_IN_A_LEAF = 16
 _jit = numba.njit(cache=CACHE, fastmath={"contract", "reassoc", "nsz"}, nogil=True)
@@ -32,7 +33,7 @@ def nearest(
     leaves, numbers = _leaves(points, order, edges)
     squared = np.full((len(queries), k), np.float32(reach * reach))
     found = np.full((len(queries), k), -1, np.int32)
-    side_by_side(
+    parallel_for(
         lambda first, last: _search(
             leaves, numbers, axes, splits, queries[first:last], squared[first:last], found[first:last]
         ),

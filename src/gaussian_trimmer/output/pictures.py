@@ -21,7 +21,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
 
@@ -203,7 +203,7 @@ def write_picture(picture: Picture, path: Path) -> None:
 def _row(
     caption: str, gaussians: Gaussians, cameras: Sequence[Camera], verdicts: Sequence[str], renderer: Renderer
 ) -> Picture:
-    pictures = list(over_views(renderer, lambda camera: draw_gaussians(gaussians, camera, renderer), cameras))
+    pictures = list(parallel_map(lambda camera: draw_gaussians(gaussians, camera, renderer), cameras, using=[renderer]))
     for picture, verdict in zip(pictures, verdicts, strict=True):
         if verdict:
             _frame(picture)

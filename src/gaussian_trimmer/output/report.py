@@ -16,10 +16,10 @@ from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, IntArray
-from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.views import TrimmedView
 
@@ -69,7 +69,7 @@ def write_results(
         ),
         lambda: write_json(report, folder / "report.json"),
     ]
-    for _ in map_side_by_side(lambda write: write(), files):
+    for _ in parallel_map(lambda write: write(), files):
         pass
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.rendering import Renderer, Rendering, over_views
+from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
 from gaussian_trimmer.views import HALF
 
 
@@ -33,13 +33,15 @@ class Place:
     def silhouettes(self) -> list[BoolArray]:
         """The object alone in each view, (H, W)."""
         alone = self.gaussians.select(self.own)
-        drawn = over_views(self.renderer, lambda camera: self.renderer.render(alone, camera), self.cameras)
+        drawn = parallel_map(lambda camera: self.renderer.render(alone, camera), self.cameras, using=[self.renderer])
         return [rendering.alpha > HALF for rendering in drawn]
 
     @cached_property
     def renderings(self) -> list[Rendering]:
         """The views with everything in them."""
-        return list(over_views(self.renderer, lambda c: self.renderer.render(self.gaussians, c), self.cameras))
+        return list(
+            parallel_map(lambda c: self.renderer.render(self.gaussians, c), self.cameras, using=[self.renderer])
+        )
 
     @cached_property
     def seen(self) -> FloatArray:
@@ -56,6 +58,6 @@ class Place:
         def weighed(camera: Camera, silhouette: BoolArray) -> FloatArray:
             return self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
 
-        for weights in over_views(self.renderer, weighed, self.cameras, self.silhouettes):
+        for weights in parallel_map(weighed, self.cameras, self.silhouettes, using=[self.renderer]):
             total[part] += weights
         return total

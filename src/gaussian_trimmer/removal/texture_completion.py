@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.geometry.compiling import map_side_by_side
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.views import bounding_box, box_slices, grown
 
 _MARGIN_PIXELS = 72
@@ -175,7 +175,7 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
         weight = (np.exp(-np.minimum(disagreement / sharpness, 60)) + 1e-12) * there
         return corrected[rows, columns], weight[rows, columns]
 
-    values, weights = zip(*map_side_by_side(found_at, shifts, differences), strict=True)
+    values, weights = zip(*parallel_map(found_at, shifts, differences), strict=True)
     colours, found = _middle_half(np.array(values), np.array(weights))
     here[rows[found], columns[found]] = np.clip(colours[found], 0, 1)
     done = np.zeros_like(hole)
@@ -221,7 +221,7 @@ def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Fl
     colours = rgb - rgb[there].mean(axis=0)  # small numbers, so that single precision suffices
     squared = np.einsum("hwc,hwc->hw", colours, colours)
     images = [np.ones_like(squared), squared, *colours.transpose(2, 0, 1)]
-    spectra = list(map_side_by_side(_spectrum, [part * image for image in images for part in (here, there)]))
+    spectra = list(parallel_map(_spectrum, [part * image for image in images for part in (here, there)]))
     first, second = spectra[:2]
     total = np.conj(spectra[2]) * second + np.conj(first) * spectra[3]
     for ours, theirs in zip(spectra[4::2], spectra[5::2], strict=True):

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar, cast
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,9 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.lazy_import import load
+from gaussian_trimmer.parallel import is_thread_safe as is_thread_safe
+from gaussian_trimmer.parallel import parallel_map as parallel_map
 
-Made = TypeVar("Made")
 ALPHA_CAP = 0.99
 """Largest alpha that one Gaussian reaches at a pixel."""
 ALPHA_CUTOFF = 1.0 / 255.0
@@ -86,22 +86,6 @@ class Renderer(Protocol):
         Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
         """
         ...
-
-
-def is_thread_safe(plug_in: object) -> bool:
-    """Whether a renderer or segmenter may be called from several threads at once: its own class, or it, says so.
-
-    What a class inherits does not count, since a subclass may keep what it should not.
-    """
-    said = {**vars(type(plug_in)), **getattr(plug_in, "__dict__", {})}
-    return bool(said.get("thread_safe", False))
-
-
-def over_views(renderer: Renderer, work: Callable[..., Made], *views: Iterable[Any]) -> Iterator[Made]:
-    """Like `map`, for work with a renderer on some views or objects: side by side if the renderer allows it."""
-    from gaussian_trimmer.geometry.compiling import map_side_by_side  # imports Numba, which conversions need not
-
-    return map_side_by_side(work, *views) if is_thread_safe(renderer) else map(work, *views)
 
 
 def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:

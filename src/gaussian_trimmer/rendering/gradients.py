@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.geometry.compiling import WORTH_A_THREAD, side_by_side
+from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for
 from gaussian_trimmer.rendering import gradient_kernels as kernels
 from gaussian_trimmer.rendering.numba_cpu import (
     Projection,
@@ -124,7 +124,7 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
         ellipsoids = ellipsoids_of(gaussians, rows[part])
         kernels.gather(ellipsoids, pinhole, splats[part], colours[part], sums[part], found[part])
 
-    side_by_side(gather, len(rows), at_least=WORTH_A_THREAD)
+    parallel_for(gather, len(rows), at_least=WORTH_A_THREAD)
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)
     derivatives[rows] = found
     return derivatives
@@ -148,5 +148,5 @@ def _differentiated(
             (first, last),
         )
 
-    side_by_side(differentiate, len(busy))
+    parallel_for(differentiate, len(busy))
     return pairs, busy

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.compiling import WORTH_A_THREAD, side_by_side
+from gaussian_trimmer.parallel import WORTH_A_THREAD, parallel_for
 from gaussian_trimmer.rendering import FRUSTUM_MARGIN, Rendering, check_pairs, pixels_inside
 from gaussian_trimmer.rendering.numba_kernels import blend_tiles, sum_pairs, top_of_pixels
 from gaussian_trimmer.rendering.projection_kernels import (
@@ -141,7 +141,7 @@ class NumbaRenderer:
         projection = self._projection(gaussians, camera)
         ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
         for tiles in projection.parts(camera):
-            side_by_side(
+            parallel_for(
                 lambda first, last, tiles=tiles: top_of_pixels(  # type: ignore[misc]
                     projection.splats, tiles, pixels[first:last], ids[first:last], weights[first:last]
                 ),
@@ -207,7 +207,7 @@ def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatA
         sh_dc, sh_rest = _owned(gaussians.sh_dc[share]), _owned(gaussians.sh_rest[share])
         project(ellipsoids_of(gaussians, share), sh_dc, sh_rest, pinhole, *(array[share] for array in found))
 
-    side_by_side(part, n, _PROJECTED_TOGETHER, at_least=WORTH_A_THREAD)
+    parallel_for(part, n, _PROJECTED_TOGETHER, at_least=WORTH_A_THREAD)
     return found
 
 
@@ -223,7 +223,7 @@ def _binned(splats: FloatArray, starts: IntArray, first_tile: int, camera: Camer
 
 def _by_columns(work: Callable[[int, int], Any], across: int, n_splats: int) -> None:
     """Call work(first, last) for columns of tiles, side by side if there are many Gaussians to go through for each."""
-    side_by_side(work, across, at_least=1 if n_splats >= WORTH_A_THREAD else across)
+    parallel_for(work, across, at_least=1 if n_splats >= WORTH_A_THREAD else across)
 
 
 def _owned(values: FloatArray) -> FloatArray:
@@ -272,7 +272,7 @@ def blend_view(
     sums = np.zeros((len(projection.rows), len(labels)), np.float32)
     for tiles in projection.parts(camera, len(labels)):
         pairs = np.zeros((len(tiles.lists), len(labels)), np.float32)
-        side_by_side(
+        parallel_for(
             lambda first, last, tiles=tiles, pairs=pairs: blend_tiles(  # type: ignore[misc]
                 projection.splats, values, tiles, labels, image, pairs, (first, last)
             ),

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.views import MIN_SEEN_PIXELS, View, mask_overlap
 
 _CONFIDENCE_WEIGHT = 0.32
@@ -131,7 +131,7 @@ def _shares_elsewhere(
     def weighed(view: View, mask: BoolArray, is_trusted: bool) -> FloatArray:
         return renderer.blend_weights(gaussians, view.camera, mask.astype(np.uint8), 2) * np.float32(is_trusted)
 
-    weights = list(over_views(renderer, weighed, views, masks, trusted))
+    weights = list(parallel_map(weighed, views, masks, trusted, using=[renderer]))
     total = np.sum(weights, axis=0)
 
     def shown(view: View, own: FloatArray) -> FloatArray:
@@ -140,4 +140,4 @@ def _shares_elsewhere(
         share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > MIN_SEEN_PIXELS)
         return renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0]
 
-    return list(over_views(renderer, shown, views, weights))
+    return list(parallel_map(shown, views, weights, using=[renderer]))

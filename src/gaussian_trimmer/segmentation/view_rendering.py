@@ -9,7 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer, Rendering, over_views
+from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.views import HALF, View, bounding_box, clearly_nearer, to_reference
 
@@ -32,7 +32,9 @@ def render_scope(scope: Scope, renderer: Renderer) -> SceneRenderings:
     """Draw a scope and the selected object in it for each of its cameras."""
 
     def drawn(gaussians: Gaussians) -> list[Rendering]:
-        return list(over_views(renderer, lambda c: renderer.render(gaussians, c, weights=True), scope.cameras))
+        return list(
+            parallel_map(lambda c: renderer.render(gaussians, c, weights=True), scope.cameras, using=[renderer])
+        )
 
     pictures, isolated = drawn(scope.shown), drawn(scope.local.select(scope.selected))
     visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
@@ -63,7 +65,9 @@ def complete_views(
     shares = np.zeros((len(scope.shown), 2), np.float32)
     shares[: len(probability)] = np.stack([scope.selected, probability], axis=1)
     views = []
-    values = over_views(renderer, lambda camera: renderer.blend_values(scope.shown, camera, shares), scope.cameras)
+    values = parallel_map(
+        lambda camera: renderer.blend_values(scope.shown, camera, shares), scope.cameras, using=[renderer]
+    )
     drawn = zip(scope.cameras, renderings.pictures, renderings.isolated, values, strict=True)
     for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])

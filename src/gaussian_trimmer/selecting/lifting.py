@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.views import HALF_COVERAGE
 
@@ -114,7 +114,7 @@ def sum_label_weights(
     def weighed(camera: Camera, image: LabelArray) -> FloatArray:
         return renderer.blend_weights(gaussians, camera, image, n_labels)
 
-    for of_view in over_views(renderer, weighed, cameras, labels):
+    for of_view in parallel_map(weighed, cameras, labels, using=[renderer]):
         weights += of_view
     return weights
 

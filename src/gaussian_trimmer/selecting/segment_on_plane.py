@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.geometry.compiling import map_side_by_side
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.support_plane import densest_layer
+from gaussian_trimmer.parallel import parallel_map
 
 _STEPS_PER_OCTAVE = 2
 """Windows of the ladder within a factor of two."""
@@ -111,9 +111,7 @@ def pieces_on_plane(
 
     found: list[tuple[float, float, _Piece, BoolArray]] = []
     for clearance in _CLEARANCES:
-        found = [
-            one for of_window in map_side_by_side(partial(found_in, clearance), windows.tolist()) for one in of_window
-        ]
+        found = [one for of_window in parallel_map(partial(found_in, clearance), windows.tolist()) for one in of_window]
         if found:
             break
     highest = max((surface for surface, *_ in found), default=0.0)

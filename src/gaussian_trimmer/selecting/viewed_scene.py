@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer, over_views
+from gaussian_trimmer.rendering import Renderer, parallel_map
 
 CONTRIBUTORS, _MIN_ALPHA = 10, 0.3
 """Number of the largest contributors to a pixel that are looked at, and least opacity at which something is visible."""
@@ -69,7 +69,7 @@ def shown_weight(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Fl
 def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> list[FloatArray]:
     """The same in each of several views, (N,) each."""
     plain = gaussians.replace(sh_rest=gaussians.sh_rest[:, :, :0])  # how much they show does not depend on colours
-    return list(over_views(renderer, lambda camera: shown_weight(plain, camera, renderer), cameras))
+    return list(parallel_map(lambda camera: shown_weight(plain, camera, renderer), cameras, using=[renderer]))
 
 
 def check_pixel(camera: Camera, x: int, y: int) -> None:

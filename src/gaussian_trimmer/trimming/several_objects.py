@@ -26,7 +26,7 @@ from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.removal.continuation import brightened
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.removal import Removal, remove
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, over_views
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, parallel_map
 from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
@@ -302,7 +302,7 @@ def remove_all(scene: Gaussians, claims: Sequence[_Claim], owner: IntArray, rend
         return rows, removed, remove(at, fill=fill)
 
     trimmed = [place for place, claim in enumerate(claims) if claim.decision.parts is not None and place in owner]
-    for place, (rows, removed, removal) in zip(trimmed, over_views(renderer, without, trimmed), strict=True):
+    for place, (rows, removed, removal) in zip(trimmed, parallel_map(without, trimmed, using=[renderer]), strict=True):
         claim = claims[place]
         rest.dropped[rows[(removal.ghosts | removal.replaced) & ~removed]] = True
         rest.gain[rows] = np.maximum(rest.gain[rows], removal.gain)

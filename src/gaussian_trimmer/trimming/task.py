@@ -10,7 +10,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.rendering import Renderer, get_renderer, is_thread_safe, over_views
+from gaussian_trimmer.rendering import Renderer, get_renderer, parallel_map
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.trimming.plugin_checks import CheckedRenderer, CheckedSegmenter
 
@@ -38,9 +38,8 @@ class PlugIns:
         return cls(renderer, segmenter, CheckedRenderer(renderer), CheckedSegmenter(segmenter))
 
     def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
-        """Like `map`, for work with both: side by side if both allow it."""
-        safe = is_thread_safe(self.given_segmenter)
-        return over_views(self.given_renderer, work, *items) if safe else map(work, *items)
+        """Like `map`, for work with both."""
+        return parallel_map(work, *items, using=[self.given_renderer, self.given_segmenter])
 
     def report_parts_to(self, report: Callable[[str], None]) -> None:
         """Have the segmenter say which view it is at, if it can."""

@@ -27,7 +27,7 @@ class Segmenter(Protocol):
     The attribute `mask_source` is optional too and says what the masks are drawn from: "labels" corrected in 3D,
     "renderings" of the scene (the default), "photographs", or "given" by the user. The object's outline is fitted only
     to masks that know more of it than the scene does: the last two. One that may be called from several threads at once
-    says so by `thread_safe = True`, see `rendering.is_thread_safe`.
+    says so by `thread_safe = True`, see `parallel.is_thread_safe`.
     """
 
     name: str

@@ -1,0 +1,119 @@
+"""Threads: shares of one loop, and whole pieces of work such as views.
+
+Kernels are plain loops over a share of the work, called from Python threads; they release the interpreter's lock. Loops
+that Numba makes parallel take three times as long to compile, and may abort where two threads enter them at once.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache
+from typing import Any, TypeVar
+
+Made = TypeVar("Made")
+WORTH_A_THREAD = 8192
+"""Number of Gaussians from which another thread saves more time than waking it takes, where each is little work."""
+_MOST_AT_ONCE = 4
+"""Pieces of work that `parallel_map` does at once, since each takes the memory of a view."""
+
+
+def is_thread_safe(plug_in: object) -> bool:
+    """Return whether a renderer or segmenter may be called from several threads at once: its own class, or it, says so.
+
+    What a class inherits does not count, since a subclass may keep what it should not.
+    """
+    said = {**vars(type(plug_in)), **getattr(plug_in, "__dict__", {})}
+    return bool(said.get("thread_safe", False))
+
+
+def parallel_for(work: Callable[[int, int], Any], n: int, at_most: int | None = None, at_least: int = 1) -> None:
+    """Call work(first, last) for shares that together are the range from 0 to n, on as many threads as Numba is given.
+
+    Args:
+        work: called with where a share begins and ends; it calls no `parallel_for` itself.
+        n: size of the work.
+        at_most: size of the largest share; None: there is one share a thread.
+        at_least: size of the smallest share that is worth a thread.
+    """
+    threads = _numba().get_num_threads()
+    size = max(-(-n // threads), at_least)
+    if at_most is not None:
+        size = min(size, at_most)
+    shares = [(first, min(first + size, n)) for first in range(0, n, size)]
+    if threads == 1 or len(shares) <= 1:
+        for share in shares:
+            work(*share)
+        return
+    others = [_loop_threads(threads).submit(work, *share) for share in shares[1:]]
+    work(*shares[0])
+    for other in others:
+        other.result()
+
+
+def parallel_map(work: Callable[..., Made], *items: Iterable[Any], using: Iterable[object] = ()) -> Iterator[Made]:
+    """Like `map`, but computed ahead on a few threads, among which those of `parallel_for` are shared.
+
+    A whole view on each thread keeps two cores twice as busy as halves of one view do: less of the work is Python's.
+
+    Args:
+        work: called with one element of each of the items.
+        items: views, objects or whatever else the work is done for, as many of each.
+        using: renderers and segmenters that the work calls. If one is not thread-safe, it all stays in this thread.
+    """
+    if not all(map(is_thread_safe, using)):
+        yield from map(work, *items)
+        return
+    threads = _numba().get_num_threads()
+    if threads == 1 or getattr(_here, "in_worker_thread", False):
+        yield from map(work, *items)
+        return
+    pool, found = _worker_threads(threads), deque[Future[Made]]()
+    try:
+        for arguments in zip(*items, strict=True):
+            found.append(pool.submit(work, *arguments))
+            if len(found) > _MOST_AT_ONCE:
+                yield found.popleft().result()
+        while found:
+            yield found.popleft().result()
+    finally:
+        wait([unwanted for unwanted in found if not unwanted.cancel()])  # nothing goes on after an exception
+
+
+def _numba() -> Any:
+    import numba  # takes a third of a second, and conversions need none of it
+
+    return numba
+
+
+@cache
+def _loop_threads(threads: int) -> ThreadPoolExecutor:
+    """Threads beside the calling one."""
+    return ThreadPoolExecutor(threads - 1, "gaussian-trimmer")
+
+
+@cache
+def _worker_threads(threads: int) -> ThreadPoolExecutor:
+    """Threads that do whole pieces of work each. They are not those of `parallel_for`, for which they may wait."""
+    at_once = min(threads, _MOST_AT_ONCE)
+
+    def prepare() -> None:
+        _here.in_worker_thread = True
+        _numba().set_num_threads(max(1, threads // at_once))  # of this thread alone
+
+    return ThreadPoolExecutor(at_once, "gaussian-trimmer-views", prepare)
+
+
+_here = threading.local()
+
+
+def _forget_threads() -> None:
+    _loop_threads.cache_clear()
+    _worker_threads.cache_clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_threads)  # Threads do not outlive a fork.
