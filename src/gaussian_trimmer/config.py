@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.decomposition.refinement import RefineConfig
@@ -12,7 +12,6 @@ from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
-from gaussian_trimmer.segmentation.segmenters import PAPER_SEGMENTER, paper_options
 from gaussian_trimmer.settings import Range, Vector, check_settings
 
 __all__ = [
@@ -27,7 +26,6 @@ __all__ = [
     "TrimConfig",
     "check_config",
     "paper_config",
-    "with_paper_preset",
 ]
 
 CONTEXT_RADIUS = 1.8
@@ -77,15 +75,6 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         refine="off",
         background="exact",
     )
-
-
-def with_paper_preset(options: Any) -> Any:
-    """The options of a command with the paper's `config`, `segmenter` and `segmenter_options`, a dataclass with these.
-
-    The paper's choices take the place of what is set; what the user sets beside the preset is set again afterwards.
-    """
-    segmenter_options = paper_options(options.segmenter_options)
-    return replace(options, config=paper_config(), segmenter=PAPER_SEGMENTER, segmenter_options=segmenter_options)
 
 
 def check_config(config: TrimConfig) -> None:

@@ -5,8 +5,9 @@
         source: Annotated[Positional[Path], arg(metavar="SOURCE")]
         sort: bool = False
 
-is made by `parse(Convert, ["a.ply", "--sort"], "convert")`. The notes on types are tyro's, which also reads the values.
-The options in a manifest of a batch are read in the same way.
+is made by `parse(Convert, ["a.ply", "--sort"], "convert")`. Marks are the reason for a parser of our own: they take
+effect in the order in which they are given, whatever their options are called, and an up vector is three numbers or an
+axis. The options in a manifest of a batch are read in the same way.
 """
 
 from __future__ import annotations
@@ -14,25 +15,46 @@ from __future__ import annotations
 import re
 import types
 from collections import deque
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from functools import cache, cached_property
-from typing import Annotated, Any, NoReturn, TypeVar, Union, cast, get_args, get_origin
-
-from tyro.conf import Positional, Suppress, UseAppendAction
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, cast, get_args, get_origin
 
 from gaussian_trimmer.cameras import AXIS, vector_of_up
 from gaussian_trimmer.errors import InputError, did_you_mean, shown
-from gaussian_trimmer.settings import hints_of
+from gaussian_trimmer.settings import Range, from_plain, hints_of, without_none
 
-Path = tuple[str, ...]
 Made = TypeVar("Made")
+Names = tuple[str, ...]
+"""Names of the fields that lead from a command to a value."""
 UP = "X Y Z, or an axis such as z or -y"
 _FLAG = re.compile(r"--[^\s=]*(=.*)?", re.DOTALL)
 """Unlike a text of several options, such as "--views 7 --quiet", which is a value."""
 _NEGATIVE_NUMBER = re.compile(r"-[\d.]")
-_METAVAR_MEANINGS = {"INT": "a whole number", "FLOAT": "a number"}
+_METAVARS = {int: "INT", float: "FLOAT", bool: "{true,false}"}
+
+
+@dataclass(frozen=True)
+class arg:  # noqa: N801 - it stands in annotations, where a note reads like one
+    """What the type of a field does not say of its option."""
+
+    metavar: str = ""
+    """What stands for the value in help."""
+    name: str | None = None
+    """What it is called, if not like the field; "" leaves a dataclass's name out of those of its options."""
+    default: str = ""
+    """The default, where it depends on other options."""
+    positional: bool = False
+    """It has no flag."""
+    ordered: bool = False
+    """It may be given several times; the field has a tuple of all values."""
+    order: bool = False
+    """It has no flag: its field has names and values of all ordered options, in the order given."""
+
+
+_Value = TypeVar("_Value")
+Positional = Annotated[_Value, arg(positional=True)]
+Ordered = Annotated[tuple[_Value, ...], arg(ordered=True)]
 
 
 @dataclass(frozen=True)
@@ -41,8 +63,7 @@ class Option:
 
     owner: type
     """The dataclass that has the field."""
-    path: Path
-    """Names of the fields that lead to it from the command."""
+    path: Names
     name: str
     """What it is called, without the dashes."""
     type: Any
@@ -50,49 +71,36 @@ class Option:
     """`MISSING` if the option must be given."""
 
     @cached_property
-    def notes(self) -> tuple[Any, ...]:
-        """What `Annotated` says of the type."""
-        return getattr(self.type, "__metadata__", ())
-
-    @property
-    def is_positional(self) -> bool:
-        """Whether it has no flag."""
-        return Positional in self.notes
-
-    @property
-    def is_repeated(self) -> bool:
-        """Whether it may be given several times; its field has a tuple of all that is given."""
-        return UseAppendAction in self.notes
-
-    @property
-    def is_hidden(self) -> bool:
-        """Whether it has no flag: its field has the names and values of all repeated options, in the order given."""
-        return Suppress in self.notes
+    def note(self) -> arg:
+        """What is noted beside its type."""
+        return _note_on(self.type)
 
     @cached_property
     def kind(self) -> Any:
-        """The type of one value, without None."""
-        kind = self.type
-        while get_origin(kind) in (Annotated, Union, types.UnionType):
-            kind = next(argument for argument in get_args(kind) if argument is not types.NoneType)
-        return get_args(kind)[0] if self.is_repeated else kind
+        """The type of one value, without None and without notes but its range."""
+        kind = _without_notes(self.type)
+        return get_args(kind)[0] if self.note.ordered else kind
 
-    @cached_property
-    def reader(self) -> PrimitiveConstructorSpec[Any]:
-        """How tyro reads and writes the values."""
-        found = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(self.kind, set()))
-        assert isinstance(found, PrimitiveConstructorSpec), self.name
-        return found
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        """The types of the numbers or texts that its value consists of; the last may be an ellipsis."""
+        return get_args(self.kind) if get_origin(self.kind) is tuple else (self.kind,)
 
-    @cached_property
+    @property
     def metavar(self) -> str:
         """What stands for the value in help."""
         if self.name == "up":
             return UP
-        return next((note.metavar for note in self.notes if getattr(note, "metavar", None)), self.reader.metavar)
+        return self.note.metavar or " ".join("..." if kind is Ellipsis else _metavar(kind) for kind in self.elements)
 
     @property
-    def flags(self) -> tuple[str, ...]:
+    def choices(self) -> tuple[str, ...]:
+        """What its value may be, where that can be listed."""
+        listed = re.fullmatch(r"\{(.+)\}", self.metavar)
+        return tuple(listed[1].split(",")) if listed else ()
+
+    @property
+    def flags(self) -> Names:
         """How it is spelt; the second spelling means False."""
         if self.kind is not bool:
             return (f"--{self.name}",)
@@ -102,13 +110,14 @@ class Option:
     @property
     def spelling(self) -> str:
         """What messages call it."""
-        return self.metavar if self.is_positional else self.flags[0]
+        return self.metavar if self.note.positional else self.flags[0]
 
 
 def parse(kind: type[Made], words: Sequence[str], command: str) -> Made:
-    """A command, or a part of one, from what was typed after its name.
+    """Return a command, or a part of one, from what was typed after its name.
 
-    Where the preset is that of the paper, what is given beside it counts all the same.
+    A dataclass may have a class method `presets`, which gets the values given for its fields and returns others by the
+    names of their fields. These take the place of defaults: what is given beside them counts.
 
     Args:
         kind: a dataclass.
@@ -119,59 +128,86 @@ def parse(kind: type[Made], words: Sequence[str], command: str) -> Made:
         InputError: an argument is missing, unknown or not possible.
     """
     given = _values(kind, words, command)
-    for option in options_of(cast(Hashable, kind)):
+    options = options_of(cast(Hashable, kind))
+    for owner, place in {(option.owner, option.path[:-1]): None for option in options}:
+        if hasattr(owner, "presets"):
+            mine = {path[len(place) :]: value for path, value in given.items() if path[: len(place)] == place}
+            given = {(*place, *path): value for path, value in owner.presets(mine).items()} | given
+    for option in options:
         if option.default is MISSING and option.path not in given:
             raise InputError(f"'{command}' needs {option.spelling}; see gaussian-trimmer {command} --help.")
-    made: Any = kind(**{path[0]: value for path, value in given.items() if len(path) == 1})
-    if given.get(("preset",)) == "paper":
-        from gaussian_trimmer.config import with_paper_preset  # late, since most commands need none of the stages
-
-        made = with_paper_preset(made)
-    for path, value in given.items():
-        made = _with(made, path, value)
-    return made  # type: ignore[no-any-return]
+    return cast(Made, _filled(kind, None, given))
 
 
 @cache
 def options_of(kind: type) -> tuple[Option, ...]:
-    """All options of a dataclass, in the order of its fields."""
+    """Return all options of a dataclass, in the order of its fields."""
     return tuple(_options_in(kind, (), ""))
 
 
-def _options_in(kind: type, path: Path, prefix: str) -> Iterator[Option]:
+def _options_in(kind: type, path: Names, prefix: str) -> Iterator[Option]:
     for field in fields(kind):
-        hint = hints_of(kind)[field.name]
-        names = [note.name for note in getattr(hint, "__metadata__", ()) if getattr(note, "name", None) is not None]
-        own = names[0] if names and isinstance(names[0], str) else field.name
-        name, default = ".".join(filter(None, (prefix, own.replace("_", "-")))), _default_of(field)
-        if is_dataclass(default):
-            yield from _options_in(type(default), (*path, field.name), name)
+        hint, default = hints_of(kind)[field.name], _default_of(field)
+        own = _note_on(hint).name
+        name = ".".join(filter(None, (prefix, (field.name if own is None else own).replace("_", "-"))))
+        if (inner := _dataclass_in(hint, default)) is not None:
+            yield from _options_in(inner, (*path, field.name), name)
         else:
             yield Option(kind, (*path, field.name), name, hint, default)
+
+
+def _without_notes(kind: Any) -> Any:
+    if get_origin(kind) in (Union, types.UnionType):
+        return _without_notes(without_none(kind))
+    if get_origin(kind) is Annotated and not any(isinstance(note, Range) for note in kind.__metadata__):
+        return _without_notes(get_args(kind)[0])
+    return kind
+
+
+def _note_on(kind: Any) -> arg:
+    """Return what all notes on a type say together."""
+    said = [note for note in getattr(kind, "__metadata__", ()) if isinstance(note, arg)]
+    return arg(**{name: value for note in said for name, value in vars(note).items() if value != getattr(arg, name)})
+
+
+def _dataclass_in(hint: Any, default: Any) -> Any:
+    """Return the dataclass whose fields are options in place of a field, by its default or its type."""
+    kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    return type(default) if is_dataclass(default) else kind if is_dataclass(kind) and default is MISSING else None
 
 
 def _default_of(field: Field[Any]) -> Any:
     return field.default if field.default_factory is MISSING else field.default_factory()
 
 
-def _with(settings: Any, path: Path, value: Any) -> Any:
-    """Settings with another value for one of their fields, or for one of a dataclass within."""
-    first, *rest = path
-    return replace(settings, **{first: _with(getattr(settings, first), tuple(rest), value) if rest else value})
+def _filled(kind: Any, base: Any, given: Mapping[Names, Any]) -> Any:
+    """Return a dataclass with values for its fields, or for those of dataclasses within; the base has the others."""
+    values = {}
+    for field in fields(kind):
+        mine = {path[1:]: value for path, value in given.items() if path[0] == field.name}
+        if not mine:
+            continue
+        default = _default_of(field) if base is None else getattr(base, field.name)
+        value = mine.pop((), default)
+        if mine:
+            inner = _dataclass_in(hints_of(kind)[field.name], value)
+            value = _filled(inner, None if value is MISSING else value, mine)
+        values[field.name] = value
+    return kind(**values) if base is None else replace(base, **values)
 
 
 @cache
 def _flags_of(kind: type) -> dict[str, tuple[Option, bool]]:
-    """All flags, with the option that they set and, of those without a value, what they set it to."""
-    named = [option for option in options_of(kind) if not (option.is_positional or option.is_hidden)]
+    """Return all flags, with the option that they set and, of those without a value, what they set it to."""
+    named = [option for option in options_of(kind) if not (option.note.positional or option.note.order)]
     return {flag: (option, number == 0) for option in named for number, flag in enumerate(option.flags)}
 
 
-def _values(kind: type, words: Sequence[str], command: str) -> dict[Path, Any]:
-    """The values that are given, by the paths of their options."""
-    given: dict[Path, Any] = {}
-    repeated: list[tuple[str, Any]] = []
-    places = deque(option for option in options_of(kind) if option.is_positional)
+def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
+    """Return the values that are given, by the paths of their options."""
+    given: dict[Names, Any] = {}
+    ordered: list[tuple[str, Any]] = []
+    places = deque(option for option in options_of(kind) if option.note.positional)
     left = deque(words)
     while left:
         word = left[0]
@@ -182,54 +218,62 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Path, Any]:
         else:
             option, is_on, equals, value = places.popleft() if places else None, False, "", ""
         if option is None:
-            _refuse_unknown(word, _flags_of(kind), command)
+            _refuse_unknown(word, kind, command)
         if option.kind is bool and not equals:
             given[option.path] = is_on
             continue
         found = _value(option, deque([value]) if equals else left)
-        if option.is_repeated:
-            repeated.append((option.path[-1], found))
+        if option.note.ordered:
+            ordered.append((option.path[-1], found))
             found = (*given.get(option.path, ()), found)
         given[option.path] = found
-    given.update({option.path: tuple(repeated) for option in options_of(kind) if option.is_hidden})
+    given.update({option.path: tuple(ordered) for option in options_of(kind) if option.note.order})
     return given
 
 
 def _value(option: Option, left: deque[str]) -> Any:
-    """The value that the next words are; they are taken out."""
-    takes = option.reader.nargs
-    count = takes if isinstance(takes, int) else len(left)
+    """Return the value that the next words are; they are taken out."""
+    elements = option.elements
+    count = len(left) if elements[-1] is Ellipsis else len(elements)
     words: list[str] = []
     while left and len(words) < count and not _FLAG.fullmatch(left[0]):
         word = left.popleft()
         if option.name == "up" and not words and AXIS.fullmatch(word):
             return vector_of_up(word)
-        words += filter(None, re.split("[,/]", word)) if isinstance(takes, int) and takes > 1 else [word]
-    try:
-        if isinstance(takes, int) and len(words) != takes:
-            raise ValueError
-        return option.reader.instance_from_str(words)
-    except ValueError as error:
-        given = f"is '{shown(' '.join(words))}'" if words else "has no value"
-        raise InputError(f"{option.spelling} {given}; {_wanted(option)}.") from error
+        words += filter(None, re.split("[,/]", word)) if elements[-1] is not Ellipsis and len(elements) > 1 else [word]
+    if not words or (len(words) != count and elements[-1] is not Ellipsis):
+        said = f"is '{shown(' '.join(words))}'" if words else "has no value"
+        wanted = f"available: {', '.join(option.choices)}" if option.choices else f"it must be {option.metavar}"
+        raise InputError(f"{option.spelling} {said}; {wanted}.")
+    kinds = elements[:1] * len(words) if elements[-1] is Ellipsis else elements
+    plain = [_plain(word, element) for word, element in zip(words, kinds, strict=True)]
+    return from_plain(plain if get_origin(option.kind) is tuple else plain[0], option.kind, option.spelling)
 
 
-def _wanted(option: Option) -> str:
-    """What a value may be."""
-    if option.name == "up":
-        return f"it must be {UP}"
-    if option.reader.choices:
-        return f"available: {', '.join(option.reader.choices)}"
-    kinds = {_METAVAR_MEANINGS.get(kind, option.metavar) for kind in re.findall("[A-Z]+", option.reader.metavar)}
-    if option.reader.nargs == 1:
-        return f"it must be {kinds.pop()}"
-    if isinstance(option.reader.nargs, int):
-        return f"it must be {option.metavar}, {option.reader.nargs} numbers with spaces between them"
-    return f"it must be {kinds.pop()}, or several with spaces between them"
+def _plain(word: str, kind: Any) -> Any:
+    """Return what a word stands for, as JSON would hold it; a word that is not of its type stays, and is refused."""
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    if get_origin(kind) is Literal:
+        return next((choice for choice in get_args(kind) if str(choice) == word), word)
+    if kind is bool:
+        return {"true": True, "false": False}.get(word.lower(), word)
+    if kind in (int, float):
+        try:
+            return kind(word)
+        except ValueError:
+            return word
+    return word
 
 
-def _refuse_unknown(word: str, flags: Iterable[str], command: str) -> NoReturn:
+def _metavar(kind: Any) -> str:
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    if get_origin(kind) is Literal:
+        return "{" + ",".join(map(str, get_args(kind))) + "}"
+    return _METAVARS.get(kind, str(kind.__name__).upper())
+
+
+def _refuse_unknown(word: str, kind: type, command: str) -> NoReturn:
     flag = word.partition("=")[0]
-    cure = did_you_mean(flag, flags) if flag.startswith("--") else None
+    cure = did_you_mean(flag, _flags_of(kind)) if flag.startswith("--") else None
     cure = cure or f"see gaussian-trimmer {command} --help."
     raise InputError(f"{shown(flag)} is not an option or argument of '{command}'; {cure}")

@@ -1,22 +1,23 @@
-"""Ranges of settings: stated beside each field of a dataclass, as part of its type, and checked in one place.
+"""Dataclasses whose fields say what they may hold: checked, and as plain JSON and back.
 
     @dataclass(frozen=True)
     class EvidenceConfig:
         prior: Weight = 1.0
         looks: Annotated[int, Range(1, 100)] = 5
 
-`check_settings` goes through all fields, also those of dataclasses within, and says of the first that is not possible
-what it is, as the command line spells it, and what it may be. Without a range a number would be checked by nobody, so
-every number of a configuration has one; a test sees to that.
+Settings from Python, from the command line and from files pass the same check, which says of the first value that is
+not possible what it is and what it may be. Without a range a number would be checked by nobody, so every number of a
+configuration has one; a test sees to that.
 """
 
 from __future__ import annotations
 
 import types
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -31,9 +32,6 @@ class Range:
     low: float
     high: float
 
-    def __contains__(self, value: Any) -> bool:
-        return bool(self.low <= value <= self.high)  # false for NaN
-
 
 _LARGEST: dict[Any, Range] = {int: Range(-(1 << 53), 1 << 53), float: Range(-1e30, 1e30)}
 """Where a field states no range: whole numbers that survive programs which keep all numbers as floats, and others whose
@@ -45,6 +43,9 @@ Vector = tuple[_Component, _Component, _Component]
 """A direction, of any length."""
 Weight = Annotated[float, Range(0, 1000)]
 """How much something counts beside something else; 0: not at all."""
+_MAX_PATH = 4096
+Readers = Mapping[Any, Callable[[Any, str], Any]]
+_NONE: Readers = types.MappingProxyType({})
 
 
 def check_settings(settings: Any, prefix: str = "") -> None:
@@ -57,80 +58,140 @@ def check_settings(settings: Any, prefix: str = "") -> None:
     Raises:
         InputError: a setting is not possible.
 
-    >>> check_settings(Range(0, 1))
     >>> from gaussian_trimmer.decomposition.evidence import EvidenceConfig
     >>> check_settings(EvidenceConfig(recover_limit=float("nan")), "evidence")
     Traceback (most recent call last):
     gaussian_trimmer.errors.InputError: evidence.recover-limit is nan; it must be a number from 0 to 1.
     """
-    for name, kind in hints_of(settings.__class__).items():
-        check_value(getattr(settings, name), kind, f"{prefix}.{name}".lstrip(".").replace("_", "-"))
+    from_plain(settings, type(settings), prefix)
 
 
 @cache
 def hints_of(settings: type) -> dict[str, Any]:
-    """The types of a dataclass's fields with their ranges, by name."""
+    """Return the types of a dataclass's fields with their ranges, by name."""
     hints = get_type_hints(settings, include_extras=True)
     return {field.name: hints[field.name] for field in fields(settings)}
 
 
-def check_value(value: Any, kind: Any, name: str) -> None:
-    """Check a value against the type of its field; types that are neither number nor choice allow everything.
+def to_plain(value: Any, writers: Mapping[type, Callable[[Any], Any]] = types.MappingProxyType({})) -> Any:
+    """Return a dataclass, or a value of one of its fields, as JSON holds it.
+
+    Args:
+        value: dataclasses become objects; tuples and arrays become lists; paths become text.
+        writers: what becomes of values of other types, or of these.
+
+    >>> to_plain(Range(0, 1))
+    {'low': 0, 'high': 1}
+    """
+    for kind, write in writers.items():
+        if isinstance(value, kind):
+            return write(value)
+    if is_dataclass(value):
+        return {field.name: to_plain(getattr(value, field.name), writers) for field in fields(value)}
+    if isinstance(value, tuple | list):
+        return [to_plain(entry, writers) for entry in value]
+    if isinstance(value, dict):
+        return {name: to_plain(entry, writers) for name, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return str(value) if isinstance(value, Path) else value
+
+
+def from_plain(data: Any, kind: Any, where: str, readers: Readers = _NONE) -> Any:
+    """Return the value of a type that plain JSON stands for; the inverse of `to_plain`.
+
+    Args:
+        data: what `json.loads` returned, or the value itself, which is checked then.
+        kind: a dataclass, or a type that its fields have: numbers (with a `Range`), text, paths, choices, tuples,
+            dataclasses, one of these or None, or `Any`.
+        where: what the message on a wrong value begins with: a name, or a file and ": ".
+        readers: functions of a value and its place in the document, for types that are read in another way.
 
     Raises:
-        InputError: the type does not have this value; the message calls it by the name.
+        InputError: a value is missing, unknown, or of the wrong type.
+
+    >>> from_plain({"low": 0, "high": 1}, Range, "range")
+    Range(low=0.0, high=1.0)
+    >>> from_plain({"low": 0, "high": "one"}, Range, "range")
+    Traceback (most recent call last):
+    gaussian_trimmer.errors.InputError: range.high is 'one'; it must be a finite number.
     """
     origin, arguments = get_origin(kind), get_args(kind)
+    if kind in readers:
+        return readers[kind](data, where)
     if is_dataclass(kind):
-        if not isinstance(value, kind):  # type: ignore[arg-type]
-            raise wrong_value(value, name, f"settings of the kind {getattr(kind, '__name__', kind)}")
-        check_settings(value, name)
-    elif origin is Annotated:
+        return _dataclass_from(data, kind, where, readers)
+    if origin in (Union, types.UnionType):
+        return None if data is None else from_plain(data, without_none(kind), where, readers)
+    if origin is tuple:
+        elements = enumerate(_elements(data, arguments, where))
+        return tuple(from_plain(value, element, f"{where}[{i}]", readers) for i, (value, element) in elements)
+    if origin is Annotated:
         allowed = next((note for note in arguments[1:] if isinstance(note, Range)), None)
         if allowed is None:
-            check_value(value, arguments[0], name)
-        else:
-            _check_number(value, arguments[0], allowed, name, f" from {allowed.low:.12g} to {allowed.high:.12g}")
-    elif origin in (Union, types.UnionType):
-        if value is not None:
-            check_value(value, without_none(kind), name)
-    elif origin is tuple:
-        for element, element_kind in tuple_elements(value, kind, name):
-            check_value(element, element_kind, name)
-    elif origin is Literal and (not isinstance(value, str | int) or value not in arguments):
-        raise InputError(f"{name} is {shown(repr(value))}; available: {', '.join(map(str, arguments))}.")
-    elif kind is bool and not isinstance(value, bool):
-        raise wrong_value(value, name, "true or false")
-    elif kind in (int, float):
-        _check_number(value, kind, _LARGEST[kind], name)
+            return from_plain(data, arguments[0], where, readers)
+        return _number(data, arguments[0], allowed, where)
+    if origin is Literal and (not isinstance(data, str | int) or data not in arguments):
+        raise InputError(f"{where} is {shown(repr(data))}; available: {', '.join(map(str, arguments))}.")
+    if kind is bool and not isinstance(data, bool):
+        raise wrong_value(data, where, "true or false")
+    if kind in _LARGEST:
+        return _number(data, kind, None, where)
+    if kind is str and not isinstance(data, str):
+        raise wrong_value(data, where, "text")
+    return _path(data, where) if kind is Path else data
 
 
 def without_none(kind: Any) -> Any:
-    """The type that an optional one has beside None."""
+    """Return the type that an optional one has beside None."""
     return next(argument for argument in get_args(kind) if argument is not types.NoneType)
 
 
-def tuple_elements(value: Any, kind: Any, name: str) -> list[tuple[Any, Any]]:
-    """The elements of a list or an array, each with the type that it has in a tuple of some type.
+def wrong_value(value: Any, name: str, needed: str) -> InputError:
+    """Return the error that says what a value must be."""
+    said = str(value) if isinstance(value, Real) else repr(value)
+    return InputError(f"{name} is {shown(said)}; it must be {needed}.")
 
-    Raises:
-        InputError: the value is no list, or not of the tuple's length.
-    """
-    kinds = get_args(kind)
+
+def _dataclass_from(data: Any, kind: Any, where: str, readers: Readers) -> Any:
+    hints = hints_of(kind)
+    if isinstance(data, kind):  # the command line spells names with dashes
+        for name, hint in hints.items():
+            from_plain(getattr(data, name), hint, _joined(where, name.replace("_", "-")), readers)
+        return data
+    if not isinstance(data, dict):
+        raise wrong_value(data, where, f"an object with the fields of {kind.__name__}")
+    if unknown := [name for name in data if name not in hints]:
+        raise InputError(f"{where} has the unknown field '{shown(unknown[0])}'; available: {', '.join(hints)}.")
+    for field in fields(kind):
+        if field.name not in data and field.default is MISSING and field.default_factory is MISSING:
+            raise InputError(f"{where} has no {field.name}.")
+    return kind(**{name: from_plain(value, hints[name], _joined(where, name), readers) for name, value in data.items()})
+
+
+def _joined(where: str, name: str) -> str:
+    return f"{where}{'' if not where or where.endswith(': ') else '.'}{name}"
+
+
+def _elements(value: Any, kinds: tuple[Any, ...], where: str) -> list[tuple[Any, Any]]:
+    """Return the elements of a list or an array, each with its type in a tuple of these types."""
     any_length = len(kinds) == 2 and kinds[1] is Ellipsis
     is_list = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     if not is_list or not (any_length or len(value) == len(kinds)):
-        raise wrong_value(value, name, "a list of values" if any_length else f"{len(kinds)} values")
+        raise wrong_value(value, where, "a list of values" if any_length else f"{len(kinds)} values")
     return [(element, kinds[0] if any_length else kinds[i]) for i, element in enumerate(value)]
 
 
-def wrong_value(value: Any, name: str, needed: str) -> InputError:
-    """The error that says what a value must be."""
-    return InputError(
-        f"{name} is {shown(str(value) if isinstance(value, Real) else repr(value))}; it must be {needed}."
-    )
+def _number(value: Any, kind: type, allowed: Range | None, where: str) -> Any:
+    ends = allowed or _LARGEST[kind]
+    is_number = isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
+    if not is_number or not ends.low <= value <= ends.high:  # NaN neither
+        limits = f" from {ends.low:.12g} to {ends.high:.12g}" if allowed else ""
+        raise wrong_value(value, where, f"a {'whole ' if kind is int else '' if limits else 'finite '}number{limits}")
+    return float(value) if kind is float else value
 
 
-def _check_number(value: Any, kind: type, allowed: Range, name: str, limits: str = "") -> None:
-    if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real) or value not in allowed:
-        raise wrong_value(value, name, f"a {'whole ' if kind is int else '' if limits else 'finite '}number{limits}")
+def _path(data: Any, where: str) -> Path:
+    if not isinstance(data, str | Path) or not str(data) or "\0" in str(data) or len(str(data)) > _MAX_PATH:
+        raise wrong_value(data, where, "a path" if isinstance(data, str) else "text")
+    return Path(data)

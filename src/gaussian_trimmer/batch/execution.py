@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tyro.conf import arg
-
 from gaussian_trimmer.batch.items import Item, check_items
 from gaussian_trimmer.batch.local import LocalProcesses, cores
 from gaussian_trimmer.batch.outcomes import Outcome, Status
@@ -19,6 +17,7 @@ from gaussian_trimmer.batch.ray_cluster import RayTasks
 from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, by_scene, free_bytes, shard_of
 from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.options import arg
 from gaussian_trimmer.settings import Range, check_settings
 
 _SHARE_OF_FREE = 0.8

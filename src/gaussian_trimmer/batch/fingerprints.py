@@ -16,9 +16,9 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.segmentation.segmenters import options_kind
+from gaussian_trimmer.settings import to_plain
 
 
 def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | None) -> str:

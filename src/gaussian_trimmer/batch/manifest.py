@@ -25,14 +25,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import arg
-
 from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.errors import InputError, shown
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.options import parse
+from gaussian_trimmer.options import arg, parse
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection

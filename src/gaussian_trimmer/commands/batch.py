@@ -11,7 +11,6 @@ from typing import Annotated, ClassVar
 
 from rich.console import Console
 from rich.status import Status as RichStatus
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer.batch.execution import BatchOptions, run
 from gaussian_trimmer.batch.items import check_items
@@ -21,6 +20,7 @@ from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.batch.summary import HTML, write_summaries
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.options import Positional, arg
 
 _SECONDS_BETWEEN_LINES = 30.0
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Annotated, Literal, cast
 
-from tyro.conf import Positional, arg
-
 from gaussian_trimmer.commands import COMMANDS, kind_of
-from gaussian_trimmer.options import options_of
+from gaussian_trimmer.options import Positional, arg, options_of
 
 _SCRIPT = """\
 _gaussian_trimmer() {{
@@ -54,16 +51,11 @@ def script() -> str:
     """The script for bash, which zsh understands, too."""
     cases, choices = [], dict[str, str]()
     for name in sorted(COMMANDS, key=len, reverse=True):  # those of two words first
-        options = [
-            option
-            for option in options_of(cast(Hashable, kind_of(name)))
-            if not (option.is_positional or option.is_hidden)
-        ]
+        known = options_of(cast(Hashable, kind_of(name)))
+        options = [option for option in known if not (option.note.positional or option.note.order)]
         flags = " ".join(flag for option in options for flag in option.flags)
         cases.append(f'        "{name}{"" if " " in name else " "}"*) options="{flags}" ;;')
-        for option in options:
-            if found := re.fullmatch(r"\{([\w.,-]+)\}", option.metavar):
-                choices[option.flags[0]] = found[1].replace(",", " ")
+        choices |= {option.flags[0]: " ".join(option.choices) for option in options if option.choices}
     lines = [
         f'        {flag}) COMPREPLY=($(compgen -W "{words}" -- "$current")); return ;;'
         for flag, words in choices.items()

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from rich.console import Console
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.engines import ENGINES, EngineName, upright
 from gaussian_trimmer.output.html.document import SUFFIXES
 

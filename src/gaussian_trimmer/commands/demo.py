@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
 from gaussian_trimmer import sample
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.options import arg
 
 _FOLDER = Path("trimmed") / "demo"
 
@@ -21,7 +20,7 @@ _FOLDER = Path("trimmed") / "demo"
 class Demo:
     """Trim an object of the sample scene that comes with the program, and say where the results are."""
 
-    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/demo)")] = None
+    output: Annotated[Path | None, arg(metavar="DIR", default="trimmed/demo")] = None
     """Folder for the results. Every run replaces those in trimmed/demo."""
     overwrite: bool = False
     """Replace earlier results in the output folder. Other files in it are left alone."""

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from tyro.conf import Positional, arg
-
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
@@ -20,6 +18,7 @@ from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.evaluation.statistics import made_by
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Share, check_settings

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
-
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
@@ -24,11 +22,11 @@ from gaussian_trimmer.evaluation.runs import Run, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
 from gaussian_trimmer.evaluation.statistics import made_by, table_of_statistics
 from gaussian_trimmer.evaluation.task_ids import ids_of_tasks
-from gaussian_trimmer.io.dataclass_json import to_plain
+from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
-from gaussian_trimmer.settings import check_settings
-from gaussian_trimmer.trimming.options import SegmenterOptions
+from gaussian_trimmer.settings import check_settings, to_plain
+from gaussian_trimmer.trimming.options import SegmenterOptions, preset_values
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,11 @@ class _EvaluateDataset:
     tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
     quiet: bool = False
     """Print nothing but errors."""
+
+    @classmethod
+    def presets(cls, given: Mapping[Names, Any]) -> dict[Names, Any]:
+        """Return the values that a preset has for fields; options given beside it come on top."""
+        return preset_values(given)
 
     def run(self) -> None:
         """Trim every prediction, measure before and after, print the tables, and write them if asked to.

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
@@ -27,6 +26,7 @@ from gaussian_trimmer.evaluation.panoptic import (
 from gaussian_trimmer.evaluation.statistics import made_by
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, find_mask
 from gaussian_trimmer.selection_files.several import load_objects

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
@@ -25,6 +24,7 @@ from gaussian_trimmer.evaluation.removal import (
 from gaussian_trimmer.evaluation.results import read_background
 from gaussian_trimmer.evaluation.statistics import made_by
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
 from gaussian_trimmer.settings import Range, check_settings
 

@@ -11,7 +11,7 @@ import inspect
 import re
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import MISSING
 from functools import cache
 from itertools import pairwise
@@ -19,12 +19,12 @@ from itertools import pairwise
 from gaussian_trimmer.options import Option, options_of
 
 HELP_ALL = "--help-all"
-_MAX_WIDTH, _TEXT_INDENT, _COLUMN = 110, 8, 26
+_MAX_WIDTH, _COLUMN = 110, 26
 _FIRST_SENTENCE = re.compile(r".*?\.(?=\s[A-Z`]|$)", re.DOTALL)
 
 
 def help_on(kind: type, prog: str, *, everything: bool) -> str:
-    """What a command does and takes.
+    """Return what a command does and takes.
 
     Args:
         kind: the command's dataclass.
@@ -32,20 +32,20 @@ def help_on(kind: type, prog: str, *, everything: bool) -> str:
         everything: list every setting, not just the usual options.
     """
     width = min(shutil.get_terminal_size().columns, _MAX_WIDTH)
-    options = [option for option in options_of(kind) if not option.is_hidden]
+    options = [option for option in options_of(kind) if not option.note.order]
     groups = _by_stage(options) if everything else _common(options, kind)
-    places = [option for option in options if option.is_positional]
+    places = [option for option in options if option.note.positional]
     words = [option.metavar if option.default is MISSING else f"[{option.metavar}]" for option in places]
     lines = [" ".join([f"usage: {prog} [-h] [OPTIONS]", *words])]
     paragraphs = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
     for paragraph in paragraphs if everything else paragraphs[:1]:
-        lines += ["", _wrapped(paragraph, width)]
+        lines += ["", textwrap.fill(" ".join(paragraph.split()), width)]
     for title, group in groups.items():
         lines += ["", f"{title}:"] if title else [""]
-        for option in group:
-            lines += _in_full(option, width) if everything else _in_short(option, width)
+        lines += [_beside(_head(option), _text(option, in_full=everything), width) for option in group]
     if examples := getattr(kind, "EXAMPLES", ()):
-        lines += ["", "examples:", *(_command(example, width) for example in examples)]
+        lines += ["", "examples:"]
+        lines += [_wrapped(example, width, "  ", "      ") for example in examples]
     left = len(options) - sum(map(len, groups.values()))
     if left > 0:
         lines += ["", f"There are {left} more settings: {prog} {HELP_ALL}"]
@@ -55,71 +55,61 @@ def help_on(kind: type, prog: str, *, everything: bool) -> str:
 
 
 def _by_stage(options: Iterable[Option]) -> dict[str, list[Option]]:
-    """All options, by what comes before the dot in their names."""
+    """Return all options, by what comes before the dot in their names."""
     groups: dict[str, list[Option]] = {"positional arguments": [], "options": []}
     for option in options:
         stage = option.name.rpartition(".")[0]
-        title = "positional arguments" if option.is_positional else f"{stage} options".lstrip()
+        title = "positional arguments" if option.note.positional else f"{stage} options".lstrip()
         groups.setdefault(title, []).append(option)
     return {title: group for title, group in groups.items() if group}
 
 
 def _common(options: list[Option], kind: type) -> dict[str, list[Option]]:
-    """What short help lists: what the command says, in its order; else all but the settings of stages."""
-    named = {option.flags[0]: option for option in options if not option.is_positional}
-    common: Mapping[str, tuple[str, ...]] = getattr(
-        kind, "COMMON_OPTIONS", {"options": tuple(flag for flag in named if "." not in flag)}
-    )
-    groups = {"": [option for option in options if option.is_positional]}
+    """Return what short help lists: what the command says, in its order; else all but the settings of stages."""
+    named = {option.flags[0]: option for option in options if not option.note.positional}
+    common = getattr(kind, "COMMON_OPTIONS", {"options": [flag for flag in named if "." not in flag]})
+    groups = {"": [option for option in options if option.note.positional]}
     groups |= {title: [named[flag] for flag in flags] for title, flags in common.items()}
     return {title: group for title, group in groups.items() if group}
 
 
 def _head(option: Option) -> str:
-    if option.is_positional:
+    if option.note.positional:
         return option.metavar
     if option.kind is bool:
         return ", ".join(option.flags) if option.default else option.flags[0]
     return f"{option.flags[0]} {option.metavar}"
 
 
-def _in_full(option: Option, width: int) -> Iterator[str]:
-    yield f"  {_head(option)}"
-    if words := " ".join(filter(None, (_words(option), _hint(option)))):
-        yield _wrapped(words, width, " " * _TEXT_INDENT)
+def _text(option: Option, *, in_full: bool) -> str:
+    """Return what is said of an option, or the first sentence of it, and its default."""
+    words = " ".join(_docstrings(option.owner).get(option.path[-1], "").split())
+    if not in_full and (first := _FIRST_SENTENCE.match(words)):
+        words = first[0].rstrip(".")
+    default = option.note.default
+    if not default and option.default not in (MISSING, None, "", (), False):
+        given = option.default if isinstance(option.default, tuple) else (option.default,)
+        default = " ".join(map(str, given))
+    return f"{words} (default: {default})" if default else words
 
 
-def _in_short(option: Option, width: int) -> Iterator[str]:
-    """The option, and beside it the first sentence of what is said of it."""
-    first = _FIRST_SENTENCE.match(_words(option))
-    words = " ".join(filter(None, (first[0].rstrip(".") if first else _words(option), _hint(option))))
-    head = f"  {_head(option)}"
-    if len(head) > _COLUMN - 2:
-        yield head
-        head = ""
-    yield textwrap.fill(words, width, initial_indent=head.ljust(_COLUMN), subsequent_indent=" " * _COLUMN)
+def _beside(head: str, text: str, width: int) -> str:
+    """Return an option and, in a column beside or below it, a text."""
+    fits = len(head) < _COLUMN - 3
+    column = " " * _COLUMN
+    filled = _wrapped(text, width, f"  {head}".ljust(_COLUMN) if fits else column, column)
+    return filled if fits else f"  {head}\n{filled}".rstrip()
 
 
-def _words(option: Option) -> str:
-    return " ".join(_docstrings(option.owner).get(option.path[-1], "").split())
-
-
-def _hint(option: Option) -> str:
-    hint = next((note.help_behavior_hint for note in option.notes if getattr(note, "help_behavior_hint", None)), "")
-    if not hint and option.default not in (MISSING, None, "", ()) and option.default is not False:
-        hint = f"(default: {' '.join(option.reader.str_from_instance(option.default))})"
-    return str(hint)
-
-
-def _command(example: str, width: int) -> str:
+def _wrapped(text: str, width: int, first: str, further: str) -> str:
     return textwrap.fill(
-        example, width, initial_indent="  ", subsequent_indent="      ", break_long_words=False, break_on_hyphens=False
+        text, width, initial_indent=first, subsequent_indent=further, break_long_words=False, break_on_hyphens=False
     )
 
 
 @cache
 def _docstrings(kind: type) -> dict[str, str]:
-    """What stands below each field in the source of a dataclass and of those that it inherits from."""
+    """Return what stands below each field in the source of a dataclass and of those that it inherits from."""
     found: dict[str, str] = {}
     for owner in reversed(kind.__mro__[:-1]):
         (tree,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
@@ -129,7 +119,3 @@ def _docstrings(kind: type) -> dict[str, str]:
                 case ast.AnnAssign(target=ast.Name(name)), ast.Expr(value=ast.Constant(str(text))):
                     found[name] = text
     return found
-
-
-def _wrapped(words: str, width: int, indent: str = "") -> str:
-    return textwrap.fill(" ".join(words.split()), width, initial_indent=indent, subsequent_indent=indent)

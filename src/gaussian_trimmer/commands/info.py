@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tyro.conf import Positional
-
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.options import Positional
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tyro.conf import Suppress, UseAppendAction, arg
-
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.options import Ordered, arg
 from gaussian_trimmer.selecting.marks import Box, Box3D, Click, Effect, FromFile, Grow, Mark, Plane, Shrink, Sphere
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import Range
@@ -29,52 +28,52 @@ _FILE_EFFECTS: dict[str, Effect] = {"add": "add", "subtract": "remove", "interse
 class MarkOptions:
     """What to select. Marks apply in the order given: each adds, removes, or keeps only what it means."""
 
-    view: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME")] = ()
+    view: Annotated[Ordered[str], arg(metavar="NAME")] = ()
     """View of the clicks and boxes that follow, by the name of its picture. The ending may be left out, and a number
     is understood. May be repeated; a single one may also follow them."""
-    view_index: Annotated[UseAppendAction[tuple[int, ...]], arg(metavar="INT")] = ()
+    view_index: Annotated[Ordered[int], arg(metavar="INT")] = ()
     """The same by its number, from 0."""
-    click: Annotated[UseAppendAction[tuple[_Pixel, ...]], arg(metavar="X Y")] = ()
+    click: Annotated[Ordered[_Pixel], arg(metavar="X Y")] = ()
     """Pixel on the object, from the left and the top. Once something is selected, a pixel in the middle of what is
     missing. May be repeated, as all marks."""
-    remove_click: Annotated[UseAppendAction[tuple[_Pixel, ...]], arg(metavar="X Y")] = ()
+    remove_click: Annotated[Ordered[_Pixel], arg(metavar="X Y")] = ()
     """Pixel in the middle of what is selected but should not be."""
-    box: Annotated[UseAppendAction[tuple[_PixelBox, ...]], arg(metavar="X0 Y0 X1 Y1")] = ()
+    box: Annotated[Ordered[_PixelBox], arg(metavar="X0 Y0 X1 Y1")] = ()
     """Box around the object: left, top, right, bottom."""
-    remove_box: Annotated[UseAppendAction[tuple[_PixelBox, ...]], arg(metavar="X0 Y0 X1 Y1")] = ()
+    remove_box: Annotated[Ordered[_PixelBox], arg(metavar="X0 Y0 X1 Y1")] = ()
     """Box around what should not be selected."""
-    box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
+    box3d: Annotated[Ordered[_Six], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
     """Select everything inside this box."""
-    remove_box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
+    remove_box3d: Annotated[Ordered[_Six], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
     """Deselect everything inside this box."""
-    intersect_box3d: Annotated[UseAppendAction[tuple[_Six, ...]], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
+    intersect_box3d: Annotated[Ordered[_Six], arg(metavar="X0 Y0 Z0 X1 Y1 Z1")] = ()
     """Deselect everything outside this box."""
-    sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
+    sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
     """Select everything inside this ball."""
-    remove_sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
+    remove_sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
     """Deselect everything inside this ball."""
-    intersect_sphere: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="X Y Z RADIUS")] = ()
+    intersect_sphere: Annotated[Ordered[_Four], arg(metavar="X Y Z RADIUS")] = ()
     """Deselect everything outside this ball."""
-    plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
+    plane: Annotated[Ordered[_Four], arg(metavar="NX NY NZ OFFSET")] = ()
     """Select everything above this plane: points p with N . p > OFFSET. With --coordinates up, 0 0 1 H is everything
     above height H."""
-    remove_plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
+    remove_plane: Annotated[Ordered[_Four], arg(metavar="NX NY NZ OFFSET")] = ()
     """Deselect everything above this plane."""
-    intersect_plane: Annotated[UseAppendAction[tuple[_Four, ...]], arg(metavar="NX NY NZ OFFSET")] = ()
+    intersect_plane: Annotated[Ordered[_Four], arg(metavar="NX NY NZ OFFSET")] = ()
     """Deselect everything below this plane."""
     coordinates: Literal["scene", "up"] = "scene"
     """Coordinates of 3D boxes, balls and planes: the scene's own, or turned so that z is up."""
-    add: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
+    add: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
     """Add what a selection file of any kind selects; #ID picks objects in it."""
-    subtract: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
+    subtract: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
     """Take away what a selection file selects."""
-    intersect: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE[#ID,...]")] = ()
+    intersect: Annotated[Ordered[str], arg(metavar="FILE[#ID,...]")] = ()
     """Keep only what a selection file selects."""
-    grow: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
+    grow: Annotated[Ordered[_Spacings], arg(metavar="SPACINGS")] = ()
     """Add what lies this near to the selection, in median distances between its neighbouring Gaussians."""
-    shrink: Annotated[UseAppendAction[tuple[_Spacings, ...]], arg(metavar="SPACINGS")] = ()
+    shrink: Annotated[Ordered[_Spacings], arg(metavar="SPACINGS")] = ()
     """Take away what lies this near to Gaussians that are not selected."""
-    given: Suppress[tuple[tuple[str, Any], ...]] = ()
+    given: Annotated[tuple[tuple[str, Any], ...], arg(order=True)] = ()
     """Names and values of all views and marks, in the order in which they were given."""
 
     def marks(self) -> list[Mark]:

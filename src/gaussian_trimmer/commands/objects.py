@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 from rich.console import Console
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer.batch.items import safe_name
 from gaussian_trimmer.batch.manifest import write_manifest
@@ -29,6 +28,7 @@ from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.objects import objects_files, write_objects
 from gaussian_trimmer.output.report import RESULTS
 from gaussian_trimmer.rendering import get_renderer
@@ -64,7 +64,7 @@ class Objects(TrimSettings):
 
     scene: Annotated[Positional[Path], arg(metavar="SCENE")]
     """Splat file of the scene, or the folder of a training."""
-    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: found/SCENE)")] = None
+    output: Annotated[Path | None, arg(metavar="DIR", default="found/SCENE")] = None
     """Folder for labels, table and page. Earlier ones of the same kind are replaced."""
     find: Annotated[FindConfig, arg(name="")] = field(default_factory=FindConfig)
     keep: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()

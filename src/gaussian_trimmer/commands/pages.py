@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
 from gaussian_trimmer.commands.console import refuse_existing
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.html.report_page import REPORT
 from gaussian_trimmer.output.html.viewer import Part, check_page_name, export_viewer
 from gaussian_trimmer.result import TrimResult

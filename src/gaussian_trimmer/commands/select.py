@@ -11,7 +11,6 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_json, print_up, refuse_existing
@@ -22,6 +21,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer
@@ -75,7 +75,7 @@ class Select(TrimSettings):
     masks: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder of masks in which the object is bright. Or a pattern such as 'out/*/chosen_cup.png', in which * stands for
     the picture's name or number. Needs --cameras."""
-    output: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: SCENE_selection.npy)")] = None
+    output: Annotated[Path | None, arg(metavar="FILE", default="SCENE_selection.npy")] = None
     """File for the selection, .npy. It has booleans, or object numbers with --object-ids; the marks go beside it. An
     earlier selection of the same scene is replaced; one of another scene only with --overwrite."""
     trim: Annotated[Path | None, arg(metavar="DIR")] = None

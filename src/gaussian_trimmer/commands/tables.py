@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from rich.console import Console
-from tyro.conf import arg
 
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.tables import ENDINGS, FORMATS, ScoreTable
 from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.options import arg
 
 
 @dataclass(frozen=True)

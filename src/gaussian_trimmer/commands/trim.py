@@ -30,7 +30,6 @@ from gaussian_trimmer.config import check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
-from gaussian_trimmer.io.dataclass_json import to_plain
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.engines import ENGINES, engine_files, write_for_engine
@@ -49,7 +48,7 @@ from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views, with_query_row
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.selection_files.options import flag
-from gaussian_trimmer.settings import check_settings
+from gaussian_trimmer.settings import check_settings, to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim

@@ -9,7 +9,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from rich.console import Console
-from tyro.conf import Positional, arg
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
@@ -17,6 +16,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.trim_settings import TrimSettings
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.selection_file import open_selection
@@ -46,7 +46,7 @@ class TrimInputs(TrimSettings):
     selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
     """Which Gaussians roughly are the object. A mask, labels, row numbers, a PLY cut out of the scene, what a
     segmentation method saved, or marks saved as .json."""
-    output: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: trimmed/SCENE-SELECTION)")] = None
+    output: Annotated[Path | None, arg(metavar="DIR", default="trimmed/SCENE-SELECTION")] = None
     """Folder for the results."""
     selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
     """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import arg
-
 from gaussian_trimmer.commands.pages import PageOptions
+from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.engines import EngineName
 from gaussian_trimmer.trimming.options import TrimOptions
 

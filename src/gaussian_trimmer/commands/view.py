@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
-
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.serving import MOST_SHOWN, serving, wait
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file, is_folder
+from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.settings import Range, check_settings
 
 

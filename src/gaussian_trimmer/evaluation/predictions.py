@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
 from gaussian_trimmer.formats import FORMATS
+from gaussian_trimmer.options import arg
 from gaussian_trimmer.selection_files.method_files import METHOD_FILES
 from gaussian_trimmer.selection_files.selection_file import SUFFIXES
 

@@ -13,11 +13,10 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
 from gaussian_trimmer.cameras import Camera, unit_up
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.dataclass_json import from_plain, to_plain
 from gaussian_trimmer.io.reading import file_bytes, is_file, reading
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, Point, View, Viewpoint
-from gaussian_trimmer.settings import wrong_value
+from gaussian_trimmer.settings import from_plain, to_plain, wrong_value
 
 CONTENT = "selection marks"
 _MAX_BYTES = 1 << 24

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.io.dataclass_json import from_plain, to_plain
 from gaussian_trimmer.io.reading import file_bytes, is_file
 from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, read_json, relative_to
 from gaussian_trimmer.selecting.select import SelectionResult
+from gaussian_trimmer.settings import from_plain, to_plain
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
-from tyro.conf import arg
-
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.config import PlanConfig, TrimConfig
+from gaussian_trimmer.config import PlanConfig, TrimConfig, paper_config
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.options import Names, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.segmentation.segmenters import (
     DEFAULT_SEGMENTER,
+    PAPER_SEGMENTER,
     SEGMENTERS,
     Segmenter,
     all_options,
     options_of,
+    paper_options,
     segmenter_with,
 )
 
@@ -29,7 +31,7 @@ class TrimOptions:
 
     trust_paths: bool = False
     """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
-    format: Annotated[str | None, arg(metavar="ENDING", help_behavior_hint="(default: that of the scene)")] = None
+    format: Annotated[str | None, arg(metavar="ENDING", default="that of the scene")] = None
     """Format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
     preset: Literal["default", "paper"] = "default"
     """Defaults of all settings: this program's, or those of the GaussianTrimmer paper."""
@@ -41,6 +43,11 @@ class TrimOptions:
     """What renders the views; auto is numba, on the CPU. gsplat (GPU) is used only if you ask for it."""
     config: Annotated[TrimConfig, arg(name="")] = field(default_factory=TrimConfig)
     segmenter_options: Annotated[Any, arg(name="")] = field(default_factory=SegmenterOptions)
+
+    @classmethod
+    def presets(cls, given: Mapping[Names, Any]) -> dict[Names, Any]:
+        """Return the values that a preset has for fields; options given beside it come on top."""
+        return preset_values(given)
 
     def settings(self) -> TrimConfig:
         """The settings of all stages."""
@@ -55,6 +62,14 @@ class TrimOptions:
     def make_segmenter(self) -> Segmenter:
         """The segmenter with its options."""
         return segmenter_with(self.segmenter, self.segmenter_options)
+
+
+def preset_values(given: Mapping[Names, Any]) -> dict[Names, Any]:
+    """Return the paper's `config`, `segmenter` and `segmenter_options` if the option `preset` asks for them."""
+    if given.get(("preset",)) != "paper":
+        return {}
+    options = paper_options(SegmenterOptions())
+    return {("config",): paper_config(), ("segmenter",): PAPER_SEGMENTER, ("segmenter_options",): options}
 
 
 def views_of_masks(segmenter: Segmenter, cameras: CameraSet | None, config: TrimConfig) -> list[Camera] | None:
