@@ -23,7 +23,7 @@ from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands import batch as command
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.config import PlanConfig
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import FolderInUseError, InputError
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, MaskFilesSegmenter
 
 
@@ -126,7 +126,7 @@ def test_what_another_run_is_writing_comes_last(copy, monkeypatch):
     def busy_once(store, name, suffix, inputs):
         asked.append(name)
         if asked == ["s0-0"]:
-            raise InputError("Another run is writing to it.")
+            raise FolderInUseError("busy")
         return plain(store, name, suffix, inputs)
 
     monkeypatch.setattr(Store, "result_folder", busy_once)

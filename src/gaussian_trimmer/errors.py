@@ -1,4 +1,4 @@
-"""The exception for problems in what the user gave, and how text from files is shown."""
+"""Exceptions for problems in what the user gave, and how text from files is shown."""
 
 from __future__ import annotations
 
@@ -21,6 +21,21 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message, _MESSAGE_LENGTH))
+
+
+class OutputExistsError(InputError):
+    """A folder for results is not empty, and replacing earlier results was not asked for."""
+
+    def __init__(self, folder: object) -> None:
+        super().__init__(
+            f"The folder '{folder}' is not empty; choose another one, or replace earlier results: --overwrite, or in "
+            "Python overwrite=True."
+        )
+        self.folder = folder
+
+
+class FolderInUseError(InputError):
+    """Another run is writing to a folder."""
 
 
 def printable(text: str, length: int | None = None) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.panels import Panels, file_name
+from gaussian_trimmer.app.panels import Panels
 from gaussian_trimmer.app.placing import stood_upright
 from gaussian_trimmer.app.project import (
     autosave_path,
@@ -30,8 +30,9 @@ from gaussian_trimmer.app.saving import Target
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.worker import stopping
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.result import TrimResult
 
@@ -40,7 +41,6 @@ Stages = Callable[[int, str], Callable[[str], None]]
 """What shows the progress of about so many stages, whose names begin with a text."""
 
 _CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
-_TO_REPLACE = "replace earlier results"
 
 
 class Files:
@@ -138,7 +138,7 @@ class Files:
         result = now.object.result
         if result is None:
             raise InputError(f"'{now.object.name}' has not been cut out since it was marked; press 'Cut out' first.")
-        name = file_name(now.object.name)
+        name = safe_file_name(now.object.name)
         with TemporaryDirectory() as folder:
             if what == "Everything":
                 file, data = f"{name}.zip", self._zipped(Path(folder) / name)
@@ -229,11 +229,10 @@ def path_of(text: str) -> Path | None:
 
 
 def _saved(save: Callable[[], str]) -> str:
-    """What saving returns; its message on earlier results names the app's own cure."""
+    """Return what saving returns; an error about earlier results names the app's own cure."""
     try:
         return save()
-    except InputError as error:
-        if _TO_REPLACE not in str(error):
-            raise
-        cure = str(error).split(_TO_REPLACE)[0].rstrip(" ;,(")
-        raise InputError(f"{cure}; choose another folder, or 'Replace' beside 'Earlier results'.") from error
+    except OutputExistsError as error:
+        raise InputError(
+            f"The folder '{error.folder}' is not empty; choose another one, or 'Replace' beside 'Earlier results'."
+        ) from error

@@ -14,6 +14,7 @@ from gaussian_trimmer.app.display import Colouring, Part, Showing, When
 from gaussian_trimmer.app.documents import TrimChoices
 from gaussian_trimmer.app.saving import Target
 from gaussian_trimmer.app.snapshots import Colour, Snapshot
+from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.selecting.marks import Point, point_of
 
@@ -173,7 +174,7 @@ class Panels:
         self.up_text.content = describe_up(now.up)
         self.summary.content = escaped(part.summary)
         stem = now.document.path.name.split(".")[0]
-        offered = str(Path("trimmed") / (stem if len(now.objects) == 1 else f"{stem}-{file_name(part.name)}"))
+        offered = str(Path("trimmed") / (stem if len(now.objects) == 1 else f"{stem}-{safe_file_name(part.name)}"))
         if self.folder.value in ("", self._offered):  # otherwise somebody has chosen another one
             self.folder.value = offered
         self._offered = offered
@@ -268,11 +269,6 @@ def _text(text: str, height: float) -> str:
 def label(number: int, name: str) -> str:
     """How an object is listed; numbers stay when names change."""
     return f"{number}: {name}"
-
-
-def file_name(name: str) -> str:
-    """A name as part of a file's."""
-    return "".join(character if character.isalnum() or character in "-_" else "_" for character in name)
 
 
 def describe_up(up: UpVector) -> str:

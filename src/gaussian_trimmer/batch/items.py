@@ -10,14 +10,15 @@ from typing import Any
 from gaussian_trimmer import formats
 from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_kind
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings
 
-_SAFE_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-+")
-_LONGEST_PART = 150
+_PUNCTUATION = "._-+"
+"""In names of folders."""
 
 
 @dataclass(frozen=True)
@@ -115,16 +116,6 @@ def default_name(item: Item) -> str:
     return "/".join([*scene, "-".join([*own[common:], *ids])])
 
 
-def safe_name(name: str) -> str:
-    """A name that can name a folder on every system.
-
-    >>> safe_name("my scene 1.5")
-    'my_scene_1.5'
-    """
-    safe = "".join(c if c in _SAFE_CHARACTERS else "_" for c in name).lstrip(".-").rstrip(".")
-    return safe[:_LONGEST_PART] or "_"
-
-
 def _check_settings(item: Item, known: set[int]) -> None:
     """Refuse settings that are not possible; `known` are the ids of those that are, as many items share them."""
     if item.segmenter not in SEGMENTERS:
@@ -146,17 +137,10 @@ def _check_settings(item: Item, known: set[int]) -> None:
 
 
 def _checked_name(name: str) -> str:
-    if all(_is_safe(part) for part in name.split("/")):
-        return name
-    raise InputError(
-        f"The name '{shown(name)}' cannot name a folder on every system; use letters, digits and . _ - +, and slashes "
-        "between folders."
-    )
-
-
-def _is_safe(part: str) -> bool:
-    safe = 0 < len(part) <= _LONGEST_PART and set(part) <= _SAFE_CHARACTERS
-    return safe and part[0] not in ".-" and part[-1] != "."
+    possible = "/".join(safe_file_name(part, _PUNCTUATION) for part in name.split("/"))
+    if name != possible:
+        raise InputError(f"The name '{shown(name)}' cannot name a folder on every system, as '{shown(possible)}' can.")
+    return name
 
 
 def _safe_parts(path: str) -> list[str]:
@@ -164,4 +148,4 @@ def _safe_parts(path: str) -> list[str]:
     parts = [part for part in path.replace("\\", "/").split("/") if part not in ("", ".", "..")]
     if parts:
         parts[-1] = parts[-1].split(".")[0] or parts[-1]
-    return [safe_name(part) for part in parts] or ["_"]
+    return [safe_file_name(part, _PUNCTUATION) for part in parts] or ["_"]

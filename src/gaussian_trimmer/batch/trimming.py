@@ -25,7 +25,7 @@ from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome, outcome_of
 from gaussian_trimmer.batch.storage import ITEM, Store
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.errors import InputError, explained, printable
+from gaussian_trimmer.errors import FolderInUseError, InputError, explained, printable
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 from gaussian_trimmer.output.report import describe, write_results
@@ -37,8 +37,6 @@ from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
 
-_FOLDER_IS_LOCKED = "Another run is writing"
-"""How `atomic_folder` begins the error for a folder that is locked."""
 _SECONDS_BETWEEN_LOOKS = 0.5
 _SECONDS_TO_COMPILE = 300.0
 """What the first item of a process is granted beyond the time limit."""
@@ -98,10 +96,10 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
         return outcome_of(item, other.told)
     except _TookTooLong:
         message = f"It took longer than the time limit of {limit:g} seconds."
+    except FolderInUseError:
+        return None
     except (InputError, OSError, MemoryError) as error:
         message = explained(error) or ""
-        if message.startswith(_FOLDER_IS_LOCKED):
-            return None
         if _is_of_machine(error):
             mark = ""  # The next run tries again what the machine is to blame for.
             if writing:

@@ -12,7 +12,6 @@ from typing import Annotated, ClassVar
 
 from rich.console import Console
 
-from gaussian_trimmer.batch.items import safe_name
 from gaussian_trimmer.batch.manifest import write_manifest
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import open_console, print_up, progress_over_stages
@@ -27,6 +26,7 @@ from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.saving import FOUND_FILES, write_found
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
+from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.objects import objects_files, write_objects
@@ -175,7 +175,7 @@ class Objects(TrimSettings):
             "scene": str(self.scene.absolute()),
             "labels": "objects.npy",
             "objects": " ".join(numbers),
-            "name": safe_name(folder.absolute().name),
+            "name": safe_file_name(folder.absolute().name),
             "cameras": str(self.cameras.absolute()) if self.cameras else "",
             "up": " ".join(repr(float(value)) for value in up),
             "options": "--trust-paths" if self.trust_paths else "",

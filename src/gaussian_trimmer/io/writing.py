@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError
 from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, write_manifest
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def _locked(target: Path, shown: Path) -> Iterator[None]:
         try:
             lock.acquire()
         except Timeout as error:
-            raise InputError(
+            raise FolderInUseError(
                 f"Another run is writing to '{shown}' (it has locked '{path}'); wait until it ends, or choose another "
                 "folder."
             ) from error
@@ -193,10 +193,7 @@ def _locked(target: Path, shown: Path) -> Iterator[None]:
 
 def _refuse_files(target: Path, shown: Path, overwrite: bool) -> None:
     if not overwrite and any(not path.name.startswith(_HIDDEN_PREFIX) for path in target.iterdir()):
-        raise InputError(
-            f"The folder '{shown}' is not empty; choose another one, or replace earlier results: --overwrite, or in "
-            "Python overwrite=True."
-        )
+        raise OutputExistsError(shown)
 
 
 def _refuse_conflicts(target: Path, coming: Iterable[str], earlier: Sequence[str]) -> None:

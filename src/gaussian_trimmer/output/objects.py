@@ -14,6 +14,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
 from gaussian_trimmer.output.pictures import (
@@ -33,7 +34,6 @@ from gaussian_trimmer.trimming.several_objects import ObjectsResult, TrimmedObje
 _CELL_PIXELS = 240
 _OBJECTS_A_ROW = 2
 _MAX_DRAWN = 60
-_LONGEST_NAME = 60
 _COLUMN_HEADINGS = ("selection", "trimmed object", "the scene without it")
 
 
@@ -127,7 +127,7 @@ def file_stems(objects: Iterable[tuple[int, str]]) -> dict[int, str]:
     """
     stems: dict[int, str] = {}
     for number, name in objects:
-        safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)[:_LONGEST_NAME]
+        safe = safe_file_name(name)
         stem = safe if safe.startswith("object_") else f"object_{safe}"
         while stem.casefold() in map(str.casefold, stems.values()):
             stem = f"{stem}_{number}"
