@@ -26,7 +26,7 @@ from gaussian_trimmer import camera_files, formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.inspection import describe_file
-from gaussian_trimmer.errors import InputError, printable, shown
+from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.segmentation.segmenters.mask_files import find_mask
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
 
@@ -89,7 +89,7 @@ class TestMessages:
         assert printable("a\x1b[2J\x07\u202eb\ud800\n\tc") == "a\\x1b[2J\\x07\\u202eb\\ud800  c"
         assert printable("Fläche, 面") == "Fläche, 面"
         assert printable("a" * 600 + "b" * 600, 1000) == "a" * 499 + "..." + "b" * 498
-        assert len(shown("\x1b" * 200)) == 80
+        assert len(clip_name("\x1b" * 200)) == 80
         assert len(str(InputError("x" * 20_000))) == 1000
 
     def test_names_in_files_do_not_reach_the_terminal_as_they_are(self, tmp_path, capsys):

@@ -9,7 +9,7 @@ import sys
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.commands import COMMANDS, kind_of
-from gaussian_trimmer.errors import InputError, did_you_mean, explained, printable
+from gaussian_trimmer.errors import InputError, did_you_mean, printable, user_message
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _explain(error: BaseException) -> int:
     """Print what the user can mend, and raise the rest again."""
-    message = explained(error)
+    message = user_message(error)
     if message is None:
         raise error
     print(f"{PROGRAM}: {printable(' '.join(message.split()), _MESSAGE_LENGTH)}", file=sys.stderr)

@@ -56,16 +56,16 @@ def printable(text: str, length: int | None = None) -> str:
     return text if length is None or len(text) <= length else _without_middle(text, length)
 
 
-def shown(name: str) -> str:
+def clip_name(name: str) -> str:
     """A name from a file as a message or a listing shows it: printable, and no longer than a line.
 
-    >>> shown("x" * 200) == "x" * 39 + "..." + "x" * 38
+    >>> clip_name("x" * 200) == "x" * 39 + "..." + "x" * 38
     True
     """
     return printable(name, _NAME_LENGTH)
 
 
-def explained(error: BaseException) -> str | None:
+def user_message(error: BaseException) -> str | None:
     """What a user is told of an error that is not a defect of this package; None if it is one."""
     match error:
         case InputError():

@@ -21,7 +21,7 @@ from functools import cache, cached_property
 from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, cast, get_args, get_origin
 
 from gaussian_trimmer.cameras import AXIS, vector_of_up
-from gaussian_trimmer.errors import InputError, did_you_mean, shown
+from gaussian_trimmer.errors import InputError, clip_name, did_you_mean
 from gaussian_trimmer.settings import Range, from_plain, hints_of, without_none
 
 Made = TypeVar("Made")
@@ -242,7 +242,7 @@ def _value(option: Option, left: deque[str]) -> Any:
             return vector_of_up(word)
         words += filter(None, re.split("[,/]", word)) if elements[-1] is not Ellipsis and len(elements) > 1 else [word]
     if not words or (len(words) != count and elements[-1] is not Ellipsis):
-        said = f"is '{shown(' '.join(words))}'" if words else "has no value"
+        said = f"is '{clip_name(' '.join(words))}'" if words else "has no value"
         wanted = f"available: {', '.join(option.choices)}" if option.choices else f"it must be {option.metavar}"
         raise InputError(f"{option.spelling} {said}; {wanted}.")
     kinds = elements[:1] * len(words) if elements[-1] is Ellipsis else elements
@@ -276,4 +276,4 @@ def _refuse_unknown(word: str, kind: type, command: str) -> NoReturn:
     flag = word.partition("=")[0]
     cure = did_you_mean(flag, _flags_of(kind)) if flag.startswith("--") else None
     cure = cure or f"see gaussian-trimmer {command} --help."
-    raise InputError(f"{shown(flag)} is not an option or argument of '{command}'; {cure}")
+    raise InputError(f"{clip_name(flag)} is not an option or argument of '{command}'; {cure}")

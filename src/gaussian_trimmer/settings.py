@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def from_plain(data: Any, kind: Any, where: str, readers: Readers = _NONE) -> An
             return from_plain(data, arguments[0], where, readers)
         return _number(data, arguments[0], allowed, where)
     if origin is Literal and (not isinstance(data, str | int) or data not in arguments):
-        raise InputError(f"{where} is {shown(repr(data))}; available: {', '.join(map(str, arguments))}.")
+        raise InputError(f"{where} is {clip_name(repr(data))}; available: {', '.join(map(str, arguments))}.")
     if kind is bool and not isinstance(data, bool):
         raise wrong_value(data, where, "true or false")
     if kind in _LARGEST:
@@ -150,7 +150,7 @@ def without_none(kind: Any) -> Any:
 def wrong_value(value: Any, name: str, needed: str) -> InputError:
     """Return the error that says what a value must be."""
     said = str(value) if isinstance(value, Real) else repr(value)
-    return InputError(f"{name} is {shown(said)}; it must be {needed}.")
+    return InputError(f"{name} is {clip_name(said)}; it must be {needed}.")
 
 
 def _dataclass_from(data: Any, kind: Any, where: str, readers: Readers) -> Any:
@@ -162,7 +162,7 @@ def _dataclass_from(data: Any, kind: Any, where: str, readers: Readers) -> Any:
     if not isinstance(data, dict):
         raise wrong_value(data, where, f"an object with the fields of {kind.__name__}")
     if unknown := [name for name in data if name not in hints]:
-        raise InputError(f"{where} has the unknown field '{shown(unknown[0])}'; available: {', '.join(hints)}.")
+        raise InputError(f"{where} has the unknown field '{clip_name(unknown[0])}'; available: {', '.join(hints)}.")
     for field in fields(kind):
         if field.name not in data and field.default is MISSING and field.default_factory is MISSING:
             raise InputError(f"{where} has no {field.name}.")

@@ -9,7 +9,7 @@ from typing import Any
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.config import TrimConfig, check_config
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
@@ -87,13 +87,14 @@ def check_items(items: Iterable[Item]) -> list[Item]:
     for number, item in enumerate(checked, 1):
         if (first := numbers.setdefault(item.name.casefold(), number)) != number:  # some file systems fold cases
             raise InputError(
-                f"Items {first} and {number} are both named '{shown(item.name)}'; give each a name of its own."
+                f"Items {first} and {number} are both named '{clip_name(item.name)}'; give each a name of its own."
             )
     for name, number in numbers.items():
         for parent in map(str, PurePosixPath(name).parents):
             if parent in numbers:
                 raise InputError(
-                    f"The folder of item {number}, '{shown(name)}', would lie in that of item {numbers[parent]}; give "
+                    f"The folder of item {number}, '{clip_name(name)}', would lie in that of item {numbers[parent]}; "
+                    "give "
                     "it another name."
                 )
     return checked
@@ -139,7 +140,9 @@ def _check_settings(item: Item, known: set[int]) -> None:
 def _checked_name(name: str) -> str:
     possible = "/".join(safe_file_name(part, _PUNCTUATION) for part in name.split("/"))
     if name != possible:
-        raise InputError(f"The name '{shown(name)}' cannot name a folder on every system, as '{shown(possible)}' can.")
+        raise InputError(
+            f"The name '{clip_name(name)}' cannot name a folder on every system, as '{clip_name(possible)}' can."
+        )
     return name
 
 

@@ -27,7 +27,7 @@ from typing import Annotated, Any
 
 from gaussian_trimmer.batch.items import Item, default_name
 from gaussian_trimmer.cameras import vector_of_up
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.options import arg, parse
@@ -116,7 +116,7 @@ def _row(found: Any) -> Row:
     if row is found and (None in row or None in row.values()):
         raise InputError("It does not have as many columns as the first line.")
     if unknown := [name for name in row if name not in COLUMNS]:
-        raise InputError(f"'{shown(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.")
+        raise InputError(f"'{clip_name(unknown[0])}' is not a column; known: {', '.join(COLUMNS)}.")
     return row
 
 
@@ -205,7 +205,7 @@ def _ids(wanted: Any) -> list[int]:
     except (ValueError, TypeError):
         ids = []
     if not ids or len(set(ids)) < len(ids):
-        raise InputError(f"The objects are '{shown(str(wanted))}'; give each id once, as in '3 5 7', or 'all'.")
+        raise InputError(f"The objects are '{clip_name(str(wanted))}'; give each id once, as in '3 5 7', or 'all'.")
     return ids
 
 
@@ -236,7 +236,7 @@ def _words(options: Any) -> tuple[str, ...]:
     try:
         words = shlex.split(options) if isinstance(options, str) else options
     except ValueError as error:
-        raise InputError(f"The options '{shown(options)}' cannot be split into words ({error}).") from error
+        raise InputError(f"The options '{clip_name(options)}' cannot be split into words ({error}).") from error
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise InputError("Its options are not text; give them as on the command line.")
     return tuple(words)

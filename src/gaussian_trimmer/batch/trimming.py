@@ -25,7 +25,7 @@ from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome, outcome_of
 from gaussian_trimmer.batch.storage import ITEM, Store
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.errors import FolderInUseError, InputError, explained, printable
+from gaussian_trimmer.errors import FolderInUseError, InputError, printable, user_message
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 from gaussian_trimmer.output.report import describe, write_results
@@ -99,7 +99,7 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
     except FolderInUseError:
         return None
     except (InputError, OSError, MemoryError) as error:
-        message = explained(error) or ""
+        message = user_message(error) or ""
         if _is_of_machine(error):
             mark = ""  # The next run tries again what the machine is to blame for.
             if writing:

@@ -18,7 +18,7 @@ from gaussian_trimmer.camera_files.frames import (
     make_lens,
     rigid_transforms,
 )
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, rotation_matrices
 
 _MODELS = {
@@ -111,7 +111,7 @@ def _values(file: BinaryIO, layout: str) -> tuple[Any, ...]:
 def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in _lines(file):
-            where = f"'{path}', line '{shown(line)}'"
+            where = f"'{path}', line '{clip_name(line)}'"
             words = line.split()
             if len(words) < 5:
                 raise InputError(f"{where}: a camera needs more than four entries; is the file damaged?")
@@ -122,7 +122,7 @@ def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
 def _text_images(path: Path) -> Iterator[_Image]:
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in _lines(file):
-            where, words = f"'{path}', line '{shown(line)}'", line.split(maxsplit=9)
+            where, words = f"'{path}', line '{clip_name(line)}'", line.split(maxsplit=9)
             if len(words) < 10:
                 raise InputError(f"{where}: an image needs ten entries; is the file damaged?")
             next(file, None)  # the image's 2D points, a line of its own that may be empty
@@ -138,17 +138,17 @@ def _integer(text: str, where: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise InputError(f"{where}: '{shown(text)}' is not a whole number; is the file damaged?") from None
+        raise InputError(f"{where}: '{clip_name(text)}' is not a whole number; is the file damaged?") from None
 
 
 def _image(path: Path, camera_id: int, name: str, pose: Sequence[Any]) -> _Image:
-    where = f"'{path}', image '{shown(name)}'"
+    where = f"'{path}', image '{clip_name(name)}'"
     return _Image(camera_id, name, where, floats(pose, (7,), f"{where}: quaternion and translation"))
 
 
 def _lens(name: str, parameters: Sequence[Any], width: Any, height: Any, where: str) -> Lens:
     if name not in _MODELS:
-        raise InputError(f"{where}: unknown camera model '{shown(name)}'; undistort to PINHOLE with COLMAP first.")
+        raise InputError(f"{where}: unknown camera model '{clip_name(name)}'; undistort to PINHOLE with COLMAP first.")
     count, focals = _MODELS[name]
     p = floats(parameters, (count,), f"{where}: the parameters of {name}").tolist()
     fx, fy, (cx, cy) = p[0], p[focals - 1], p[focals : focals + 2]

@@ -20,7 +20,7 @@ from gaussian_trimmer.camera_files.frames import (
     rigid_transform,
 )
 from gaussian_trimmer.cameras import unit_up
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.images import picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file
@@ -166,9 +166,12 @@ def _size_of_image(folder: Path, name: str, where: str, trust_paths: bool) -> di
             continue
         if not (trust_paths or image.resolve().is_relative_to(folder.resolve())):
             raise InputError(
-                f"{where}: its image '{shown(name)}' lies outside the folder of the camera file, so it is not opened "
+                f"{where}: its image '{clip_name(name)}' lies outside the folder of the camera file, so it is not "
+                "opened "
                 "to find its size; give w and h, or allow it with --trust-paths."
             )
         if header := picture_header(file_bytes(image, _MAX_PICTURE_BYTES)):
             return {"w": header.width, "h": header.height}
-    raise InputError(f"{where}: the image size is neither given as w and h nor found from an image '{shown(name)}'.")
+    raise InputError(
+        f"{where}: the image size is neither given as w and h nor found from an image '{clip_name(name)}'."
+    )

@@ -10,7 +10,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.clip_iqa import ClipScorer
 from gaussian_trimmer.evaluation.ground_truth import views_in
 from gaussian_trimmer.evaluation.results import StoredResult, cut_by, read_result
@@ -104,14 +104,14 @@ class Evaluate:
             now = judge.score(judge.show(result.cut, view.camera), view)
             if result.cut.background is not None:
                 now |= judge.fidelity(result.cut, view.camera, judge.renderer.render(scene, view.camera).rgb)
-            scored.append(ViewScores(shown(view.camera.name), then, now))
+            scored.append(ViewScores(clip_name(view.camera.name), then, now))
         notes = [judge.describe(), f"views: {len(found)}, those of {len(cameras)} cameras with a mask; mean over views"]
         notes.append(made_by())
         if result.unknown_background:
             notes.append(
                 f"without scores in scene and fidelity, which need the background: {result.unknown_background}"
             )
-        title = f"{shown(self.result.name)} in {shown(self.scene.name)}"
+        title = f"{clip_name(self.result.name)} in {clip_name(self.scene.name)}"
         return Findings({"scores": table_of_views(title, scored, notes)})
 
     def _before(self, result: StoredResult, scene: Gaussians) -> Cut | None:

@@ -14,7 +14,7 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.ground_truth import at_size, read_mask
 from gaussian_trimmer.evaluation.panoptic import (
     FOUND_IOU,
@@ -82,7 +82,7 @@ class EvaluateObjects:
         common = count_common_pixels(scene, list(found.values()), _truths(views, folders), get_renderer(self.renderer))
         scores = panoptic_scores(common)
         notes = [f"views: {len(views)}, those of {len(cameras)} cameras with a mask", made_by()]
-        title = f"{shown(self.labels.name)} in {shown(self.scene.name)}"
+        title = f"{clip_name(self.labels.name)} in {clip_name(self.scene.name)}"
         return Findings(
             {
                 "scores": _summary(title, scores, notes),
@@ -100,7 +100,7 @@ def _truths(cameras: Sequence[Camera], folders: Sequence[Path]) -> Iterator[tupl
         coverages = [read_mask(path) if path else np.zeros((height, width), np.float32) for path in paths]
         if any(coverage.shape != (height, width) for coverage in coverages):
             raise InputError(
-                f"The masks of the picture '{shown(camera.name)}' differ in size; they must have the same."
+                f"The masks of the picture '{clip_name(camera.name)}' differ in size; they must have the same."
             )
         yield at_size(camera, width, height, known), coverages
 

@@ -11,7 +11,7 @@ import numpy as np
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions
-from gaussian_trimmer.errors import shown
+from gaussian_trimmer.errors import clip_name
 from gaussian_trimmer.evaluation.removal import (
     IGNORED,
     INPAINT_RADIUS,
@@ -81,7 +81,7 @@ class EvaluateRemoval:
             pictures = [renderer.render(background, view.camera).rgb, inpainted(view)]
             scores = [likeness(picture, view) for picture in pictures if picture is not None]
             pixels = int(np.count_nonzero(view.counted))
-            rows.append([shown(view.camera.name), pixels, *(cell for score in scores for cell in _cells(score))])
+            rows.append([clip_name(view.camera.name), pixels, *(cell for score in scores for cell in _cells(score))])
         rows.append(["mean", None, *map(_mean, list(zip(*rows, strict=True))[2:])])
         names = [*_COLUMNS, *(f"inpainting, {name}" for name in _COLUMNS if self.images)]
         ignored = f", where no mask to ignore exceeds {IGNORED:g}" if self.ignore else ""
@@ -92,7 +92,7 @@ class EvaluateRemoval:
             *([f"inpainting: OpenCV's after Telea, radius {INPAINT_RADIUS:g}"] if self.images else []),
             made_by(),
         ]
-        title = f"{shown(self.result.name)}: the scene without the object, where it was"
+        title = f"{clip_name(self.result.name)}: the scene without the object, where it was"
         return Findings({"removal": ScoreTable(title, ["view", "pixels", *names], rows, notes, digits=3)})
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.errors import InputError, printable, shown
+from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint
 from gaussian_trimmer.gaussians import Gaussians
@@ -100,7 +100,7 @@ def describe_results(folder: Path) -> Iterator[str]:
     report = read_json(folder / "report.json")
     inputs = report.get("inputs") if isinstance(report, dict) else None
     scene = inputs.get("scene") if isinstance(inputs, dict) else None
-    yield f"results of a trim{f' of {shown(str(scene))}' if scene else ''}"
+    yield f"results of a trim{f' of {clip_name(str(scene))}' if scene else ''}"
     for path in sorted(folder.iterdir()):
         if is_file(path) and formats.has_splats(path):
             yield f"{path.name}: {len(formats.read(path)):,} Gaussians"
@@ -176,7 +176,7 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
         yield f"selects from a scene with obj_dc columns, with {flag('object_id')}"
         return
     for name, array in list(file.arrays.items())[:_MAX_LISTED]:
-        yield f"{f'array {shown(name)}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
+        yield f"{f'array {clip_name(name)}' if name else 'array'}: {array.dtype} {array.shape}, {_values(array)}"
     if len(file.arrays) > _MAX_LISTED:
         yield f"and {len(file.arrays) - _MAX_LISTED} more arrays"
     options = SelectionOptions()

@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.views import Box, bounding_box
 
@@ -72,7 +72,7 @@ class ClipScorer:
                 "tokenizer's files, or a name on the Hugging Face hub."
             ) from error
         self._model.eval()
-        self.name = shown(Path(model).name if local else model)
+        self.name = clip_name(Path(model).name if local else model)
         """Name of the model, for tables."""
         self._side = int(self._model.config.vision_config.image_size)
         prompts = [f"{prompt.capitalize()}." for pair in PAIRS.values() for prompt in pair]

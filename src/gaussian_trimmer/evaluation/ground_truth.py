@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.io.images import decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
@@ -102,7 +102,8 @@ def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[n
             raise ValueError("a picture of impossible size")
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise InputError(
-            f"'{path}' holds no polygons of objects ({shown(str(error))}); 'info' and 'objects' of LERF-OVS are needed."
+            f"'{path}' holds no polygons of objects ({clip_name(str(error))}); 'info' and 'objects' of LERF-OVS are "
+            "needed."
         ) from error
     return (height, width), parts
 
@@ -143,7 +144,8 @@ def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
         return camera
     if not _same_shape(width / height, camera.width / camera.height):
         raise InputError(
-            f"The mask '{path}' has {width} x {height} pixels and its camera '{shown(camera.name)}' {camera.width} x "
+            f"The mask '{path}' has {width} x {height} pixels and its camera '{clip_name(camera.name)}' "
+            f"{camera.width} x "
             f"{camera.height}, which is another shape; give the cameras of the pictures that the masks were drawn on."
         )
     K = camera.K.copy()
@@ -233,7 +235,9 @@ def find_picture(folder: Path, camera: Camera) -> Path:
         return named
     found = find_mask(folder, camera)
     if found is None:
-        raise InputError(f"'{folder}' has no picture named like the camera '{shown(camera.name)}', which has a mask.")
+        raise InputError(
+            f"'{folder}' has no picture named like the camera '{clip_name(camera.name)}', which has a mask."
+        )
     return found
 
 

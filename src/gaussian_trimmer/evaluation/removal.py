@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.ground_truth import at_size, find_picture, read_mask, read_photograph
 from gaussian_trimmer.evaluation.metrics import THRESHOLD, psnr, similarity_map
 from gaussian_trimmer.evaluation.scoring import HIGHEST_PSNR
@@ -88,7 +88,7 @@ def views_without(
     if len(found) < min(len(pictured), len(masked)):
         lacks = next(camera for camera in pictured if camera.name not in names)
         raise InputError(
-            f"'{folders.masks}' has no mask of the view '{shown(lacks.name)}', of which '{folders.without}' has a "
+            f"'{folders.masks}' has no mask of the view '{clip_name(lacks.name)}', of which '{folders.without}' has a "
             "picture, and has masks of others; one of the folders must have every view of the other."
         )
     return found, (_view(camera, folders, grow) for camera in found)

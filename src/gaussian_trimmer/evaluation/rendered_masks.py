@@ -6,7 +6,7 @@ import glob
 import re
 from pathlib import Path
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.ground_truth import Truth, read_coverage, read_mask
 from gaussian_trimmer.evaluation.layouts.layout import PICTURES, LayoutTask, Target, pictures_in
 from gaussian_trimmer.evaluation.protocols import Protocol
@@ -46,7 +46,8 @@ def find_rendered(folder: Path, task: LayoutTask) -> list[Path]:
                 return listed
     raise InputError(
         f"'{folder}' has no rendered masks of the {len(task.targets)} views of '{task.name}', such as "
-        f"'{shown(task.object)}/{shown(task.targets[0].view)}.png', nor as many pictures in a folder of its own."
+        f"'{clip_name(task.object)}/{clip_name(task.targets[0].view)}.png', nor as many pictures in a folder of its "
+        "own."
     )
 
 

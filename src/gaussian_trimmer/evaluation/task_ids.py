@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
 from gaussian_trimmer.evaluation.predictions import Prediction, last_iteration
 from gaussian_trimmer.gaussians import FloatArray, IntArray
@@ -75,12 +75,12 @@ def ids_of_tasks(file: Path, tasks: Sequence[LayoutTask], predictions: Sequence[
     if file.suffix.lower() != ".json":
         ids = _read_table(file)
         if missing := [task.name for task in tasks if task.name not in ids]:
-            raise InputError(f"'{file}' has no row of the task '{shown(missing[0])}'.")
+            raise InputError(f"'{file}' has no row of the task '{clip_name(missing[0])}'.")
         return ids
     words, found = _read_words(file), {}
     for task, prediction in zip(tasks, predictions, strict=True):
         if task.object not in words:
-            raise InputError(f"'{file}' has no feature of the words '{shown(task.object)}'.")
+            raise InputError(f"'{file}' has no feature of the words '{clip_name(task.object)}'.")
         clusters = read_clusters(prediction.selection)
         if clusters.language.shape[1:] != words[task.object].shape:
             raise InputError(
@@ -89,7 +89,7 @@ def ids_of_tasks(file: Path, tasks: Sequence[LayoutTask], predictions: Sequence[
             )
         found[task.name] = clusters.called(words[task.object])
         if not found[task.name]:
-            raise InputError(f"No Gaussian of '{prediction.selection}' is called by '{shown(task.object)}'.")
+            raise InputError(f"No Gaussian of '{prediction.selection}' is called by '{clip_name(task.object)}'.")
     return found
 
 
@@ -141,7 +141,7 @@ def _read_table(file: Path) -> Ids:
     for task, *words in rows:
         numbers = " ".join(words).replace(";", " ").split()
         if not numbers or not all(_NUMBER.fullmatch(number) for number in numbers):
-            raise InputError(f"'{file}' has a row '{shown(task)}' without ids; rows are a task and its ids.")
+            raise InputError(f"'{file}' has a row '{clip_name(task)}' without ids; rows are a task and its ids.")
         found[task] = tuple(map(int, numbers))
     return found
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats import spz
 from gaussian_trimmer.formats.half_turns import half_turn
 from gaussian_trimmer.formats.packing import linear_scales, log_scales_of
@@ -85,7 +85,7 @@ def read(path: Path) -> Gaussians:
         raise
     except _ERRORS_OF_DAMAGE as error:
         raise InputError(
-            f"'{path}' is damaged, or not built as a .glb file of Gaussians must be ({shown(str(error))})."
+            f"'{path}' is damaged, or not built as a .glb file of Gaussians must be ({clip_name(str(error))})."
         ) from error
 
 
@@ -117,7 +117,7 @@ def _decode(file: _File) -> Gaussians:
     if packed[0] in _SPZ_EXTENSIONS:
         return half_turn(spz.decode(bytes(file.view(extensions[packed[0]]["bufferView"])), file.path), "x")
     raise InputError(
-        f"'{file.path}' holds Gaussians that are compressed by {shown(packed[0])}, which cannot be read; export it "
+        f"'{file.path}' holds Gaussians that are compressed by {clip_name(packed[0])}, which cannot be read; export it "
         "again with plain attributes or as .ply."
     )
 

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import read_into
 
 _SCALAR_TYPES = {
@@ -112,7 +112,7 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
             case ["property", "list", _, _, name] if elements:
                 elements[-1][2].append((name, "list"))
             case _:
-                words = shown(line.decode("ascii", "replace").rstrip())
+                words = clip_name(line.decode("ascii", "replace").rstrip())
                 raise InputError(f"'{path}' has a line in its PLY header that cannot be understood: '{words}'.")
     if not encoding or not elements:
         raise InputError(f"'{path}' has a PLY header without a format or without elements.")

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.checks import check_count
 from gaussian_trimmer.formats.codebooks import row_codebook, scalar_codebook
 from gaussian_trimmer.formats.packing import (
@@ -74,7 +74,7 @@ def _beside(path: Path, name: str) -> Path:
     texture = path.parent / name
     if name != texture.name or not is_file(texture):
         raise InputError(
-            f"There is no texture '{shown(name)}' beside '{path}'; an unbundled SOG needs all files of its folder."
+            f"There is no texture '{clip_name(name)}' beside '{path}'; an unbundled SOG needs all files of its folder."
         )
     return texture
 
@@ -88,10 +88,10 @@ def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaus
         data = contents(name)
         width, height = webp_size(data) or (0, 0)
         if width * height > 2 * n + _FREE_PIXELS:
-            raise InputError(f"'{path}' is damaged: its texture '{shown(name)}' claims {width} x {height} pixels.")
+            raise InputError(f"'{path}' is damaged: its texture '{clip_name(name)}' claims {width} x {height} pixels.")
         pixels = decode_webp(data)
         if pixels is None:
-            raise InputError(f"'{path}' is damaged: its texture '{shown(name)}' is no WebP picture.")
+            raise InputError(f"'{path}' is damaged: its texture '{clip_name(name)}' is no WebP picture.")
         return pixels
 
     def first_pixels(attribute: str, place: int = 0) -> ByteArray:

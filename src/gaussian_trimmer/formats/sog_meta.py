@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.packing import from_levels, opacity_logits_of
 from gaussian_trimmer.gaussians import Float64Array, FloatArray
 
@@ -61,7 +61,9 @@ def parse_meta(data: bytes, path: Path) -> SogMeta:
         count = int(meta["count"] if version == 2 else meta["means"]["shape"][0])
         tables = _tables(meta)
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
-        raise InputError(f"'{path}' is damaged: its meta.json is not that of a SOG, {shown(str(error))}.") from error
+        raise InputError(
+            f"'{path}' is damaged: its meta.json is not that of a SOG, {clip_name(str(error))}."
+        ) from error
     return SogMeta(count, mins, maxs, *tables, files)
 
 

@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats.packing import with_finite_limits
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.archives import member_bytes, open_archive
@@ -129,7 +129,8 @@ def load(path: Path) -> TorchFile:
         value = _Unpickler(io.BytesIO(structure)).load()
     except (pickle.UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            f"'{path}' is damaged or holds more than tensors and numbers ({shown(str(error))}), and other objects are "
+            f"'{path}' is damaged or holds more than tensors and numbers ({clip_name(str(error))}), and other objects "
+            "are "
             "not loaded because they can run code; save the tensors alone with torch.save."
         ) from error
     return TorchFile(path, value, home, ">" if big else "<")
@@ -218,7 +219,7 @@ def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gau
             sh_rest=np.ascontiguousarray(rest.transpose(0, 2, 1)) if rest.size else np.zeros((n, 3, 0), np.float32),
         )
     except ValueError as error:
-        raise InputError(f"'{file.path}' is no {expected}: {shown(str(error))}") from error
+        raise InputError(f"'{file.path}' is no {expected}: {clip_name(str(error))}") from error
     return with_finite_limits(gaussians)
 
 
@@ -233,7 +234,7 @@ def _number_type(file: TorchFile, tensor: Any) -> np.dtype[Any]:
     kind = _NUMBER_TYPES.get(tensor.storage.kind)
     if kind is None:
         raise InputError(
-            f"'{file.path}' holds values of type {shown(tensor.storage.kind)}; booleans or numbers are needed."
+            f"'{file.path}' holds values of type {clip_name(tensor.storage.kind)}; booleans or numbers are needed."
         )
     return np.dtype({_BFLOAT16: "u2", "b1": "u1"}.get(kind, kind)).newbyteorder(file.byte_order)  # type: ignore[arg-type]
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 
 _ERRORS_OF_DAMAGE = (
     zipfile.BadZipFile,
@@ -54,11 +54,12 @@ def member_bytes(archive: zipfile.ZipFile, name: str, limit: int, path: Path) ->
         InputError: there is no such member, or it is larger.
     """
     if name not in archive.NameToInfo:
-        raise InputError(f"'{path}' has no member '{shown(name)}'.")
+        raise InputError(f"'{path}' has no member '{clip_name(name)}'.")
     size = archive.getinfo(name).file_size
     if size > limit:
         raise InputError(
-            f"'{path}' is damaged: its member '{shown(name)}' claims {size} bytes, more than the {limit} that it can "
+            f"'{path}' is damaged: its member '{clip_name(name)}' claims {size} bytes, more than the {limit} that it "
+            "can "
             "need."
         )
     with archive.open(name) as file:

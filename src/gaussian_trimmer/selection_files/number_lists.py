@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.reading import file_bytes
 
 _MAX_BYTES = 1 << 27
@@ -37,7 +37,7 @@ def read_numbers(path: Path) -> NDArray[Any]:
     try:
         return np.array([_whole(word) for word in _words(text)], np.int64)
     except (ValueError, OverflowError) as error:
-        raise InputError(f"'{path}' is not a list of whole numbers: {shown(str(error))}.") from error
+        raise InputError(f"'{path}' is not a list of whole numbers: {clip_name(str(error))}.") from error
 
 
 def read_json(path: Path) -> NDArray[Any]:
@@ -49,7 +49,7 @@ def read_json(path: Path) -> NDArray[Any]:
     try:
         value = json.loads(_text(file_bytes(path, _MAX_BYTES), path))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"'{path}' is not readable JSON: {shown(str(error))}.") from error
+        raise InputError(f"'{path}' is not readable JSON: {clip_name(str(error))}.") from error
     if isinstance(value, dict):
         lists = [entry for entry in value.values() if isinstance(entry, list)]
         value = lists[0] if len(lists) == 1 else None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.archives import open_archive
 
 _MAX_NUMBER_BYTES = 8
@@ -28,7 +28,8 @@ def read_npy(path: Path) -> NDArray[Any]:
             array: NDArray[Any] = np.lib.format.read_array(file)
     except _DAMAGE as error:
         raise InputError(
-            f"'{path}' is damaged, or is not a NumPy array of numbers ({shown(str(error))}); save it again with NumPy."
+            f"'{path}' is damaged, or is not a NumPy array of numbers ({clip_name(str(error))}); save it again with "
+            "NumPy."
         ) from error
     if not _is_number(array):
         raise InputError(f"'{path}' holds values of type {array.dtype.str:.20}; booleans or numbers are needed.")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.selection_files.options import flag
 
@@ -37,7 +37,9 @@ def list_names(names: Iterable[str]) -> str:
     runs: dict[str, list[str]] = {}
     for name in names:
         runs.setdefault(re.sub(r"\d+$", "#", name), []).append(name)
-    listed = [shown(run[0]) if len(run) == 1 else f"{shown(run[0])} to {shown(run[-1])}" for run in runs.values()]
+    listed = [
+        clip_name(run[0]) if len(run) == 1 else f"{clip_name(run[0])} to {clip_name(run[-1])}" for run in runs.values()
+    ]
     left_out = f" and {len(listed) - _LISTED} more" if len(listed) > _LISTED else ""
     return ", ".join(listed[:_LISTED]) + left_out
 

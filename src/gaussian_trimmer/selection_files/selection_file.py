@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.formats.checks import check_values
@@ -96,7 +96,7 @@ class SelectionFile:
         """What the file holds, for messages."""
         if not self.arrays:
             return "splats" if self.rows is not None else "a checkpoint"
-        listed = [f"{shown(name) or 'one'}: {array.dtype} {array.shape}" for name, array in self.arrays.items()]
+        listed = [f"{clip_name(name) or 'one'}: {array.dtype} {array.shape}" for name, array in self.arrays.items()]
         more = f"; and {len(listed) - _LISTED_ARRAYS} more" if len(listed) > _LISTED_ARRAYS else ""
         return f"the arrays ({'; '.join(listed[:_LISTED_ARRAYS])}{more})"
 

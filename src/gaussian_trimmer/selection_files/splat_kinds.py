@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.selection_files.object_ids import list_names, select_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
@@ -52,7 +52,7 @@ def select_property(file: SelectionFile, gaussians: Gaussians, options: Selectio
     name = options.property or MASK
     if name not in file.rows.columns:
         raise InputError(
-            f"'{file.path.name}' has no property '{shown(name)}'; choose with {flag('property')} among: "
+            f"'{file.path.name}' has no property '{clip_name(name)}'; choose with {flag('property')} among: "
             f"{list_names(file.rows.columns)}."
         )
     values = np.asarray(file.rows.columns[name])

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings of masks and photographs, in lower case."""
@@ -107,9 +107,10 @@ def camera_of(target: Target, cameras: Sequence[Camera], where: str) -> Camera:
     """
     found = [camera for camera in cameras if target.view in (camera.name, Path(camera.name).stem)]
     if len(found) != 1:
-        examples = ", ".join(shown(camera.name) for camera in cameras[:_N_EXAMPLES])
+        examples = ", ".join(clip_name(camera.name) for camera in cameras[:_N_EXAMPLES])
         raise InputError(
-            f"'{target.mask}' is a mask of '{shown(target.view)}', and {len(found)} of the {len(cameras)} cameras of "
+            f"'{target.mask}' is a mask of '{clip_name(target.view)}', and {len(found)} of the {len(cameras)} cameras "
+            "of "
             f"{where} have that name; exactly one must. They are named {examples}, ..."
         )
     return found[0]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.errors import InputError, shown
+from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.images import MAX_PIXELS, decoded_picture, picture_header
 from gaussian_trimmer.io.reading import file_bytes, is_file, path_inside, reading
@@ -116,11 +116,11 @@ def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
     listing = _Listing()
     found = [camera for camera in cameras if find_mask(folder, camera, listing) is not None]
     if not found:
-        example = shown(cameras[0].name) or "the pictures, but the cameras have no names"
+        example = clip_name(cameras[0].name) or "the pictures, but the cameras have no names"
         prompts = sorted({path.name for path in folder.glob("*/chosen_*.png")})
-        hint = f" Of LangSplat's answers name one: '{folder}/*/{shown(prompts[0])}'." if prompts else ""
+        hint = f" Of LangSplat's answers name one: '{folder}/*/{clip_name(prompts[0])}'." if prompts else ""
         if objects := sorted(path for path in folder.glob("*/") if _holds_one(cameras, path)):
-            hint = f" Give the folder of one object, such as '{folder}/{shown(objects[0].name)}'."
+            hint = f" Give the folder of one object, such as '{folder}/{clip_name(objects[0].name)}'."
         raise InputError(
             f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}.{hint}"
         )
