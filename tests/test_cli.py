@@ -177,7 +177,7 @@ def test_trim_spares_its_inputs_and_what_it_did_not_write(ball, tmp_path, capsys
         for name in ("object.ply", "background.ply", "labels.npz"):
             (part / name).write_text("of an earlier run")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    monkeypatch.setattr(formats, "read", lambda path: pytest.fail("it was read"))
+    monkeypatch.setattr(formats, "read", lambda path, **_: pytest.fail("it was read"))
     for inputs in (["object.ply"], ["background.ply", folder / "rough.npy"], [folder / "scene.ply", "labels.npz"]):
         assert run("trim", *(tmp_path / name for name in inputs), "--output", tmp_path, "--overwrite") == 2
         assert "is an input of this run" in capsys.readouterr().err
@@ -190,7 +190,7 @@ def test_trim_spares_its_inputs_and_what_it_did_not_write(ball, tmp_path, capsys
 
 def test_second_run_into_a_folder_ends_before_it_reads(ball, tmp_path, capsys, monkeypatch):
     folder, _, _ = ball
-    monkeypatch.setattr(formats, "read", lambda path: pytest.fail("it was read"))
+    monkeypatch.setattr(formats, "read", lambda path, **_: pytest.fail("it was read"))
     scene, rough = folder / "scene.ply", folder / "rough.npy"
     click = ["--click", 1, 1, "--view-index", 0, "--output", tmp_path / "a.npy", "--trim", tmp_path / "out"]
     with atomic_folder(tmp_path / "out", "trim"):
@@ -428,7 +428,7 @@ def test_overview_names_every_command_and_the_version(capsys):
 def test_what_stops_a_run_ends_in_a_code_and_a_sentence(error, code, said, monkeypatch, ball, tmp_path, capsys):
     folder, _, _ = ball
 
-    def stop(*_):
+    def stop(*_, **__):
         raise error
 
     monkeypatch.setattr(formats, "read", stop)
@@ -439,7 +439,7 @@ def test_what_stops_a_run_ends_in_a_code_and_a_sentence(error, code, said, monke
 
 def test_defects_keep_their_traceback(monkeypatch, ball):
     folder, _, _ = ball
-    monkeypatch.setattr(formats, "read", lambda path: 1 / 0)
+    monkeypatch.setattr(formats, "read", lambda path, **_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run("trim", folder / "scene.ply", folder / "rough.npy", "--output", folder / "out")
 
@@ -458,7 +458,7 @@ def test_warnings_of_libraries_stay_off_the_terminal(ball):
     folder, _, _ = ball
     code = (
         "import sys, warnings; from gaussian_trimmer import cli, formats; read = formats.read\n"
-        "def read_and_warn(path): warnings.warn('heard'); return read(path)\n"
+        "def read_and_warn(path, **options): warnings.warn('heard'); return read(path, **options)\n"
         f"formats.read = read_and_warn; sys.exit(cli.main(['info', {str(folder / 'scene.ply')!r}]))"
     )
     for options, heard in (([], False), (["-W", "default"], True)):

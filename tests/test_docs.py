@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import toy
 from dataset_layouts import save_capture, write
+from test_streamed_sog import streamed
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import cli, formats
@@ -78,6 +79,8 @@ def workplace(tmp_path_factory):
     scene = formats.read(folder / "scene.ply")
     np.save(folder / "labels.npy", np.load(folder / "rough.npy").astype(np.int64))
     formats.write(scene, folder / "scene.spz")
+    (folder / "apartment").mkdir()
+    streamed(folder / "apartment")
     return folder
 
 

@@ -164,7 +164,7 @@ def test_commands_to_copy_quote_paths_with_spaces(ball, tmp_path, capsys):
 def test_select_then_trim_reads_the_scene_once(ball, tmp_path, monkeypatch):
     folder, _, _ = ball
     opened, read = [], formats.read
-    monkeypatch.setattr(formats, "read", lambda path: opened.append(path) or read(path))
+    monkeypatch.setattr(formats, "read", lambda path, **options: opened.append(path) or read(path, **options))
     command = ["select", folder / "scene.ply", "--cameras", folder / "cameras.json", "--click", *middle_of(folder)]
     command += ["--view", "0", "--output", tmp_path / "a.npy", "--trim", tmp_path / "out", "--quiet"]
     assert run(*command) == 0

@@ -18,6 +18,7 @@ import test_ksplat
 import test_nerfstudio
 from format_samples import sample
 from selection_builders import save_ply
+from test_streamed_sog import PLAYBOT, streamed
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.manifest import read_manifest
@@ -77,6 +78,12 @@ def _written(write: Callable[[Path], Any], name: str) -> Files:
     return {name: files.pop(name), **files}
 
 
+def _folder(folder: Path) -> Files:
+    """The files of a folder, those of its own before those of folders in it."""
+    files = sorted((path for path in folder.rglob("*") if path.is_file()), key=lambda path: len(path.parts))
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files if path.suffix != ".md"}
+
+
 def _check_text(path: Path) -> None:
     try:
         text = describe_file(path)
@@ -98,6 +105,7 @@ def _splat_readers() -> dict[str, Reader]:
     with zipfile.ZipFile(io.BytesIO(samples[".sog"][0]["a.sog"])) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     samples["unbundled sog"] = [{"meta.json": members.pop("meta.json"), **members}]
+    samples["streamed sog"] = [_folder(PLAYBOT), _written(lambda path: streamed(path.parent), "lod-meta.json")]
     return {suffix.lstrip("."): Reader(files, _read_splats) for suffix, files in samples.items()}
 
 

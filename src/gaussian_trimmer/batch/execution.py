@@ -14,9 +14,10 @@ from gaussian_trimmer.batch.items import Item, check_items
 from gaussian_trimmer.batch.local import LocalProcesses, cores
 from gaussian_trimmer.batch.outcomes import Outcome, Status
 from gaussian_trimmer.batch.ray_cluster import RayTasks
-from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, by_scene, free_bytes, shard_of
+from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, by_scene, shard_of
 from gaussian_trimmer.batch.storage import Store
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.memory import free_bytes
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.settings import Range, check_settings
 

@@ -38,6 +38,7 @@ def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | No
     settings = {
         "version": __version__,
         "scene": scene,
+        "level": item.level,
         "selection": selection,
         "cameras": cameras,
         "format": item.suffix,

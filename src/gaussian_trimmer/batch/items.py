@@ -33,6 +33,8 @@ class Item:
     """Folder of the results below `items` in the output; made from the names of the files if empty."""
     cameras: str | None = None
     """Training cameras: a COLMAP folder, transforms.json or cameras.json."""
+    level: int | None = None
+    """Level of detail of a streamed SOG; None: the finest that memory allows to work on."""
     trust_paths: bool = False
     """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
     format: str | None = None

@@ -149,6 +149,7 @@ class _Rows:
             selection or labels,
             _text(row, "name"),
             cameras=cameras,
+            level=chosen.level,
             trust_paths=chosen.trust_paths,
             format=chosen.format,
             config=config if up is None else replace(config, up=up),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,11 +11,10 @@ from pathlib import Path
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.memory import TRIM_BYTES_PER_SCENE_BYTE
 
 PROCESS_BYTES = 400 << 20
 """What a worker takes without a scene: the interpreter, libraries, compiled kernels, pictures of views."""
-_BYTES_PER_SCENE_BYTE = 3.5
-"""What a trim takes at most, beside that, for each byte of the scene as arrays; measured, see docs/scale.md."""
 _BYTES_PER_FILE_BYTE = {
     ".ply": 1.0,
     ".compressed.ply": 4.0,
@@ -26,16 +24,13 @@ _BYTES_PER_FILE_BYTE = {
     ".sog": 48.0,
     ".glb": 1.2,
     "meta.json": 48.0,
+    "lod-meta.json": 48.0,
     ".ckpt": 1.0,
     ".pth": 1.0,
     ".pt": 1.0,
 }
 """Bytes of a scene's arrays for each byte of its file, at most, in files as programs write them; a .glb with plain
 attributes."""
-_CONTAINER_LIMITS = (
-    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
-)
 
 
 @dataclass(frozen=True)
@@ -56,10 +51,10 @@ class Part:
 
 def by_scene(items: Sequence[Item]) -> list[Part]:
     """A part for each scene, in the order of their first items."""
-    groups: dict[str, list[Item]] = {}
+    groups: dict[tuple[str, int | None], list[Item]] = {}
     for item in items:
-        groups.setdefault(item.scene, []).append(item)
-    return [Part(tuple(group), scene_need(scene)) for scene, group in groups.items()]
+        groups.setdefault((item.scene, item.level), []).append(item)
+    return [Part(tuple(group), scene_need(*scene)) for scene, group in groups.items()]
 
 
 def shard_of(scenes: Sequence[Part], number: int, of: int) -> list[Part]:
@@ -79,27 +74,11 @@ def shard_of(scenes: Sequence[Part], number: int, of: int) -> list[Part]:
     return [part for position, part in enumerate(scenes) if position in mine]
 
 
-def scene_need(scene: str) -> float:
+def scene_need(scene: str, level: int | None = None) -> float:
     """Bytes of memory that a worker takes, beside `PROCESS_BYTES`, to trim objects of a scene; 0 if it is missing."""
     with suppress(InputError, OSError):  # Whoever reads the scene will say what is wrong with it.
         file = formats.find_scene(Path(scene))
-        suffix, size = formats.format_suffix(file), file.stat().st_size
-        if suffix == "meta.json":  # The Gaussians are in the textures beside it.
-            size = sum(path.stat().st_size for path in file.parent.glob("*.webp")) or size
-        return _BYTES_PER_SCENE_BYTE * _BYTES_PER_FILE_BYTE[suffix] * size
+        suffix, files = formats.format_suffix(file), formats.scene_files(file, level)
+        size = sum(path.stat().st_size for path in files)
+        return TRIM_BYTES_PER_SCENE_BYTE * _BYTES_PER_FILE_BYTE[suffix] * size
     return 0.0
-
-
-def free_bytes() -> float:
-    """Memory that is free on this machine and within the limits of its container; infinite where nobody says."""
-    found = []
-    try:
-        with Path("/proc/meminfo").open(encoding="ascii") as file:
-            found += [1024 * int(line.split()[1]) for line in file if line.startswith("MemAvailable:")]
-    except (OSError, ValueError):
-        if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-            found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    for limit, usage in _CONTAINER_LIMITS:
-        with suppress(OSError, ValueError):
-            found.append(int(Path(limit).read_text()) - int(Path(usage).read_text()))
-    return float(min(found, default=float("inf")))

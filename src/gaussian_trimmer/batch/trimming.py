@@ -58,7 +58,7 @@ def trim_items(
         retry_failed: try those items again that failed in an earlier run.
         time_limit: seconds that one item may take.
     """
-    store, scene = Store(output), _Scene(items[0].scene)
+    store, scene = Store(output), _Scene(items[0].scene, items[0].level)
     outcomes, waiting = list[Outcome](), deque(items)
     while waiting:
         item = waiting.popleft()
@@ -114,8 +114,8 @@ def _outcome(item: Item, scene: _Scene, store: Store, retry_failed: bool, limit:
 class _Scene:
     """A scene, with what else its items have in common, each read when it is first needed."""
 
-    def __init__(self, path: str) -> None:
-        self._given = Path(path)
+    def __init__(self, path: str, level: int | None) -> None:
+        self._given, self._level = Path(path), level
         self._cameras: dict[tuple[str, bool], CameraSet] = {}
         self._digests: dict[str, str] = {}
 
@@ -127,7 +127,7 @@ class _Scene:
     @cached_property
     def gaussians(self) -> Gaussians:
         """The Gaussians of the scene."""
-        return formats.read(self.path)
+        return formats.read(self.path, level=self._level)
 
     def cameras(self, item: Item) -> CameraSet | None:
         """The cameras of an item, if it has some."""
@@ -143,7 +143,7 @@ class _Scene:
         cameras = self.cameras(item)
         return fingerprint(
             item,
-            self._digest(str(self.path)),
+            " ".join(self._digest(str(path)) for path in formats.scene_files(self.path, self._level)),
             self._digest(item.selection) if item.selection else None,
             digest_of_cameras(cameras) if cameras else None,
         )

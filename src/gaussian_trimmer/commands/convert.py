@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from rich.console import Console
 
@@ -35,10 +35,12 @@ class Convert:
     )
 
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
-    """File to read: .ply, .compressed.ply, .splat, .spz, .sog or the meta.json of an unbundled one, .ksplat, .glb, or a
-    .ckpt of nerfstudio; or the folder of a training."""
+    """File to read: .ply, .compressed.ply, .splat, .spz, .sog, the meta.json or lod-meta.json of an unbundled one,
+    .ksplat, .glb, or a .ckpt of nerfstudio; or the folder of a training."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """File to write, in one of these formats or .html."""
+    level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None
+    """Level of detail of a streamed SOG (lod-meta.json); 0 is the finest."""
     sort: bool = False
     """Write the rows in Morton order. Compressed files get smaller and more precise, but selections no longer fit."""
     spz_version: Literal[3, 4] = 3
@@ -64,10 +66,9 @@ class Convert:
         page = self.target.suffix.lower() in SUFFIXES
         self._refuse_options_of_other_formats(page)
         console = open_console(quiet=self.quiet)
-        if source != self.source:
-            console.print(f"{self.source}: reading {source}")
-        count = self._write_page(source, console) if page else self._convert(source, console)
-        before, after = (path.stat().st_size / 1e6 for path in (source, self.target))
+        count = self._write_page(console) if page else self._convert(console)
+        read = formats.scene_files(source, self.level)
+        before, after = (sum(path.stat().st_size for path in paths) / 1e6 for paths in (read, [self.target]))
         console.print(f"{self.target}: {count:,} Gaussians, {after:.1f} MB instead of {before:.1f} MB")
 
     def _refuse_options_of_other_formats(self, page: bool) -> None:
@@ -90,19 +91,20 @@ class Convert:
     def _is_spz(self) -> bool:
         return formats.is_named(self.target.name, ".spz")
 
-    def _convert(self, source: Path, console: Console) -> int:
-        options = {"version": self.spz_version} if self._is_spz() else {}
+    def _convert(self, console: Console) -> int:
+        options: dict[str, Any] = {"version": self.spz_version} if self._is_spz() else {}
         change = partial(self._upright, console=console) if self.engine is not None else None
-        return len(formats.convert(source, self.target, sort=self.sort, change=change, **options))
+        options |= {"level": self.level, "say": console.print, "sort": self.sort, "change": change}
+        return len(formats.convert(self.source, self.target, **options))
 
     def _upright(self, gaussians: Gaussians, console: Console) -> Gaussians:
         assert self.engine is not None
         return upright(gaussians, self._found_up(gaussians, console), self.engine)
 
-    def _write_page(self, source: Path, console: Console) -> int:
+    def _write_page(self, console: Console) -> int:
         from gaussian_trimmer.output.html.viewer import write_viewer
 
-        gaussians = formats.read(source)
+        gaussians = formats.read(self.source, level=self.level, say=console.print)
         write_viewer({"scene": gaussians}, self.target, self._found_up(gaussians, console))
         return len(gaussians)
 

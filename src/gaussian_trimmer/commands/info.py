@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.options import Positional
+from gaussian_trimmer.options import Positional, arg
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,8 @@ class Info:
 
     files: Positional[tuple[Path, ...]]
     """Files, or folders with cameras."""
+    level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None
+    """Level of detail of streamed SOGs (lod-meta.json) to describe; 0 is the finest."""
     trust_paths: bool = False
     """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
 
@@ -30,4 +33,4 @@ class Info:
             raise InputError("Name at least one file.")
         console = open_console(quiet=False)
         for path in self.files:
-            console.print(describe_file(path, trust_paths=self.trust_paths))
+            console.print(describe_file(path, level=self.level, trust_paths=self.trust_paths))

@@ -15,6 +15,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint
+from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.selecting.marks import KINDS, Marks
@@ -41,10 +42,12 @@ _USES_BY_KIND = {
 }
 
 
-def describe_file(path: Path, *, trust_paths: bool = False) -> str:
+def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = False) -> str:
     """Several lines on a splat file, a selection file, or a file or folder of cameras.
 
     Arguments:
+        path: the file or folder.
+        level: level of detail, where there are some; None: the finest that memory allows.
         trust_paths: as for `read_camera_set`.
 
     Raises:
@@ -54,11 +57,11 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
         raise InputError(f"There is no file or folder '{path}'.")
     name = path.name.lower()
     if is_folder(path):
-        lines = describe_folder(path, trust_paths=trust_paths)
+        lines = describe_folder(path, level=level, trust_paths=trust_paths)
     elif is_marks_file(path):
         lines = describe_marks(read_marks(path))
     elif formats.has_splats(path) and path.suffix.lower() not in torch_files.SUFFIXES:
-        lines = describe_splats(path)
+        lines = describe_splats(path, level)
     elif path.suffix.lower() == ".json" or name in _COLMAP_FILES:
         lines = describe_cameras(path, trust_paths=trust_paths)
     elif name.endswith(SUFFIXES):
@@ -69,7 +72,7 @@ def describe_file(path: Path, *, trust_paths: bool = False) -> str:
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
 
-def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
+def describe_folder(path: Path, *, level: int | None = None, trust_paths: bool = False) -> Iterator[str]:
     """Lines on the results of a trim or the scene of a training that a folder holds, or else on its cameras.
 
     Raises:
@@ -90,7 +93,7 @@ def describe_folder(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
                 raise InputError(f"{no_scene} {no_cameras}") from no_cameras
     else:
         yield f"scene: {scene.relative_to(path)}"
-        yield from describe_splats(scene)
+        yield from describe_splats(scene, level)
         uses = list(uses_of_folder(path, scene))
     yield from uses
 
@@ -130,9 +133,20 @@ def uses_of_folder(folder: Path, scene: Path | None) -> Iterator[str]:
         yield f"  gaussian-trimmer select SCENE --masks {masks} --cameras PATH --trim DIR"
 
 
-def describe_splats(path: Path) -> Iterator[str]:
-    """Lines on a splat file."""
-    yield from describe_gaussians(formats.read(path))
+def describe_splats(path: Path, level: int | None = None) -> Iterator[str]:
+    """Give lines on a splat file, and on all of its levels of detail."""
+    said: list[str] = []
+    if path.name.lower() == formats.STREAMED:
+        streamed = open_streamed(path)
+        for number, rows in streamed.levels.items():
+            missing = streamed.missing(rows)
+            lacks = f", {len(missing)} of which are missing, such as {clip_name(missing[0])}" if missing else ""
+            yield f"level {number}: {len(rows):,} Gaussians in {len(streamed.chunks_of(rows))} chunks{lacks}"
+        chosen = streamed.choose_level(level)
+        if streamed.missing(streamed.levels[chosen]):
+            return
+        said.append(f"read: {streamed.describe(chosen)}")
+    yield from (*said, *describe_gaussians(formats.read(path, level=level)))
 
 
 def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:

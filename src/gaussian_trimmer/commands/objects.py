@@ -105,7 +105,7 @@ class Objects(TrimSettings):
         start = time.perf_counter()
         with results as part, progress_over_stages(console) as stage:
             stage("read")
-            reader = TrimInputs(self.scene, cameras=self.cameras, trust_paths=self.trust_paths)
+            reader = TrimInputs(self.scene, level=self.level, cameras=self.cameras, trust_paths=self.trust_paths)
             cameras = reader.read_cameras(console)
             scene = reader.read_scene(console)
             found = find_objects(
@@ -164,7 +164,8 @@ class Objects(TrimSettings):
                 progress=stage,
             )
             stage("write")
-            inputs = {"scene": str(self.scene), "cameras": str(self.cameras) if self.cameras else None}
+            cameras_path = str(self.cameras) if self.cameras else None
+            inputs = {"scene": str(self.scene), "level": self.level, "cameras": cameras_path}
             report = write_objects(result, part, suffix, inputs, html=self.pages.html)
         print_objects(console, report, self.trim, suffix, start, html=self.pages.html)
 
@@ -178,7 +179,7 @@ class Objects(TrimSettings):
             "name": safe_file_name(folder.absolute().name),
             "cameras": str(self.cameras.absolute()) if self.cameras else "",
             "up": " ".join(repr(float(value)) for value in up),
-            "options": "--trust-paths" if self.trust_paths else "",
+            "options": shlex.join([*self._level(), *(["--trust-paths"] if self.trust_paths else [])]),
         }
 
     def _name(self) -> str:
@@ -186,7 +187,7 @@ class Objects(TrimSettings):
 
     def _next_command(self) -> list[str]:
         """The words of the command that finds the same objects again and trims them."""
-        words = ["gaussian-trimmer", "objects", str(self.scene)]
+        words = ["gaussian-trimmer", "objects", str(self.scene), *self._level()]
         if self.cameras:
             words += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
         if self.config.up:
@@ -200,6 +201,9 @@ class Objects(TrimSettings):
         if self.output is not None:
             words += ["--output", str(self.output)]
         return [*words, "--trim", str(Path("trimmed") / self._name())]
+
+    def _level(self) -> list[str]:
+        return [] if self.level is None else ["--level", str(self.level)]
 
     def _next_text(self) -> str:
         return shlex.join(self._next_command())

@@ -152,7 +152,7 @@ class Select(TrimSettings):
         return read_marks(self.marks).followed_by(resolved, self.cameras)
 
     def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
-        reader = Trim(self.scene, cameras=self.cameras, trust_paths=self.trust_paths)
+        reader = Trim(self.scene, level=self.level, cameras=self.cameras, trust_paths=self.trust_paths)
         cameras = reader.read_cameras(console)  # first, since wrong ones are soon found
         return reader.read_scene(console), cameras
 
@@ -234,7 +234,7 @@ class Select(TrimSettings):
         return [*parts, "--trim", str(Path("trimmed") / self._scene_name())]
 
     def _common_options(self) -> list[str]:
-        parts = []
+        parts = [] if self.level is None else ["--level", str(self.level)]
         if self.cameras:
             parts += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
         if self.config.up:

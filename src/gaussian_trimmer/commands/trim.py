@@ -266,6 +266,7 @@ class Trim(TrimInputs):
         used = self.used_options()
         return {
             "scene": str(self.scene),
+            "level": self.level,
             "selection": str(self.selection) if self.selection else None,
             "selection_options": to_plain(self.selection_options),
             "cameras": str(self.cameras) if self.cameras else None,

@@ -75,11 +75,8 @@ class TrimInputs(TrimSettings):
         return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
 
     def read_scene(self, console: Console) -> Gaussians:
-        """The Gaussians of the scene; of a training's folder, those of its latest iteration, which is said."""
-        found = formats.find_scene(self.scene)
-        if found != self.scene:
-            console.print(f"{self.scene}: reading {found}")
-        return formats.read(found)
+        """Return the Gaussians of the scene; which file and level of a folder these are is said."""
+        return formats.read(self.scene, level=self.level, say=console.print)
 
     def read_cameras(self, console: Console) -> CameraSet | None:
         """The training cameras, if they are given, in the coordinates of the scene."""

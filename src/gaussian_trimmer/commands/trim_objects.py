@@ -146,6 +146,7 @@ def _objects(command: TrimInputs, scene: Gaussians, cameras: CameraSet | None) -
 def _inputs(command: TrimInputs) -> dict[str, Any]:
     return {
         "scene": str(command.scene),
+        "level": command.level,
         "labels": str(command.labels),
         "cameras": str(command.cameras) if command.cameras else None,
         "exclude": [str(path) for path in command.exclude],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
 from gaussian_trimmer.io.reading import is_file, is_folder, reading
 from gaussian_trimmer.lazy_import import load
 
+STREAMED = "lod-meta.json"
+"""The format with levels of detail."""
 FORMATS = {
     ".ply": "ply",
     ".compressed.ply": "compressed_ply",
@@ -25,7 +27,13 @@ FORMATS = {
 }
 """Ends of names, of which the longest wins -> module with `read(path) -> Gaussians`, whose values are not yet checked,
 `write(gaussians, path) -> None` and perhaps `write_selected` as below."""
-READ_ONLY = {"meta.json": "sog", ".ckpt": "nerfstudio", ".pth": "checkpoints", ".pt": "checkpoints"}
+READ_ONLY = {
+    "meta.json": "sog",
+    STREAMED: "streamed_sog",
+    ".ckpt": "nerfstudio",
+    ".pth": "checkpoints",
+    ".pt": "checkpoints",
+}
 """Formats that can be read but not written."""
 _WRITTEN_INSTEAD = {"meta.json": ".sog"}
 _HOLD_NOTHING = (".ply", ".splat")
@@ -94,21 +102,53 @@ def find_scene(path: Path) -> Path:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found by the check of values
-def read(path: str | Path) -> Gaussians:
-    """The Gaussians of a splat file, rows in the file's own order; of a training's folder, see `find_scene`.
+def read(
+    path: str | Path,
+    *,
+    level: int | None = None,
+    bounds: Sequence[Sequence[float]] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Gaussians:
+    """Return the Gaussians of a splat file, rows in the file's own order; of a training's folder, see `find_scene`.
+
+    Args:
+        path: the file or folder.
+        level: of a streamed SOG, the level of detail, of which 0 is the finest; by default the finest that memory
+            allows to work on.
+        bounds: of a streamed SOG, least and greatest corner of a box: only leaves that touch it are read.
+        say: called with sentences on what is read of a folder or of a streamed SOG, and what is not.
 
     Raises:
         InputError: the file is missing, of no known format, damaged, or changes while it is read, or it holds no
-            Gaussians, or values that are not finite or extreme.
+            Gaussians, or values that are not finite or extreme, or no such level.
     """
-    path = find_scene(Path(path))
+    given, path = Path(path), find_scene(Path(path))
     suffix = format_suffix(path)
     if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
+    if suffix == STREAMED:
+        choice: dict[str, Any] = {"level": level, "bounds": bounds, "say": say}
+    elif level is not None or bounds is not None:
+        raise InputError(f"'{path}' has no levels of detail and no leaves; only a {STREAMED} is read in part.")
+    else:
+        choice = {}
+        if given != path:
+            say(f"{given}: reading {path}")
     with reading(path):
-        gaussians: Gaussians = _module(_kind_of_ply(path) if suffix.endswith(".ply") else suffix).read(path)
+        module = _module(_kind_of_ply(path) if suffix.endswith(".ply") else suffix)
+        gaussians: Gaussians = module.read(path, **choice)
         check_values(gaussians, path)
     return gaussians
+
+
+def scene_files(path: Path, level: int | None = None) -> list[Path]:
+    """Return all files that the Gaussians of a splat file are read from: itself, and textures or chunks.
+
+    Raises:
+        InputError: one of them is missing, or the file that lists them is damaged.
+    """
+    suffix = format_suffix(path)
+    return _module(suffix).scene_files(path, level) if suffix in (STREAMED, "meta.json") else [path]
 
 
 def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:
@@ -149,6 +189,8 @@ def convert(
     source: str | Path,
     target: str | Path,
     *,
+    level: int | None = None,
+    say: Callable[[str], None] = lambda text: None,
     sort: bool = False,
     change: Callable[[Gaussians], Gaussians] | None = None,
     **options: Any,
@@ -157,13 +199,13 @@ def convert(
 
     With `sort`, rows are written in Morton order instead of the source's, which makes compressed files smaller and
     a compressed PLY far more precise; selections of the source then do not fit the target. What `change` makes of the
-    Gaussians is written in their place. Options are those of `write`.
+    Gaussians is written in their place. `level` and `say` are those of `read`, options those of `write`.
 
     Raises:
         InputError: the source cannot be read or the target cannot be written.
     """
     _writable(target)  # a wrong name is found before the work
-    gaussians = read(source)
+    gaussians = read(source, level=level, say=say)
     if change is not None:
         gaussians = change(gaussians)
     if sort:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -48,25 +49,47 @@ _FIRST_TAG = 252
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a SOG of version 1 or 2, rows in texture order.
+    """Return the Gaussians of a SOG of version 1 or 2, rows in texture order.
 
     Args:
         path: a .sog file, or the meta.json of an unbundled one, whose textures lie in the same folder.
 
     Raises:
-        InputError: a file cannot be read, is no SOG, is damaged, or announces more than the sizes of the files can
+        InputError: a file cannot be read, is not a SOG, is damaged, or announces more than the sizes of the files can
             hold.
     """
+    with _opened(path) as (meta, contents):
+        return _decode(contents, meta, path)
+
+
+def read_meta(path: Path) -> SogMeta:
+    """Return what the meta.json of a SOG says, which must not be more than its files can hold; errors as of `read`."""
+    with _opened(path) as (meta, _):
+        return meta
+
+
+def scene_files(path: Path, _: int | None = None) -> list[Path]:
+    """Return the files that a SOG consists of; errors as of `read`."""
+    if path.name.lower() != META:
+        return [path]
+    meta = parse_meta(file_bytes(path, _MAX_META_BYTES), path)
+    return [path, *(_beside(path, name) for names in meta.files.values() for name in names)]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[SogMeta, Callable[[str], bytes]]]:
+    """Give the meta.json of a SOG, and a function from the name of a texture to the contents of its file."""
     if path.name.lower() == META:
         meta = parse_meta(file_bytes(path, _MAX_META_BYTES), path)
         textures = {name: _beside(path, name) for names in meta.files.values() for name in names}
         check_count(meta.count, path, sum(texture.stat().st_size for texture in textures.values()))
-        return _decode(lambda name: file_bytes(textures[name]), meta, path)
+        yield meta, lambda name: file_bytes(textures[name])
+        return
     with open_archive(path, ".sog file") as archive:
         meta = parse_meta(member_bytes(archive, META, _MAX_META_BYTES, path), path)
         check_count(meta.count, path)
         most = path.stat().st_size
-        return _decode(lambda name: member_bytes(archive, name, most, path), meta, path)
+        yield meta, lambda name: member_bytes(archive, name, most, path)
 
 
 def _beside(path: Path, name: str) -> Path:

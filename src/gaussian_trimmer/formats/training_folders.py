@@ -3,7 +3,7 @@
 - Inria's code and those built on it, as Gaussian Grouping: `point_cloud/iteration_<i>/point_cloud.ply`
 - nerfstudio: an export, `splat.ply` or `point_cloud.ply`, or else `nerfstudio_models/step-<i>.ckpt`
 - gsplat's trainer: `ckpts/ckpt_<i>_rank0.pt`; Inria's checkpoints, COB-GS's and NG-GS's: `chkpnt<i>.pth`
-- an unbundled SOG: `meta.json` and its textures
+- an unbundled SOG: `meta.json` and its textures; a streamed one: `lod-meta.json`
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats import FORMATS
+from gaussian_trimmer.formats import FORMATS, STREAMED
 
 _ITERATION_NAME = re.compile(r"iteration_(\d{1,12})")
 _SPLAT_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
@@ -26,6 +26,8 @@ def latest_splats(folder: Path) -> Path:
     Raises:
         InputError: there is none, or there are several.
     """
+    if (folder / STREAMED).is_file():
+        return folder / STREAMED
     for place in (folder / "point_cloud", folder):
         iterations = [
             (int(found[1]), path) for path in _entries(place) if (found := _ITERATION_NAME.fullmatch(path.name))

@@ -31,6 +31,8 @@ class TrimOptions:
 
     trust_paths: bool = False
     """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
+    level: Annotated[int | None, arg(metavar="N", default="the finest that memory allows")] = None
+    """Level of detail of a streamed SOG (lod-meta.json); 0 is the finest."""
     format: Annotated[str | None, arg(metavar="ENDING", default="that of the scene")] = None
     """Format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
     preset: Literal["default", "paper"] = "default"
