@@ -24,7 +24,7 @@ from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 

@@ -35,12 +35,11 @@ def test_a_number_of_threads_that_is_none_is_one_sentence(threads, tmp_path):
 def test_without_a_folder_for_kernels_they_are_compiled_in_every_process():
     code = (
         "from gaussian_trimmer.geometry.compiling import CACHE\n"
-        "from gaussian_trimmer.geometry.kd_tree import nearest\n"
+        "from gaussian_trimmer.geometry.components import connected_points\n"
         "import numpy as np\n"
-        "points = np.float32([[0], [1], [5]])\n"
-        "print(CACHE, nearest(points, points, 1)[1].ravel().tolist())"
+        "print(CACHE, connected_points(np.diag([0.0, 1, 5]), 2.0).tolist())"
     )
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     environment["NUMBA_CACHE_LOCATOR_CLASSES"] = "UserProvidedCacheLocator"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.split(maxsplit=1) == ["False", "[0, 1, 2]\n"]
+    assert done.stdout.split(maxsplit=1) == ["False", "[0, 0, 1]\n"]

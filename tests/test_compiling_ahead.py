@@ -5,14 +5,13 @@ import numpy as np
 import pytest
 from scenes import front_camera, random_scene
 
-from gaussian_trimmer.geometry import kd_tree
 from gaussian_trimmer.rendering import gradient_kernels
 from gaussian_trimmer.rendering.compiling_ahead import compile_kernels
 from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
 
 KERNELS = [
     gradient_kernels.robust_slopes, gradient_kernels.differentiate_tiles, gradient_kernels.sum_moving_pairs,
-    gradient_kernels.gather, kd_tree._halve, kd_tree._search,
+    gradient_kernels.gather,
 ]  # fmt: skip
 
 
@@ -24,6 +23,5 @@ def test_every_kernel_is_compiled_for_the_types_that_it_is_called_with():
     drawing = draw(scene, camera)
     picture = np.zeros((4, 32, 48), np.float32)
     gradients(drawing, slopes_towards(drawing, picture, picture + 1, 0.1), np.ones(len(scene), np.bool_))
-    kd_tree.nearest(scene.means, scene.means, 3)
     assert all(before)
     assert [kernel.signatures for kernel in KERNELS] == before

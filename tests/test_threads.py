@@ -15,7 +15,7 @@ import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
 
 from gaussian_trimmer.config import BoundaryConfig, SplitConfig
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer

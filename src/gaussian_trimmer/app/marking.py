@@ -9,7 +9,7 @@ import numpy as np
 from gaussian_trimmer.app.snapshots import PALETTE, Snapshot, contrasting
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS, SelectionState
 from gaussian_trimmer.selecting.marks import Effect, Mark, Rows
 from gaussian_trimmer.selecting.row_packing import pack_rows

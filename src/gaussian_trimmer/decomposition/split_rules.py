@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from scipy.special import ndtr
 
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, logit, quaternions_of, rotation_matrices
 
@@ -120,14 +121,6 @@ SPLIT_RULES: Mapping[str, SplitRule] = {
 """Every rule by the name that the command line uses."""
 
 
-_erfc = np.vectorize(math.erfc, otypes=[np.float64])
-
-
-def _normal_cdf(x: Float64Array) -> Float64Array:
-    """Cumulative standard normal distribution, accurate in the lower tail too."""
-    return np.asarray(0.5 * _erfc(-x / math.sqrt(2.0)))
-
-
 def _half_moments(d: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Centres (M,) and variances (M,) of the children that stand for exp(-t^2 / 2) on t > -d.
 
@@ -135,7 +128,7 @@ def _half_moments(d: Float64Array) -> tuple[Float64Array, Float64Array]:
     """
     root = math.sqrt(PROFILE_POWER)
     x = root * d
-    mean = np.exp(-0.5 * x * x) / (math.sqrt(2.0 * math.pi) * _normal_cdf(x))
+    mean = np.exp(-0.5 * x * x) / (math.sqrt(2.0 * math.pi) * ndtr(x))
     return mean / root, 1.0 - mean * (mean + x)
 
 
@@ -154,8 +147,8 @@ def _amplitudes(
     """
     whole1, whole2 = _overlap(m1, v1, 0.0, 1.0), _overlap(m2, v2, 0.0, 1.0)
     # A child times the parent is a Gaussian of mean m / (1 + v) and variance v / (1 + v); this much of it is inside.
-    inside1 = whole1 * _normal_cdf((m1 / (1 + v1) + d) / np.sqrt(v1 / (1 + v1)))
-    outside2 = whole2 * _normal_cdf(-(m2 / (1 + v2) + d) / np.sqrt(v2 / (1 + v2)))
+    inside1 = whole1 * ndtr((m1 / (1 + v1) + d) / np.sqrt(v1 / (1 + v1)))
+    outside2 = whole2 * ndtr(-(m2 / (1 + v2) + d) / np.sqrt(v2 / (1 + v2)))
     a11, a22, a12 = 2.0 * _overlap(m1, v1, m1, v1), 2.0 * _overlap(m2, v2, m2, v2), _overlap(m1, v1, m2, v2)
     b1, b2 = inside1 + whole1, outside2 + whole2
     determinant = a11 * a22 - a12 * a12  # At least 3/4 of a11 a22, by Cauchy and Schwarz.

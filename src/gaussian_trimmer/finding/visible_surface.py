@@ -16,7 +16,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.overview import drawn_part, plan_overview

@@ -9,7 +9,7 @@ import numpy as np
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, ellipsoid_points
 from gaussian_trimmer.geometry.components import connected_bodies
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 
 _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5

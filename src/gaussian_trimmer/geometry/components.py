@@ -4,170 +4,101 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
 
 _jit = numba.njit(cache=CACHE, nogil=True)
-
-_CELLS_ACROSS = 1 << 21
-"""Cells along an axis that a key has room for."""
-
-
-def connected_voxels(points: Float64Array, size: float) -> IntArray:
-    """Number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,).
-
-    Voxels are counted from the origin; points a million of them away and more are taken to lie in the last ones.
-    """
-    voxels, members = np.unique(_cell_keys(points, size), return_inverse=True)
-    return np.asarray(_connect(voxels, 1, points, members, 0.0)[members.reshape(-1)])
-
-
-def connected_bodies(points: Float64Array, size: float) -> IntArray:
-    """Number of the cluster of each body that P points (N, P, 3) stand for, (N,).
-
-    The points of a body are connected, and so are bodies with points in the same voxel or in neighbouring ones.
-    """
-    voxels = connected_voxels(points.reshape(-1, 3), size).reshape(points.shape[:2])
-    if points.shape[1] > 1:
-        voxels = _join_rows(np.unique(voxels, return_inverse=True)[1].reshape(voxels.shape))[:, None]
-    return np.asarray(voxels[:, 0])
-
-
-def connected_points(points: Float64Array, reach: float) -> IntArray:
-    """Number of the piece that each point (N, 3) lies in, (N,): points no farther apart than `reach` are in one piece.
-
-    Exact, wherever the points lie and whatever grid sorts them: those of one cell are within reach of each other, and
-    between cells at most two apart the distances decide.
-
-    Raises:
-        ValueError: the points fill more than 699,049 cells along an axis, each 0.58 of the reach wide.
-    """
-    points = points - points.min(axis=0, initial=np.inf)
-    keys = _compact_keys(points, reach / np.sqrt(3))
-    order = np.argsort(keys)
-    ordered = keys[order]
-    starts = np.append(np.flatnonzero(np.diff(ordered, prepend=-1)), len(keys))
-    pieces = _connect(ordered[starts[:-1]], 2, points[order], starts, reach * reach)
-    result = np.empty(len(points), np.int64)
-    result[order] = np.repeat(pieces, np.diff(starts))
-    return result
+_LARGEST_KEY = float(1 << 62)
 
 
 def connected_pairs(count: int, pairs: IntArray) -> IntArray:
-    """Number of the component that each of so many things lies in, (count,): the smallest of its members' numbers.
+    """Return the number of the component that each of so many nodes lies in, (count,).
 
     Args:
-        pairs: numbers of two things that belong together, (P, 2).
+        count: number of nodes.
+        pairs: edges between them, (P, 2).
 
     >>> connected_pairs(5, np.array([[4, 2], [2, 1]])).tolist()
-    [0, 1, 1, 3, 1]
+    [0, 1, 1, 2, 1]
     """
-    parent = np.arange(count)
-    _join_members(np.ascontiguousarray(pairs, np.int64).reshape(-1, 2), parent)
-    return _roots(parent)
+    edges = coo_array((np.ones(len(pairs), np.bool_), pairs.T), (count, count))
+    return np.asarray(connected_components(edges, directed=False)[1])
 
 
-def _cell_keys(points: Float64Array, size: float) -> IntArray:
-    """Number of the cubic cell that each point (N, 3) lies in, (N,): a step along an axis adds 1 << 42, 1 << 21 or 1.
+def connected_voxels(points: Float64Array, size: float) -> IntArray:
+    """Return the number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,)."""
+    voxels, members = _occupied(points, size)
+    return connected_pairs(len(voxels), _neighbouring(voxels, 1))[members]
 
-    Cells are counted from two beyond the first, so that steps of two from any of them stay apart as well.
+
+def connected_bodies(points: Float64Array, size: float) -> IntArray:
+    """Return the number of the cluster of each body that P points (N, P, 3) stand for, (N,).
+
+    The points of a body are connected, and so are bodies with points in the same voxel or in neighbouring ones.
     """
-    cells = np.floor(np.clip(points / size, -1e6, 1e6)).astype(np.int64) + 1_000_002
-    return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
+    n, per_body = points.shape[:2]
+    voxels = connected_voxels(points.reshape(-1, 3), size).reshape(n, per_body)
+    if per_body == 1:
+        return voxels[:, 0]
+    first, others = np.repeat(voxels[:, 0], per_body - 1), voxels[:, 1:].reshape(-1)
+    return connected_pairs(int(voxels.max(initial=-1)) + 1, np.column_stack([first, others]))[voxels[:, 0]]
 
 
-def _compact_keys(points: Float64Array, size: float) -> IntArray:
-    """As `_cell_keys`, of points (N, 3) above zero that may spread over any number of cells.
+def connected_points(points: Float64Array, reach: float) -> IntArray:
+    """Return the number of the piece that each point (N, 3) lies in, (N,): steps within a piece are at most `reach`.
 
-    Where they are more than a key has room for, empty stretches of the axes are shortened to as many cells as keep what
-    lies beyond out of the reach of two steps.
+    Exact, wherever the points lie. They are sorted into cells so small that those of one cell are within reach of each
+    other; between cells at most two apart the distances decide.
     """
+    points = points - points.min(axis=0, initial=np.inf)
+    cells, members = _occupied(points, reach / np.sqrt(3))
+    ordered, starts = points[np.argsort(members, kind="stable")], np.append(0, np.cumsum(np.bincount(members)))
+    pieces = np.arange(len(cells))
+    for steps in (1, 2):  # Cells that the first step connected are not compared again.
+        pairs = _neighbouring(cells, steps)
+        pairs = pairs[pieces[pairs[:, 0]] != pieces[pairs[:, 1]]]
+        joined = pieces[pairs[_within_reach(pairs, ordered, starts, reach * reach)]]
+        pieces = connected_pairs(len(cells), joined)[pieces]
+    return pieces[members]
+
+
+def _occupied(points: Float64Array, size: float) -> tuple[Float64Array, IntArray]:
+    """Return the cells (V, 3) of some size that points (N, 3) lie in, and the index of the cell of each point, (N,)."""
     cells = np.floor(points / size)
-    if cells.max(initial=0) >= _CELLS_ACROSS - 4:
-        for axis in range(3):
-            values, places = np.unique(cells[:, axis], return_inverse=True)
-            shortened = np.cumsum(np.minimum(np.diff(values, prepend=values[0]), 3))
-            if shortened[-1] >= _CELLS_ACROSS - 4:
-                raise ValueError(f"Points in {len(values)} different cells along an axis are too many to connect.")
-            cells[:, axis] = shortened[places.reshape(-1)]
-    cells = cells.astype(np.int64) + 2
-    return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
+    low = cells.min(axis=0, initial=np.inf)
+    shape = cells.max(axis=0, initial=-np.inf) - low + 1
+    if len(cells) and shape.prod() < _LARGEST_KEY:  # several times faster than rows
+        keys = np.ravel_multi_index(tuple((cells - low).astype(np.int64).T), tuple(shape.astype(np.int64)))
+        _, first, members = np.unique(keys, return_index=True, return_inverse=True)
+        return cells[first], members.reshape(-1)
+    found, members = np.unique(cells, axis=0, return_inverse=True)
+    return found, members.reshape(-1)
 
 
-def _connect(cells: IntArray, reach: int, points: Float64Array, starts: IntArray, limit: float) -> IntArray:
-    """Labels of the components of sorted cell keys (V,); a label is the smallest member's place.
+def _neighbouring(cells: Float64Array, steps: int) -> IntArray:
+    """Return pairs (P, 2) of the cells (V, 3) that are at most so many steps apart along each axis."""
+    return np.asarray(cKDTree(cells).query_pairs(steps, p=np.inf, output_type="ndarray"))
 
-    Cells no farther apart than a reach of one, along each axis, are connected; those within a reach of two only if
-    their points (N, 3), which lie from `starts` on, come within a squared distance.
+
+@_jit
+def _within_reach(pairs, points, starts, limit):  # type: ignore[no-untyped-def]
+    """Find the pairs (P, 2) of cells of which two points come within a squared distance, (P,).
+
+    The points (N, 3) of cell i lie from `starts[i]` to `starts[i + 1]`.
     """
-    parent, firsts = np.arange(len(cells)), np.zeros((reach + 1, 2 * reach + 1), np.int64)
-    _join_cells(cells, np.require(points, np.float64, ("C", "W")), starts, limit, parent, firsts)
-    return _roots(parent)
-
-
-def _join_rows(labels: IntArray) -> IntArray:
-    """Labels (N,) of rows of labels (N, P): rows that share one, if only by way of others, get the same."""
-    parent = np.arange(labels.max() + 1)
-    _join_members(labels, parent)
-    return np.asarray(_roots(parent)[labels[:, 0]])
-
-
-def _roots(parent: IntArray) -> IntArray:
-    """The root of every member of a union-find forest, (V,)."""
-    while not np.array_equal(parent, above := parent[parent]):
-        parent = above
-    return parent
-
-
-@_jit
-def _join_cells(cells, points, starts, limit, parent, firsts):  # type: ignore[no-untyped-def]
-    """Join the cells of `_connect` by union-find.
-
-    Cells are gone through in order, so that the first cell of each row around them that is within reach only moves on:
-    `firsts` (reach + 1, 2 reach + 1), zero before, keeps its place.
-    """
-    reach = firsts.shape[0] - 1
-    for i in range(len(cells)):
-        for dx in range(-reach, 1):
-            for dy in range(-reach, reach + 1):
-                beside = cells[i] + (dx << 42) + (dy << 21)
-                j = firsts[dx + reach, dy + reach]
-                while j < i and cells[j] < beside - reach:
-                    j += 1
-                firsts[dx + reach, dy + reach] = j
-                while j < i and cells[j] <= beside + reach:
-                    a, b = _root(parent, i), _root(parent, j)
-                    if a != b and (
-                        reach == 1 or _within(points, starts[i], starts[i + 1], starts[j], starts[j + 1], limit)
-                    ):
-                        parent[max(a, b)] = min(a, b)
-                    j += 1
-
-
-@_jit
-def _join_members(labels, parent):  # type: ignore[no-untyped-def]
-    """Join the labels of each row (N, P) by union-find."""
-    for i in range(len(labels)):
-        for k in range(1, labels.shape[1]):
-            a, b = _root(parent, labels[i, 0]), _root(parent, labels[i, k])
-            parent[max(a, b)] = min(a, b)
-
-
-@_jit
-def _root(parent, i):  # type: ignore[no-untyped-def]
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@_jit
-def _within(points, start, end, other_start, other_end, limit):  # type: ignore[no-untyped-def]
-    """Whether any of some points comes within a squared distance of any of the others."""
-    for i in range(start, end):
-        for j in range(other_start, other_end):
-            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
-            if dx * dx + dy * dy + dz * dz <= limit:
-                return True
-    return False
+    found = np.zeros(len(pairs), np.bool_)
+    for pair in range(len(pairs)):
+        a, b = pairs[pair]
+        for i in range(starts[a], starts[a + 1]):
+            for j in range(starts[b], starts[b + 1]):
+                dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+                if dx * dx + dy * dy + dz * dz <= limit:
+                    found[pair] = True
+                    break
+            if found[pair]:
+                break
+    return found

@@ -13,7 +13,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
 

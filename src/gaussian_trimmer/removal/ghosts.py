@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.views import TOUCHING_RADII

@@ -10,10 +10,8 @@ import sys
 from typing import Any
 
 import numba
-import numpy as np
 from numba import boolean, float32, float64, int32, int64, uint8
 
-from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.rendering import gradient_kernels
 from gaussian_trimmer.rendering.projection_kernels import Ellipsoids, Pinhole, Tiles
 
@@ -32,9 +30,7 @@ def start_compiling() -> None:
 
 
 def compile_kernels() -> None:
-    """Compile the search for neighbours, and the derivatives' kernels by the types that they are called with."""
-    points = np.zeros((32, 3), np.float32)
-    nearest(points, points, 1)
+    """Compile the derivatives' kernels by the types that they are called with."""
     kernels = gradient_kernels
     kernels.robust_slopes.compile((_IMAGES, _IMAGES, _IMAGES, float32))
     kernels.differentiate_tiles.compile((_TABLE, _TABLE, boolean[::1], _TILES, _SHOWN, _SUMS, types.UniTuple(int64, 2)))

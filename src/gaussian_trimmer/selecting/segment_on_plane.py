@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.geometry.support_plane import densest_layer
 from gaussian_trimmer.parallel import parallel_map
 

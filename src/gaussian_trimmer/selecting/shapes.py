@@ -8,7 +8,7 @@ from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
 
 _MIN_GAUSSIANS = 2

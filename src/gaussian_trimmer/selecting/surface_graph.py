@@ -23,8 +23,8 @@ from gaussian_trimmer.gaussians import (
 )
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.components import connected_points
-from gaussian_trimmer.geometry.kd_tree import nearest
 from gaussian_trimmer.geometry.min_cut import min_cut
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.surface_estimates import (

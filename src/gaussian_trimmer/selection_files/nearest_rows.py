@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, sigmoid
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selection_files.splat_rows import Columns, SplatRows, gaussian_columns
 
 UNMATCHED = -1

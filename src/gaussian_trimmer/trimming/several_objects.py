@@ -19,7 +19,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.config import CONTEXT_RADIUS, TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.diagnosis import up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up

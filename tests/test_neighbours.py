@@ -1,9 +1,9 @@
-"""The k-d tree against distances of all pairs."""
+"""Nearest neighbours against distances of all pairs."""
 
 import numpy as np
 import pytest
 
-from gaussian_trimmer.geometry.kd_tree import nearest
+from gaussian_trimmer.geometry.neighbours import nearest
 
 
 def all_pairs(points, queries):
@@ -64,6 +64,25 @@ def test_points_on_a_grid_with_many_equal_distances():
     check(points, points, 9)
 
 
+@pytest.mark.parametrize("k", [1, 4, 9])
+def test_ties_are_ordered_by_index(k):
+    points = np.stack(np.meshgrid(*[np.arange(7.0)] * 3), -1).reshape(-1, 3)
+    points = points[np.random.default_rng(5).permutation(len(points))]
+    queries = points[::3] + np.array([0.5, 0, 0])
+    order = np.argsort(all_pairs(points, queries), axis=1, kind="stable")[:, :k]
+    np.testing.assert_array_equal(nearest(points, queries, k)[1], order)
+
+
+def test_the_order_of_points_and_queries_does_not_matter():
+    rng = np.random.default_rng(6)
+    points, queries = rng.normal(size=(5000, 3)), rng.normal(size=(700, 3))
+    squared, indices = nearest(points, queries, 5)
+    rows, asked = rng.permutation(5000), rng.permutation(700)
+    again, permuted = nearest(points[rows], queries[asked], 5)
+    np.testing.assert_array_equal(again, squared[asked])
+    np.testing.assert_array_equal(rows[permuted], indices[asked])
+
+
 @pytest.mark.parametrize("n", [0, 1, 3])
 def test_fewer_points_than_asked_for(n):
     points = np.arange(3.0 * n).reshape(n, 3).astype(np.float32)
@@ -76,7 +95,7 @@ def test_nothing_beyond_reach(reach):
     points, queries = rng.normal(size=(400, 3)).astype(np.float32), rng.normal(size=(90, 3)).astype(np.float32)
     squared, indices = nearest(points, queries, 5, reach)
     everything, those = nearest(points, queries, 5)
-    near = everything < np.float32(reach * reach)
+    near = np.sqrt(everything) < reach
     assert near.any() == (reach > 0)
     np.testing.assert_array_equal(squared, np.where(near, everything, np.inf))
     np.testing.assert_array_equal(indices, np.where(near, those, -1))
@@ -90,6 +109,6 @@ def test_no_queries():
 def test_other_types_and_strides_are_accepted():
     points = np.random.default_rng(3).random((3, 80)).T
     squared, indices = nearest(points, points[::2], 3)
-    expected = nearest(points.astype(np.float32).copy(), points[::2].astype(np.float32).copy(), 3)
+    expected = nearest(points.copy(), points[::2].copy(), 3)
     np.testing.assert_array_equal(squared, expected[0])
     np.testing.assert_array_equal(indices, expected[1])
