@@ -21,6 +21,7 @@ from gaussian_trimmer.lazy_import import late_attributes
 if TYPE_CHECKING:
     from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
+    from gaussian_trimmer.camera_files.arrays import cameras_from_arrays
     from gaussian_trimmer.config import TrimConfig
     from gaussian_trimmer.errors import InputError
     from gaussian_trimmer.finding.editing import chosen_objects
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks_file import read_marks
     from gaussian_trimmer.selecting.select import select
-    from gaussian_trimmer.selection_files import load_selection as read_selection
+    from gaussian_trimmer.selecting.selection_input import read_selection
     from gaussian_trimmer.trimming.several_objects import trim_objects
     from gaussian_trimmer.trimming.trim import trim
 
@@ -46,6 +47,7 @@ __all__ = [
     "TrimResult",
     "__version__",
     "batch",
+    "cameras_from_arrays",
     "chosen_objects",
     "describe",
     "export_viewer",
@@ -68,6 +70,7 @@ _LATE = {
     "TrimConfig": "gaussian_trimmer.config:TrimConfig",
     "TrimResult": "gaussian_trimmer.result:TrimResult",
     "batch": "gaussian_trimmer.batch",
+    "cameras_from_arrays": "gaussian_trimmer.camera_files.arrays:cameras_from_arrays",
     "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
     "describe": "gaussian_trimmer.output.report:describe",
     "export_viewer": "gaussian_trimmer.output.html.viewer:export_viewer",
@@ -76,7 +79,7 @@ _LATE = {
     "read": "gaussian_trimmer.formats:read",
     "read_cameras": "gaussian_trimmer.camera_files:read_camera_set",
     "read_marks": "gaussian_trimmer.selecting.marks_file:read_marks",
-    "read_selection": "gaussian_trimmer.selection_files:load_selection",
+    "read_selection": "gaussian_trimmer.selecting.selection_input:read_selection",
     "save": "gaussian_trimmer.output.saving:save",
     "select": "gaussian_trimmer.selecting.select:select",
     "trim": "gaussian_trimmer.trimming.trim:trim",

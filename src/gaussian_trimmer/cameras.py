@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -112,6 +113,22 @@ class CameraSet:
                 "undistort images and cameras first (colmap image_undistorter) and give the new ones."
             )
         return self.cameras
+
+
+def as_camera_set(cameras: CameraSet | Sequence[Camera] | None) -> CameraSet | None:
+    """Return the training cameras of a scene as a set; a list of cameras is one whose pictures all were trained on.
+
+    Raises:
+        InputError: they are something else.
+    """
+    if cameras is None or isinstance(cameras, CameraSet):
+        return cameras
+    if isinstance(cameras, Sequence) and cameras and all(isinstance(camera, Camera) for camera in cameras):
+        return CameraSet(tuple(cameras), None, (True,) * len(cameras), distorted=False)
+    raise InputError(
+        f"The cameras are a {type(cameras).__name__}; give a CameraSet, from gaussian_trimmer.read_cameras(path) or "
+        "cameras_from_arrays(...), or a list of Camera."
+    )
 
 
 def training_cameras(cameras: CameraSet | None) -> list[Camera]:

@@ -17,10 +17,11 @@ from gaussian_trimmer.app.documents import Document, Progress, TrimChoices, basi
 from gaussian_trimmer.app.snapshots import Colour, MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Marks, Point, point_of
-from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json, read_json
+from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json
 from gaussian_trimmer.settings import from_plain, to_plain
 
 CONTENT = "gaussian-trimmer project"

@@ -17,9 +17,9 @@ from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint
 from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
-from gaussian_trimmer.io.reading import is_file, is_folder
+from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.selecting.marks import KINDS, Marks
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_json, read_marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
 from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.errors import InputError, clip_name
 
 LARGEST = 1e15
 """Greatest magnitude of coordinates, coefficients and weights; the square of a greater one nears the end of float32."""
 _BYTES_AT_ONCE = 1 << 20
+_MAX_JSON_BYTES = 1 << 24
 
 
 @contextmanager
@@ -78,6 +80,22 @@ def file_bytes(path: Path, limit: int | None = None) -> bytes:
             return file.read(size)  # no more than that, should it be growing
     except OSError as error:
         raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file of at most 16 MiB holds.
+
+    Raises:
+        InputError: there is no file, or it cannot be read as JSON.
+    """
+    if not is_file(path):
+        raise InputError(f"There is no file '{path}'.")
+    with reading(path):
+        data = file_bytes(path, _MAX_JSON_BYTES)
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"'{path}' cannot be read as JSON ({clip_name(str(error))}).") from error
 
 
 def read_into(array: NDArray[np.generic], file: BinaryIO, path: Path) -> None:

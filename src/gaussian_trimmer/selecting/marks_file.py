@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,12 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
 from gaussian_trimmer.cameras import Camera, unit_up
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.reading import is_file, read_json
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.selecting.marks import KINDS, Mark, Marks, Point, View, Viewpoint
 from gaussian_trimmer.settings import from_plain, to_plain, wrong_value
 
 CONTENT = "selection marks"
-_MAX_BYTES = 1 << 24
 _Row = tuple[float, float, float, float]
 
 
@@ -113,22 +111,6 @@ def marks_from_json(raw: Any, path: Path) -> Marks:
     marks: Marks = from_plain(given, Marks, where, readers)
     unit_up(marks.up, f"{where}the up vector")
     return marks
-
-
-def read_json(path: Path) -> Any:
-    """What a JSON file holds.
-
-    Raises:
-        InputError: there is no file, or it cannot be read as JSON.
-    """
-    if not is_file(path):
-        raise InputError(f"There is no file '{path}'.")
-    with reading(path):
-        data = file_bytes(path, _MAX_BYTES)
-    try:
-        return json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"'{path}' cannot be read as JSON; select again.") from error
 
 
 def is_marks_file(path: Path) -> bool:

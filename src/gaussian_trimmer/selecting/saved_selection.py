@@ -11,17 +11,19 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.io.reading import file_bytes, is_file
+from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
 from gaussian_trimmer.io.writing import write_json, write_whole
-from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, read_json, relative_to
-from gaussian_trimmer.selecting.select import SelectionResult
+from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, relative_to
+
+if TYPE_CHECKING:  # most that read a selection need no kernels
+    from gaussian_trimmer.selecting.select import SelectionResult
 from gaussian_trimmer.settings import from_plain, to_plain
 
 
