@@ -116,3 +116,12 @@ def checkpoint_state(gaussians: Gaussians, extra=None) -> tuple:
         optimizer.state_dict(),
         extent,
     )
+
+
+def checkpoint_entries(gaussians: Gaussians, extra: np.ndarray | None = None) -> tuple:
+    """The entries that `checkpoint_state` gives, as arrays and without an optimizer's state."""
+    n = len(gaussians)
+    tensors = (gaussians.means, gaussians.sh_dc[:, None], gaussians.sh_rest.transpose(0, 2, 1), gaussians.log_scales)
+    tensors += (gaussians.quaternions, gaussians.opacity_logits[:, None])
+    rest = (np.zeros(n, np.float32), np.zeros((n, 1), np.float32), np.zeros((n, 1), np.float32), {}, 4.7)
+    return (gaussians.sh_degree, *tensors, *([] if extra is None else [extra]), *rest)

@@ -10,6 +10,7 @@ import struct
 import sys
 import tracemalloc
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +28,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, clip_name, printable
+from gaussian_trimmer.io.images import picture_header
 from gaussian_trimmer.segmentation.segmenters.mask_files import find_mask
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, selection_file
 
@@ -164,8 +166,29 @@ class TestMemory:
         with memory_below(40e6), pytest.raises(InputError, match=r"claims 3000 x 3000 pixels"):
             formats.read(save(tmp_path / "a.sog", zipped(members)))
 
+    def test_json_of_a_glb(self, tmp_path):
+        text = b'{"a":[' + b"[]," * 1_500_000 + b"[]]}"
+        body = struct.pack("<II", len(text), 0x4E4F534A) + text
+        path = save(tmp_path / "a.glb", struct.pack("<III", 0x46546C67, 2, 12 + len(body)) + body)
+        with memory_below(20e6), pytest.raises(InputError, match="its JSON has"):
+            formats.read(path)
+
+    def test_pictures_of_more_bytes_than_pixels(self):
+        def chunk(kind: bytes, data: bytes) -> bytes:
+            return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+        header = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 64, 48, 8, 2, 0, 0, 0))
+        packed = zlib.compress(bytes(350 << 20), 1)  # 350 MB of zeros
+        assert picture_header(header + chunk(b"IDAT", packed[:100_000])) is not None
+        assert picture_header(header + chunk(b"IDAT", packed)) is None
+
 
 class TestDamage:
+    @pytest.mark.parametrize("ending", [".pt", ".pth", ".ckpt"])
+    def test_frames_of_pickles(self, ending, tmp_path):
+        path = save(tmp_path / f"a{ending}", zipped({"archive/data.pkl": b"\x80\x04\x95" + b"\xff" * 8 + b"."}))
+        assert run("info", path) == run("trim", save_ply(tmp_path / "a.ply", SCENE), path) == 2
+
     @pytest.mark.parametrize("packed", [False, True])
     @pytest.mark.parametrize(
         "header",

@@ -105,6 +105,27 @@ def test_round_trip_within_quantisation(tmp_path: Path, degree: int) -> None:
     assert error(again, gaussians, "sh_dc") <= 0.5 / 255 / 0.28209479 + 1e-6  # 8 bits of colour
 
 
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("degree", [0, 1, 2])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_empty_sections_are_passed_over(tmp_path: Path, level: int, degree: int, first: bool) -> None:
+    (tmp_path / "a.ksplat").write_bytes(with_empty_section(level, degree, first=first))
+    assert len(formats.read(tmp_path / "a.ksplat")) == 3
+
+
+def with_empty_section(level: int, degree: int, *, first: bool) -> bytes:
+    """A file of three Gaussians with a section of none before or after them."""
+    k = (degree + 1) ** 2 - 1
+    row = np.zeros(3, [("mean", "f4" if level == 0 else "u2", 3), ("scale", "f4" if level == 0 else "f2", 3),
+                       ("rotation", "f4" if level == 0 else "f2", 4), ("rgba", "u1", 4),
+                       ("sh", ("f4", "f2", "u1")[level], 3 * k)])  # fmt: skip
+    row["rotation"] = (1, 0, 0, 0)
+    buckets = [] if level == 0 else [3]
+    sections = [section_header(3, level, degree, buckets), section_header(0, level, degree, [])]
+    data = row.tobytes() if level == 0 else np.uint32(3).tobytes() + bytes(12) + row.tobytes()
+    return file_header(3, level, 2) + b"".join(sections[:: -1 if first else 1]) + data
+
+
 def test_rows_reserved_but_not_filled_are_passed_over(tmp_path: Path) -> None:
     """A file saved while it was still loading has sections with room for more rows than they hold."""
     gaussians = sample(3, 0)

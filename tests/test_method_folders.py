@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,9 +11,9 @@ import pytest
 import toy
 from command_line import SMALL, run
 from dataset_layouts import save_capture
+from fuzz.torch_archives import torch_file
 from selection_builders import (
-    checkpoint_state,
-    classifier_state,
+    checkpoint_entries,
     identity_columns,
     make_scene,
     rows_mask,
@@ -31,109 +32,89 @@ IDS = [0, 1, 1, 2, 0, 1, 0, 0, 2, 0, 0, 0]
 OBJECT = [1, 2, 5]
 
 
-def torch_save(value, path):
-    torch = pytest.importorskip("torch", reason="these files are written with torch")
+def save(path, value):
+    """Save arrays, and what torch would save, as `.npy` or as torch does."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    torch.save(value, path)
+    np.save(path, value) if path.suffix == ".npy" else path.write_bytes(torch_file(value))
 
 
-def numpy_save(value, path):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.save(path, value)
-
-
-def saga(folder):
-    import torch
-
-    torch_save(torch.tensor(rows_mask(N, *OBJECT)), folder / "segmentation_res" / "cup.pt")
+MASK, IDS_ARRAY = rows_mask(N, *OBJECT), np.array(IDS)
+ITERATION = Path("point_cloud/iteration_30000")
 
 
 def sa3d_gs(folder):
-    part = folder / "point_cloud" / "iteration_30000"
-    save_ply_like_sa3d_gs(part / "seg_point_cloud.ply", SCENE, OBJECT, [1.5, 0.1, 3])
-
-
-def sa3d_gs_logits(folder):
-    logits = np.where(rows_mask(N, *OBJECT), 2.5, -0.5).astype(np.float32)
-    numpy_save(logits[:, None], folder / "point_cloud" / "iteration_30000" / "seg_point_cloud_0.npy")
+    save_ply_like_sa3d_gs(folder / ITERATION / "seg_point_cloud.ply", SCENE, OBJECT, [1.5, 0.1, 3])
 
 
 def grouping(folder):
-    scene = SCENE.replace(extras=identity_columns(IDS))
-    save_ply(folder / "point_cloud" / "iteration_30000" / "point_cloud.ply", scene)
-    torch_save(classifier_state(8), folder / "point_cloud" / "iteration_30000" / "classifier.pth")
+    (folder / ITERATION).mkdir(parents=True, exist_ok=True)
+    save_ply(folder / ITERATION / "point_cloud.ply", SCENE.replace(extras=identity_columns(IDS)))
+    weight = np.eye(8, 16, dtype=np.float32)[:, :, None, None]
+    save(folder / ITERATION / "classifier.pth", {"weight": weight, "bias": np.zeros(8, np.float32)})
 
 
 def opengaussian(folder):
-    np.savez(folder / "cluster_lang.npz", leaf_feat=np.zeros((3, 512)), leaf_score=np.zeros(3), leaf_ind=np.array(IDS))
-
-
-def instancegaussian(folder):
-    import torch
-
-    torch_save(torch.tensor(IDS), folder / "cluster_result.pt")
+    np.savez(folder / "cluster_lang.npz", leaf_feat=np.zeros((3, 512)), leaf_score=np.zeros(3), leaf_ind=IDS_ARRAY)
 
 
 def sagd(folder):
     save_ply(folder / "point_cloud_seg.ply", SCENE, OBJECT)
 
 
-def flashsplat(folder):
-    import torch
+def omniseg3d_gs(folder):
+    save_ply(folder / ITERATION / "debug_robot_000.ply", SCENE, OBJECT)
 
-    weights = torch.stack([torch.ones(N), torch.where(torch.tensor(IDS) == 1, 3.0, 0.1)])
-    torch_save(weights, folder / "used_count" / "view_num_010_objnum_001.pth")
+
+def flashsplat(folder, place="used_count"):
+    weights = np.stack([np.ones(N), np.where(IDS_ARRAY == 1, 3.0, 0.1)]).astype(np.float32)
+    save(folder / place / "view_num_010_objnum_001.pth", weights)
+
+
+def flashsplat_of_its_render(folder):
+    flashsplat(folder, "train/ours_30000/used_count")
 
 
 def cob_gs(folder):
-    import torch
-
-    logits = torch.where(torch.tensor(IDS) == 1, 5.0, -5.0)
+    logits = np.where(IDS_ARRAY == 1, 5.0, -5.0).astype(np.float32)
     for iteration in (900, 22000):  # of COB-GS's and NG-GS's the latest counts
-        state = checkpoint_state(SCENE, torch.nn.Parameter(logits if iteration > 900 else -logits))
-        torch_save((state, iteration), folder / "masks" / "The cup" / f"chkpnt{iteration}.pth")
-    torch_save({"weight": torch.zeros(3)}, folder / "masks" / "The cup" / "ngs_refiner22000.pth")
+        state = checkpoint_entries(SCENE, logits if iteration > 900 else -logits)
+        save(folder / "masks" / "The cup" / f"chkpnt{iteration}.pth", (state, iteration))
+    save(folder / "masks" / "The cup" / "ngs_refiner22000.pth", {"weight": np.zeros(3)})
 
 
-def gaussian_cut(folder):
-    import torch
+def just(path, value):
+    """The method that saves one value at one place."""
 
-    removed = np.ones(N)
-    removed[OBJECT] = 0
-    torch_save(torch.from_numpy(removed), folder / "graphcut_cup" / "remove_source.pt")
+    def method(folder):
+        save(folder / path, value)
 
-
-def thgs(folder):
-    import torch
-
-    torch_save(torch.tensor(IDS), folder / "nag-l1.pt")
+    method.__name__ = Path(path).stem
+    return method
 
 
-def ludvig(folder):
-    numpy_save(np.where(rows_mask(N, *OBJECT), 0.9, 0.1).astype(np.float32)[:, None], folder / "features.npy")
-
-
-def trace3d(folder):
-    import torch
-
-    torch_save(torch.tensor(rows_mask(N, *OBJECT)), folder / "objects" / "7_gaus_mask.pt")
+gaussian_cut = just("graphcut_cup/remove_source.pt", (~MASK).astype(float))
+trace3d = just("objects/7_gaus_mask.pt", MASK)
+saga = just("segmentation_res/cup.pt", MASK)
 
 
 ID = {"object_id": (1,)}
 METHODS = {
     saga: ("SAGA", {}),
     sa3d_gs: ("SA3D-GS", {}),
-    sa3d_gs_logits: ("SA3D-GS", {}),
+    just(ITERATION / "seg_point_cloud_0.npy", np.where(MASK, 2.5, -0.5).astype(np.float32)[:, None]): ("SA3D-GS", {}),
     grouping: ("Gaussian Grouping", ID),
     opengaussian: ("OpenGaussian", ID),
-    instancegaussian: ("InstanceGaussian", ID),
+    just("cluster_result.pt", IDS_ARRAY): ("InstanceGaussian", ID),
     sagd: ("SAGD", {}),
+    omniseg3d_gs: ("OmniSeg3D-GS", {}),
     flashsplat: ("FlashSplat", {}),
+    flashsplat_of_its_render: ("FlashSplat", {}),
     cob_gs: ("COB-GS", {}),
     gaussian_cut: ("GaussianCut", {}),
-    thgs: ("THGS", ID),
-    ludvig: ("LUDVIG", {"threshold": 0.5}),
+    just("nag-l1.pt", IDS_ARRAY): ("THGS", ID),
+    just("features.npy", np.where(MASK, 0.9, 0.1).astype(np.float32)[:, None]): ("LUDVIG", {"threshold": 0.5}),
     trace3d: ("Trace3D", {}),
+    just("mask3d.pth", MASK): ("Gradient-Driven Segmentation", {}),
 }
 
 
@@ -145,7 +126,6 @@ def folder(tmp_path):
     return tmp_path / "out" / "trex"
 
 
-@pytest.mark.needs("torch")
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.__name__)
 def test_a_methods_folder_is_its_selection(folder, method):
     method(folder)
@@ -161,25 +141,22 @@ def test_a_methods_folder_is_its_selection(folder, method):
     assert np.flatnonzero(found).tolist() == OBJECT
 
 
-@pytest.mark.needs("torch")
 def test_what_a_name_says_is_told(folder):
     gaussian_cut(folder)
     notes = []
     load_selection(folder, SCENE, say=notes.append)
     assert notes[0].endswith("remove_source.pt") and "mask of the background" in notes[1]
+    save(folder / "scores.npy", np.linspace(-0.5, 1, N))
     with pytest.raises(InputError, match=r"holds scores from -0\.5"):
-        numpy_save(np.linspace(-0.5, 1, N), folder / "scores.npy")
         load_selection(folder / "scores.npy", SCENE)
 
 
-@pytest.mark.needs("torch")
 def test_the_trainings_own_checkpoint_is_no_second_selection(folder):
     saga(folder)
-    torch_save((checkpoint_state(SCENE), 30_000), folder / "chkpnt30000.pth")
+    save(folder / "chkpnt30000.pth", (checkpoint_entries(SCENE), 30_000))
     assert np.flatnonzero(load_selection(folder, SCENE)).tolist() == OBJECT
 
 
-@pytest.mark.needs("torch")
 def test_a_folder_with_no_selection_or_several(folder):
     with pytest.raises(InputError, match="no file of a known segmentation method"):
         load_selection(folder, SCENE)
@@ -190,23 +167,18 @@ def test_a_folder_with_no_selection_or_several(folder):
 
 
 def gsplat_checkpoint(scene):
-    import torch
-
-    sh = torch.tensor(scene.sh_rest).transpose(1, 2).contiguous()
-    splats = torch.nn.ParameterDict({
-        "means": torch.tensor(scene.means), "scales": torch.tensor(scene.log_scales),
-        "quats": torch.tensor(scene.quaternions), "opacities": torch.tensor(scene.opacity_logits),
-        "sh0": torch.tensor(scene.sh_dc)[:, None], "shN": sh,
-    })  # fmt: skip
-    return {"step": 29_999, "splats": splats.state_dict()}
+    splats = {
+        "means": scene.means, "scales": scene.log_scales, "quats": scene.quaternions,
+        "opacities": scene.opacity_logits, "sh0": scene.sh_dc[:, None], "shN": scene.sh_rest.transpose(0, 2, 1),
+    }  # fmt: skip
+    return {"step": 29_999, "splats": splats}
 
 
-@pytest.mark.needs("torch")
 class TestCheckpointsAsScenes:
     def test_gsplat(self, tmp_path, capsys):
         path = tmp_path / "garden" / "ckpts" / "ckpt_29999_rank0.pt"
-        torch_save(gsplat_checkpoint(SCENE), path)
-        torch_save(gsplat_checkpoint(make_scene(3)), path.with_name("ckpt_6999_rank0.pt"))
+        save(path, gsplat_checkpoint(SCENE))
+        save(path.with_name("ckpt_6999_rank0.pt"), gsplat_checkpoint(make_scene(3)))
         assert run("convert", tmp_path / "garden", tmp_path / "scene.ply") == 0
         written = formats.read(tmp_path / "scene.ply")
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
@@ -217,27 +189,23 @@ class TestCheckpointsAsScenes:
 
     def test_a_part_of_several_gpus_is_refused(self, tmp_path):
         for rank in (0, 1):
-            torch_save(gsplat_checkpoint(SCENE), tmp_path / f"ckpt_7_rank{rank}.pt")
+            save(tmp_path / f"ckpt_7_rank{rank}.pt", gsplat_checkpoint(SCENE))
         with pytest.raises(InputError, match="one GPU's part"):
             formats.read(tmp_path / "ckpt_7_rank0.pt")
 
     def test_inria_and_identity_features(self, tmp_path):
-        import torch
-
-        torch_save((checkpoint_state(SCENE), 30_000), tmp_path / "chkpnt30000.pth")
+        save(tmp_path / "chkpnt30000.pth", (checkpoint_entries(SCENE), 30_000))
         assert np.array_equal(formats.read(tmp_path).sh_rest, SCENE.sh_rest)
         features = np.column_stack(list(identity_columns(IDS).values()))[:, None]
-        torch_save((checkpoint_state(SCENE, torch.tensor(features)), 7), tmp_path / "grouping.pth")
-        torch_save(classifier_state(8), tmp_path / "classifier.pth")
+        save(tmp_path / "grouping.pth", (checkpoint_entries(SCENE, features), 7))
+        grouping(tmp_path)
         scene = formats.read(tmp_path / "grouping.pth")
-        chosen = load_selection(tmp_path / "classifier.pth", scene, SelectionOptions(object_id=(1,)))
+        chosen = load_selection(tmp_path / ITERATION / "classifier.pth", scene, SelectionOptions(object_id=(1,)))
         assert np.flatnonzero(chosen).tolist() == OBJECT
 
     def test_other_torch_files_are_no_scenes(self, tmp_path):
-        import torch
-
-        torch_save(torch.zeros(5), tmp_path / "mask.pt")
-        with pytest.raises(InputError, match=r"holds a Tensor and no scene.*A selection is given after its scene"):
+        save(tmp_path / "mask.pt", np.zeros(5))
+        with pytest.raises(InputError, match=r"holds a Tensor and no scene.*a selection is given after its scene"):
             formats.read(tmp_path / "mask.pt")
 
     def test_a_cob_gs_checkpoint_of_other_gaussians_is_to_be_the_scene_as_well(self, folder):
@@ -246,12 +214,10 @@ class TestCheckpointsAsScenes:
             load_selection(folder, make_scene(7, seed=3))
 
     def test_cob_gs_from_its_folder_to_a_trim(self, tmp_path):
-        import torch
-
         scene, truth = toy.ball_on_floor()
-        logits = torch.where(torch.tensor(toy.dilated(scene, truth)), 4.0, -4.0)
-        folder = tmp_path / "masks" / "ball"
-        torch_save((checkpoint_state(scene, logits), 220), folder / "chkpnt220.pth")
+        logits = np.where(toy.dilated(scene, truth), 4.0, -4.0).astype(np.float32)
+        save(tmp_path / "masks" / "ball" / "chkpnt220.pth", (checkpoint_entries(scene, logits), 220))
+        folder = tmp_path  # as good as masks/ball: the scene is that of the selection
         assert run("trim", folder, folder, "--output", tmp_path / "out", "--up", "z", "--quiet", *SMALL) == 0
         assert len(formats.read(tmp_path / "out" / "object.ply")) < int((logits > 0).sum())
 
@@ -283,17 +249,29 @@ class TestLangSplat:
         assert "'eval/ramen/*/chosen_egg.png'" in capsys.readouterr().err
 
 
-def test_scaffold_gs_and_discs_are_recognised(tmp_path):
+def test_scaffold_gs_is_recognised(tmp_path):
     names = ["x", "y", "z", "f_offset_0", "f_anchor_feat_0", "opacity", "scale_0", "scale_1", "rot_0"]
     header = "ply\nformat ascii 1.0\nelement vertex 1\n" + "".join(f"property float {name}\n" for name in names)
     (tmp_path / "point_cloud.ply").write_text(header + "end_header\n" + "0 " * len(names) + "\n")
     with pytest.raises(InputError, match=r"Scaffold-GS, as InstanceGaussian's.*select SCENE --masks"):
         formats.read(tmp_path / "point_cloud.ply")
-    path = save_ply(tmp_path / "discs.ply", make_scene(3))
-    data = path.read_bytes().replace(b"property float scale_2\n", b"property float other_2\n")
-    path.write_bytes(data)
-    with pytest.raises(InputError, match="2D Gaussian Splatting"):
-        formats.read(path)
+
+
+def test_discs_become_thin_gaussians(tmp_path):
+    (tmp_path / "point_cloud" / "iteration_sam_2000").mkdir(parents=True)
+    path = save_ply(tmp_path / "point_cloud" / "iteration_sam_2000" / "point_cloud.ply", SCENE)
+    path.write_bytes(path.read_bytes().replace(b"property float scale_2\n", b"property float other_2\n"))
+    scene = formats.read(tmp_path)
+    assert np.array_equal(scene.log_scales[:, :2], SCENE.log_scales[:, :2])
+    np.testing.assert_allclose(scene.log_scales[:, 2], SCENE.log_scales[:, :2].min(axis=1) - np.log(1000), rtol=1e-6)
+    assert "2D Gaussian Splatting" in describe_file(tmp_path)
+    entries = list(checkpoint_entries(SCENE))
+    entries[4] = entries[4][:, :2]
+    save(tmp_path / "chkpnt2000.pth", (tuple(entries), 2000))
+    assert np.array_equal(formats.read(tmp_path / "chkpnt2000.pth").log_scales, scene.log_scales)
+    save(tmp_path / "chkpnt3000.pth", ((*entries, 0, 0), 3000))  # Trace3D's own, and ReferSplat's, are longer
+    with pytest.raises(InputError, match=r"point_cloud\.ply"):
+        formats.read(tmp_path / "chkpnt3000.pth")
 
 
 class TestQueryPoint:

@@ -98,7 +98,9 @@ class Gaussians:
         if coefficients.shape[1] not in (1, 4, 9, 16):
             raise InputError(f"sh has shape {coefficients.shape}; ({n}, K, 3) with K = 1, 4, 9 or 16 is needed.")
         if not rotations.any(axis=1).all():
-            raise InputError(f"Quaternion {int(np.argmin(rotations.any(axis=1)))} has length zero; it is no rotation.")
+            raise InputError(
+                f"Quaternion {int(np.argmin(rotations.any(axis=1)))} has length zero; it is not a rotation."
+            )
         sizes = _either("scales", scales, "log_scales", log_scales, (n, 3))
         if scales is not None:
             if not (sizes > 0).all():

@@ -101,6 +101,7 @@ def _splat_readers() -> dict[str, Reader]:
     }  # fmt: skip
     samples[".ply"] += [_written(lambda path: save_ply(path, SCENE), "a.ply"), {"a.ply": _ascii_ply()}]
     samples[".ksplat"] += [{"a.ksplat": test_ksplat.packed_file(test_ksplat.compact(14, 2), level)} for level in (1, 2)]
+    samples[".ksplat"] += [{"a.ksplat": test_ksplat.with_empty_section(level, 2, first=True)} for level in (0, 1)]
     samples[".ckpt"] = [{"a.ckpt": test_nerfstudio.checkpoint(sample(9, degree))} for degree in (0, 2)]
     with zipfile.ZipFile(io.BytesIO(samples[".sog"][0]["a.sog"])) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}

@@ -143,7 +143,7 @@ def read_project(path: Path) -> Project:
     """
     raw = read_json(path)
     if not isinstance(raw, dict) or raw.pop("content", None) != CONTENT:
-        raise InputError(f"'{path}' is no project.")
+        raise InputError(f"'{path}' is not a project.")
     raw.pop("version", None)
     readers = {Marks: lambda data, place: marks_from_json(data, path)}
     project: Project = from_plain(raw, Project, f"'{path}': project", readers)

@@ -15,6 +15,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.errors import InputError, clip_name, printable
 from gaussian_trimmer.formats import torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint
+from gaussian_trimmer.formats.packing import are_discs
 from gaussian_trimmer.formats.streamed_sog import open_streamed
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder, read_json
@@ -163,6 +164,8 @@ def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
     with np.errstate(over="ignore"):
         largest = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
     yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
+    if are_discs(gaussians):
+        yield "discs of 2D Gaussian Splatting: as thick as a thousandth of their smaller width"
     if gaussians.extras:
         yield f"extra columns: {list_names(gaussians.extras)}"
         yield from _offers_of_columns(gaussians.extras)

@@ -19,6 +19,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
+from gaussian_trimmer.selection_files.method_files import scene_of_selection
 from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
@@ -63,7 +64,7 @@ class TrimInputs(TrimSettings):
     def suffix(self) -> str:
         """Ending of the splat files that are written."""
         if self.format is None:
-            return formats.written_suffix(formats.find_scene(self.scene))
+            return formats.written_suffix(formats.find_scene(scene_of_selection(self.scene, self.selection)))
         return suffix_of(self.format)
 
     def folder(self) -> Path:
@@ -76,7 +77,8 @@ class TrimInputs(TrimSettings):
 
     def read_scene(self, console: Console) -> Gaussians:
         """Return the Gaussians of the scene; which file and level of a folder these are is said."""
-        return formats.read(self.scene, level=self.level, say=console.print)
+        scene = scene_of_selection(self.scene, self.selection)
+        return formats.read(scene, level=self.level, say=console.print)
 
     def read_cameras(self, console: Console) -> CameraSet | None:
         """The training cameras, if they are given, in the coordinates of the scene."""

@@ -109,7 +109,8 @@ def read_clusters(path: Path) -> WordedClusters:
         )  # fmt: skip
     except (KeyError, ValueError, IndexError) as error:
         raise InputError(
-            f"'{path}' is no cluster_lang.npz of OpenGaussian, with leaf_feat, occu_count and {CLUSTERS}; name the ids "
+            f"'{path}' is not a cluster_lang.npz of OpenGaussian, with leaf_feat, occu_count and {CLUSTERS}; name the "
+            "ids "
             "in a CSV file."
         ) from error
     if language.ndim != 2 or len(books[0]) != len(language) or not len(books[1]):

@@ -62,7 +62,8 @@ def read(path: Path) -> Gaussians:
     if not is_checkpoint(file.value):
         raise InputError(
             f"'{path}' holds a {torch_files.type_name(file.value)} and no scene: neither a checkpoint of 12 or 13 "
-            f"entries nor {', '.join(_GSPLAT_ENTRIES)} by name. A selection is given after its scene."
+            f"entries nor {', '.join(_GSPLAT_ENTRIES)} by name. Of other checkpoints, give the point_cloud.ply "
+            "that the method wrote beside; a selection is given after its scene."
         )
     found = parse_checkpoint(file)
     if found.features is None:
@@ -91,7 +92,7 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
     assert state is not None
     tensors = state[1 : 8 if len(state) == _EXTENDED_LENGTH else 7]
     if not all(torch_files.is_tensor(entry) for entry in tensors):
-        raise InputError(f"'{path}' is no {_EXPECTED}: entries 1 to 6 are not all tensors.")
+        raise InputError(f"'{path}' is not a {_EXPECTED}: entries 1 to 6 are not all tensors.")
     gaussians = torch_files.as_gaussians(file, dict(zip(_ENTRIES, tensors, strict=False)), _EXPECTED)
     extra = torch_files.as_array(file, tensors[6]) if len(tensors) > 6 else None
     if extra is not None and (extra.ndim == 0 or len(extra) != len(gaussians)):

@@ -50,11 +50,11 @@ def read(path: Path) -> Gaussians:
     """The Gaussians of a compressed PLY, rows in file order.
 
     Raises:
-        InputError: the file cannot be read, is no compressed PLY, is truncated, or holds non-finite values.
+        InputError: the file cannot be read, is not a compressed PLY, is truncated, or holds non-finite values.
     """
     header = read_header(path)
     if not is_compressed(header):
-        raise InputError(f"'{path}' is no compressed PLY: it has no chunks with packed vertices.")
+        raise InputError(f"'{path}' is not a compressed PLY: it has no chunks with packed vertices.")
     chunks, rows = read_columns(path, header, "chunk"), read_columns(path, header)
     missing = [name for name in _PACKED if name not in rows or rows[name].dtype.kind != "u"]
     missing += [
@@ -64,7 +64,7 @@ def read(path: Path) -> Gaussians:
         if f"{end}_{name}" not in chunks
     ]
     if missing:
-        raise InputError(f"'{path}' is no compressed PLY: it lacks {', '.join(missing)}.")
+        raise InputError(f"'{path}' is not a compressed PLY: it lacks {', '.join(missing)}.")
     n = len(rows["packed_position"])
     if len(chunks["min_x"]) != -(-n // _ROWS_IN_A_CHUNK):
         raise InputError(f"'{path}' is damaged: {n} Gaussians cannot lie in {len(chunks['min_x'])} chunks of 256.")

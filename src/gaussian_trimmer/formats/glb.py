@@ -32,6 +32,7 @@ _MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _POINTS, _FLOAT, _VERTICES = 0, 5126, 34962
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_MAX_JSON_BYTES = 4 << 20
 _COEFFICIENTS = (1, 3, 5, 7)
 """Number of coefficients of each degree of spherical harmonics."""
 _ERRORS_OF_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error)
@@ -39,7 +40,7 @@ _ERRORS_OF_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, Overflo
 
 
 @dataclass(frozen=True)
-class _File:
+class _Glb:
     """The two chunks of a .glb."""
 
     path: Path
@@ -76,8 +77,8 @@ def read(path: Path) -> Gaussians:
     """The Gaussians of the first primitive with the extension, rows in file order.
 
     Raises:
-        InputError: the file cannot be read, is no .glb, is damaged, holds no Gaussians, or has them compressed in a way
-            that is not known.
+        InputError: the file cannot be read, is not a .glb file, is damaged, holds no Gaussians, or has them compressed
+            in a way that is not known.
     """
     try:
         return _decode(_open(path))
@@ -89,22 +90,24 @@ def read(path: Path) -> Gaussians:
         ) from error
 
 
-def _open(path: Path) -> _File:
+def _open(path: Path) -> _Glb:
     data = file_bytes(path)
     if data[:4] != b"glTF":
         raise InputError(f"'{path}' is not a .glb file: it does not begin with 'glTF'.")
     _, version, total, length, kind = struct.unpack_from("<IIIII", data)
     if version != 2 or kind != _JSON or total > len(data):
         raise ValueError("its first chunk is not its JSON, or it is truncated")
+    if length > _MAX_JSON_BYTES:
+        raise ValueError(f"its JSON has {length} bytes, more than {_MAX_JSON_BYTES}")
     start = 20 + length
     document = json.loads(data[20:start])
     if start + 8 > len(data) or struct.unpack_from("<I", data, start + 4)[0] != _BINARY:
-        return _File(path, document, memoryview(b""))
+        return _Glb(path, document, memoryview(b""))
     (size,) = struct.unpack_from("<I", data, start)
-    return _File(path, document, memoryview(data)[start + 8 : start + 8 + size])
+    return _Glb(path, document, memoryview(data)[start + 8 : start + 8 + size])
 
 
-def _decode(file: _File) -> Gaussians:
+def _decode(file: _Glb) -> Gaussians:
     primitives = [primitive for mesh in file.document["meshes"] for primitive in mesh["primitives"]]
     found = [primitive for primitive in primitives if EXTENSION in primitive.get("extensions", {})]
     if not found:
@@ -122,7 +125,7 @@ def _decode(file: _File) -> Gaussians:
     )
 
 
-def _from_attributes(file: _File, attributes: dict[str, Any]) -> Gaussians:
+def _from_attributes(file: _Glb, attributes: dict[str, Any]) -> Gaussians:
     """The Gaussians of a primitive's attributes, in its own axes."""
     means = file.values(attributes, "POSITION", 3)
     if len(means) == 0:

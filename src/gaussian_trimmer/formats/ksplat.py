@@ -40,7 +40,7 @@ _SH_RANGE = 1.5
 
 
 @dataclass(frozen=True)
-class _File:
+class _Ksplat:
     """What all sections share."""
 
     data: bytes
@@ -53,18 +53,18 @@ def read(path: Path) -> Gaussians:
     """The Gaussians of a .ksplat file, section by section, rows in file order.
 
     Raises:
-        InputError: the file cannot be read, is no .ksplat, is damaged or truncated, or holds non-finite values.
+        InputError: the file cannot be read, is not a .ksplat file, is damaged or truncated, or holds non-finite values.
     """
     data = file_bytes(path)
     if len(data) < _HEADER_SIZE:
-        raise InputError(f"'{path}' is no .ksplat file or truncated: it has no header of 4096 bytes.")
+        raise InputError(f"'{path}' is not a .ksplat file or truncated: it has no header of 4096 bytes.")
     major, minor, max_sections, _, _, count, level, _, _, _, least, greatest = _FILE.unpack_from(data)
     if major != 0 or minor < 1 or level > 2:
-        raise InputError(f"'{path}' is no .ksplat file that can be read: version {major}.{minor}, level {level}.")
+        raise InputError(f"'{path}' is not a .ksplat file that can be read: version {major}.{minor}, level {level}.")
     start = _HEADER_SIZE + _SECTION_SIZE * max_sections
     if start > len(data):
         raise InputError(f"'{path}' is damaged or truncated: it has no room for {max_sections} section headers.")
-    file = _File(data, path, level, (least or -_SH_RANGE, greatest or _SH_RANGE))
+    file = _Ksplat(data, path, level, (least or -_SH_RANGE, greatest or _SH_RANGE))
     sections = []
     for i in range(max_sections):
         section, start = _read_section(file, _HEADER_SIZE + _SECTION_SIZE * i, start)
@@ -106,7 +106,7 @@ def _row_type(level: int, n_coefficients: int) -> np.dtype[np.void]:
     return np.dtype([*fields, ("sh", sh, 3 * n_coefficients)])
 
 
-def _read_section(file: _File, header_start: int, start: int) -> tuple[Gaussians, int]:
+def _read_section(file: _Ksplat, header_start: int, start: int) -> tuple[Gaussians, int]:
     """The Gaussians of the section whose data begin at `start`, and where the next section's data begin."""
     n, max_n, bucket_size, n_buckets, block_size, bucket_bytes, scale_range, _, n_full, n_partial, degree = (
         _SECTION.unpack_from(file.data, header_start)
@@ -147,11 +147,11 @@ def _bucket_of_each(n: int, n_full: int, bucket_size: int, sizes: NDArray[np.uin
     return np.where(rows < n_full * bucket_size, rows // max(bucket_size, 1), partial)
 
 
-def _decode_sh(file: _File, values: NDArray[Any]) -> FloatArray:
+def _decode_sh(file: _Ksplat, values: NDArray[Any]) -> FloatArray:
     """Coefficients (N, 3, K): each band's three channels lie together."""
     floats = from_levels(values, *file.sh_range, 8) if file.level == 2 else values
     bands = [floats[:, 3 * band.start : 3 * band.stop] for band in _BANDS if 3 * band.stop <= values.shape[1]]
-    parts = [band.reshape(len(values), 3, -1) for band in bands]
+    parts = [band.reshape(len(values), 3, band.shape[1] // 3) for band in bands]
     return np.concatenate([np.zeros((len(values), 3, 0)), *parts], axis=2).astype(np.float32)
 
 

@@ -25,7 +25,7 @@ def read(path: Path) -> Gaussians:
     `ns-export` leaves out Gaussians whose numbers are not finite or that are nearly invisible; here every row counts.
 
     Raises:
-        InputError: the file cannot be read, or is no checkpoint of splatfacto.
+        InputError: the file cannot be read, or is not a checkpoint of splatfacto.
     """
     file = torch_files.load(path)
     gaussians = torch_files.as_gaussians(file, _gaussian_tensors(file.value, path), _EXPECTED)
@@ -38,11 +38,11 @@ def _gaussian_tensors(value: Any, path: Path) -> dict[str, Any]:
     """The model's tensors by the names of `_ATTRIBUTES`."""
     state = value.get("pipeline") if isinstance(value, dict) else None
     if not isinstance(state, dict):
-        raise InputError(f"'{path}' is no {_EXPECTED}: it has no 'pipeline'.")
+        raise InputError(f"'{path}' is not a {_EXPECTED}: it has no 'pipeline'.")
     starts = [str(name).removesuffix("means") for name in state if str(name).endswith("means")]
     found = [start for start in starts if all(torch_files.is_tensor(state.get(start + name)) for name in _ATTRIBUTES)]
     if len(found) != 1:
         raise InputError(
-            f"'{path}' is no {_EXPECTED}: {len(found)} of its models have means, scales and all that Gaussians have."
+            f"'{path}' is not a {_EXPECTED}: {len(found)} of its models have means, scales and all that Gaussians have."
         )
     return {name: state[found[0] + name] for name in _ATTRIBUTES}

@@ -14,6 +14,7 @@ from gaussian_trimmer.geometry.limits import LARGEST_LOG_SCALE
 ByteArray = NDArray[np.uint8]
 SMALLEST_SCALE = 1e-12
 """Scales of formats that store them linearly are read as no smaller than this, so that their logarithm is finite."""
+_THINNESS = np.float32(np.log(1000.0))
 ZERO_LOG_SCALE = -87.0
 """Log scales below this are those of zero: their exponential is no normal float32."""
 
@@ -67,6 +68,21 @@ def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
     if negative.any():
         raise InputError(f"'{path}' is damaged: it holds a negative scale in row {int(np.argmax(negative))}.")
     return np.log(np.maximum(scales, np.float32(SMALLEST_SCALE)), dtype=np.float32)
+
+
+def thicken_discs(log_scales: FloatArray) -> FloatArray:
+    """Return the log scales (N, 3) of the discs of 2D Gaussian Splatting (N, 2): a thousandth of the smaller as normal.
+
+    >>> thicken_discs(np.log(np.float32([[2, 1]]))).round(2).tolist()
+    [[0.69, 0.0, -6.91]]
+    """
+    return np.column_stack([log_scales, log_scales.min(axis=1) - _THINNESS])
+
+
+def are_discs(gaussians: Gaussians) -> bool:
+    """Say whether all Gaussians are as thin as `thicken_discs` leaves them."""
+    widths = gaussians.log_scales[:, :2].min(axis=1)
+    return bool((np.abs(widths - gaussians.log_scales[:, 2] - _THINNESS) < 1e-3).all())
 
 
 def with_finite_limits(gaussians: Gaussians) -> Gaussians:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.formats.packing import with_finite_limits
+from gaussian_trimmer.formats.packing import thicken_discs, with_finite_limits
 from gaussian_trimmer.formats.ply_table import property_line, read_columns, read_header
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.writing import atomic_file, write_array
@@ -37,7 +37,6 @@ _RELATIVES = {
     "the method renders: 'gaussian-trimmer select SCENE --masks DIR --cameras PATH'.",
 }
 """Column that tells another kind of file -> what it is, and what to do."""
-_OF_DISCS = " It is of 2D Gaussian Splatting, whose discs have no thickness; train 3D Gaussian Splatting instead."
 # What is written together stays in the cache: 4096 rows of SH degree 3 have about a megabyte.
 _ROWS_PER_WRITE = 1 << 12
 
@@ -46,19 +45,20 @@ def read(path: Path) -> Gaussians:
     """The Gaussians of a splat PLY, rows in file order.
 
     Opacity logits of plus or minus infinity and log scales of minus infinity, which converters write for opacities of
-    0 and 1 and for scales of 0, become the finite values that stand for these in all formats.
+    0 and 1 and for scales of 0, become the finite values that stand for these in all formats. Discs of 2D Gaussian
+    Splatting, without a scale_2, become thin Gaussians.
 
     Raises:
-        InputError: the file is missing, is no splat PLY, is truncated, or holds no Gaussians, or values that are not
+        InputError: the file is missing, is not a splat PLY, is truncated, or holds no Gaussians, or values that are not
             finite or extreme.
     """
     columns = read_columns(path, read_header(path))
+    if "scale_2" not in columns and {"scale_0", "scale_1"} <= columns.keys():
+        columns["scale_2"] = thicken_discs(_block(columns, _SCALE_NAMES[:2]))[:, 2]
     missing = [name for name in _REQUIRED_NAMES if name not in columns]
     if missing:
         hint = next((f" {hint}" for name, hint in _RELATIVES.items() if name in columns), "")
-        if missing == ["scale_2"]:
-            hint = _OF_DISCS
-        raise InputError(f"'{path}' is no splat PLY: its vertices lack {', '.join(missing)}.{hint}")
+        raise InputError(f"'{path}' is not a splat PLY: its vertices lack {', '.join(missing)}.{hint}")
     rest = sorted((name for name in columns if re.fullmatch(r"f_rest_\d+", name)), key=lambda name: int(name[7:]))
     if len(rest) not in _REST_COUNTS or rest != [f"f_rest_{i}" for i in range(len(rest))]:
         raise InputError(f"'{path}' has {len(rest)} f_rest columns; a splat PLY has 0, 9, 24 or 45, numbered from 0.")

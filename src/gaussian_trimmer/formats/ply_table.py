@@ -56,7 +56,7 @@ def read_header(path: Path) -> Header:
     """Parse the header of a PLY file.
 
     Raises:
-        InputError: the file is missing, is no PLY, or its header is damaged.
+        InputError: the file is missing, is not a PLY, or its header is damaged.
     """
     try:
         with path.open("rb") as file:

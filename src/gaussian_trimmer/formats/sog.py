@@ -114,7 +114,7 @@ def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaus
             raise InputError(f"'{path}' is damaged: its texture '{clip_name(name)}' claims {width} x {height} pixels.")
         pixels = decode_webp(data)
         if pixels is None:
-            raise InputError(f"'{path}' is damaged: its texture '{clip_name(name)}' is no WebP picture.")
+            raise InputError(f"'{path}' is damaged: its texture '{clip_name(name)}' is not a WebP picture.")
         return pixels
 
     def first_pixels(attribute: str, place: int = 0) -> ByteArray:

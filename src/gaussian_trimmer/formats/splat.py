@@ -34,7 +34,9 @@ def read(path: Path) -> Gaussians:
     """
     data = file_bytes(path)
     if len(data) % ROW.itemsize:
-        raise InputError(f"'{path}' is no .splat file or truncated: {len(data)} bytes are not whole rows of 32 bytes.")
+        raise InputError(
+            f"'{path}' is not a .splat file or truncated: {len(data)} bytes are not whole rows of 32 bytes."
+        )
     if not data:
         raise InputError(f"'{path}' holds zero Gaussians.")
     rows = np.frombuffer(data, ROW)

@@ -127,7 +127,7 @@ def _read_gzip(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
         body = stream.decompress(stream.unconsumed_tail, size)
         stream.decompress(stream.unconsumed_tail, 1)  # reaches the checksum, where nothing follows the Gaussians
     except zlib.error as error:
-        raise InputError(f"'{path}' is no .spz file, damaged or truncated: {error}.") from error
+        raise InputError(f"'{path}' is not an .spz file, damaged or truncated: {error}.") from error
     if len(body) < size:
         raise InputError(f"'{path}' is damaged or truncated: its data ends before its {header.count} Gaussians do.")
     return header, [body[start:end] for start, end in pairwise(accumulate(header.sizes, initial=0))]
@@ -150,7 +150,7 @@ def _read_plain(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
 
 def _parse_header(data: bytes, versions: tuple[int, ...], path: Path) -> _Header:
     if len(data) < _HEADER.size or data[:4] != _MAGIC:
-        raise InputError(f"'{path}' is no .spz file: it does not begin with 'NGSP'.")
+        raise InputError(f"'{path}' is not an .spz file: it does not begin with 'NGSP'.")
     _, version, count, degree, fractional_bits, _, streams = _HEADER.unpack(data)
     if version not in versions:
         raise InputError(f"'{path}' is of .spz version {version}; versions 2, 3 and 4 can be read.")

@@ -126,9 +126,8 @@ def read(
         whole = [other for other, leaves in streamed.levels.items() if not streamed.missing(leaves)]
         cure = f"level {whole[0]} is complete" if whole else "get all files of the capture"
         raise InputError(
-            f"{len(missing)} of the chunks of level {number} of '{path}' are missing, such as "
-            f"'{clip_name(missing[0])}'; "
-            f"{cure}."
+            f"Chunks of level {number} of '{path}' are missing, {len(missing)} in all, such as "
+            f"'{clip_name(missing[0])}'; {cure}."
         )
     return _assemble(streamed, chosen)
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.formats.packing import with_finite_limits
+from gaussian_trimmer.formats.packing import thicken_discs, with_finite_limits
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.archives import member_bytes, open_archive
 from gaussian_trimmer.io.reading import read_into
@@ -42,6 +42,10 @@ _NUMBER_TYPES = {
 _PLACEHOLDERS = ("torch", "numpy", "collections", "_codecs")
 """Packages that files name; nothing in them is looked up."""
 _MAX_DIMENSIONS = 32
+_ERRORS_OF_DAMAGE = (
+    pickle.UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError,
+)  # fmt: skip
+"""What `pickle` raises for damaged files, the last two for frames and texts of absurd lengths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +116,17 @@ def load(path: Path) -> TorchFile:
     """
     with path.open("rb") as file:
         if file.read(4) != b"PK\3\4":
-            raise InputError(f"'{path}' is no {_EXPECTED}, or is damaged; load it and save it again with torch.save.")
+            raise InputError(
+                f"'{path}' is not a {_EXPECTED}, or is damaged; load it and save it again with torch.save."
+            )
     with open_archive(path, _EXPECTED) as archive:
         if sum(entry.file_size for entry in archive.infolist()) > path.stat().st_size:
             raise InputError(f"'{path}' is a compressed or damaged archive, which torch.save does not write.")
         structures = [name for name in archive.namelist() if name.rpartition("/")[2] == "data.pkl"]
         if len(structures) != 1:
-            raise InputError(f"'{path}' is no {_EXPECTED}: it has {len(structures)} members 'data.pkl' instead of one.")
+            raise InputError(
+                f"'{path}' is not a {_EXPECTED}: it has {len(structures)} members 'data.pkl' instead of one."
+            )
         home = structures[0].removesuffix("data.pkl")
         structure = member_bytes(archive, structures[0], _MAX_PICKLE_BYTES, path)
         big = f"{home}byteorder" in archive.NameToInfo and archive.read(f"{home}byteorder") == b"big"
@@ -127,11 +135,10 @@ def load(path: Path) -> TorchFile:
             if instruction.name in ("PUT", "LONG_BINPUT") and cast(int, argument) > len(structure):
                 raise pickle.UnpicklingError("it has a place in memory beyond all that it can fill")
         value = _Unpickler(io.BytesIO(structure)).load()
-    except (pickle.UnpicklingError, EOFError, LookupError, TypeError, ValueError, AttributeError) as error:
+    except _ERRORS_OF_DAMAGE as error:
         raise InputError(
             f"'{path}' is damaged or holds more than tensors and numbers ({clip_name(str(error))}), and other objects "
-            "are "
-            "not loaded because they can run code; save the tensors alone with torch.save."
+            "are not loaded because they can run code; save the tensors alone with torch.save."
         ) from error
     return TorchFile(path, value, home, ">" if big else "<")
 
@@ -145,7 +152,7 @@ class _Unpickler(pickle.Unpickler):
     def persistent_load(self, reference: Any) -> _Storage:
         word, kind, key, *_ = reference
         if word != "storage" or not isinstance(kind, Placeholder) or not isinstance(key, str):
-            raise pickle.UnpicklingError("it refers to something that is no storage")
+            raise pickle.UnpicklingError("it refers to something that is not a storage")
         return _Storage(kind.name, key)
 
 
@@ -206,20 +213,20 @@ def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gau
         InputError: they do not, or there are no Gaussians.
     """
     values = {name: np.asarray(array, np.float32) for name, array in as_arrays(file, tensors).items()}
-    n, rest = len(np.atleast_1d(values["means"])), values["features_rest"]
+    n, rest, scales = len(np.atleast_1d(values["means"])), values["features_rest"], values["scales"]
     if n == 0:
         raise InputError(f"'{file.path}' holds zero Gaussians.")
     try:
         gaussians = Gaussians(
             means=values["means"],
-            log_scales=values["scales"],
+            log_scales=thicken_discs(scales) if scales.shape == (n, 2) else scales,
             quaternions=values["quats"],
             opacity_logits=values["opacities"].reshape(n),
             sh_dc=values["features_dc"].reshape(n, 3),
             sh_rest=np.ascontiguousarray(rest.transpose(0, 2, 1)) if rest.size else np.zeros((n, 3, 0), np.float32),
         )
     except ValueError as error:
-        raise InputError(f"'{file.path}' is no {expected}: {clip_name(str(error))}") from error
+        raise InputError(f"'{file.path}' is not a {expected}: {clip_name(str(error))}") from error
     return with_finite_limits(gaussians)
 
 
@@ -227,7 +234,7 @@ def _number_type(file: TorchFile, tensor: Any) -> np.dtype[Any]:
     """How a tensor's numbers lie in the file.
 
     Raises:
-        InputError: it is no dense tensor of numbers.
+        InputError: it is not a dense tensor of numbers.
     """
     if not isinstance(tensor, Tensor):
         raise InputError(f"'{file.path}' holds a sparse or quantised tensor; save it as a dense one.")

@@ -14,7 +14,7 @@ from pathlib import Path
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import FORMATS, STREAMED
 
-_ITERATION_NAME = re.compile(r"iteration_(\d{1,12})")
+_ITERATION_NAME = re.compile(r"iteration_(?:[a-z]+_)?(\d{1,12})")
 _SPLAT_NAMES = ("point_cloud.ply", "scene_point_cloud.ply", "splat.ply")
 _CHECKPOINT_FOLDERS = ("nerfstudio_models", "ckpts")
 _CHECKPOINT_NAME = re.compile(r"(?:step-|chkpnt|ckpt_)(\d{1,12})(?:_rank0)?\.(?:ckpt|pth|pt)")

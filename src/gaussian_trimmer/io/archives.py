@@ -42,7 +42,7 @@ def open_archive(path: Path, expected: str) -> Iterator[zipfile.ZipFile]:
     except InputError:
         raise
     except _ERRORS_OF_DAMAGE as error:
-        raise InputError(f"'{path}' is no {expected}, damaged or truncated: {error}.") from error
+        raise InputError(f"'{path}' is not a {expected}, damaged or truncated: {error}.") from error
     except OSError as error:
         raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
 

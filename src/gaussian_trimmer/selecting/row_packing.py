@@ -29,7 +29,7 @@ def unpack_rows(packed: str, n: int) -> BoolArray:
         n: number of Gaussians of the scene; nothing larger is unpacked.
 
     Raises:
-        InputError: it is no such text, or of another scene.
+        InputError: it is not such a text, or of another scene.
     """
     size = (n + 7) // 8
     try:

@@ -100,7 +100,7 @@ def select_similarity(file: SelectionFile, gaussians: Gaussians, options: Select
     A feature of length zero has the cosine 0 with every other.
 
     Raises:
-        InputError: there are no features, no query is given, or it is no row of the scene and of the file.
+        InputError: there are no features, no query is given, or it is not a row of the scene and of the file.
     """
     features, rows = _features_and_rows(file, gaussians)
     if options.query_row is None:
@@ -136,7 +136,8 @@ def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: Select
     if file.checkpoint.logits is None:
         raise InputError(
             f"'{name}' holds language features {file.checkpoint.extra.shape}, which select no Gaussians (LangSplat "
-            "answers a query with masks of images); lift such masks to the scene with 'gaussian-trimmer select'."
+            "answers a query with masks of images); lift such masks to the scene with 'gaussian-trimmer select', "
+            f"or save a score for each Gaussian with numpy.save and choose {flag('threshold')}."
         )
     probabilities = sigmoid(np.asarray(file.checkpoint.logits, np.float32))
     chosen = probabilities > (_FOREGROUND if options.threshold is None else options.threshold)

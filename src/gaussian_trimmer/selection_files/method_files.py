@@ -38,7 +38,11 @@ METHOD_FILES = (
     MethodFile("InstanceGaussian", "cluster_result.pt", _ID),
     MethodFile("SAGD", _ITERATION + "point_cloud_seg.ply"),
     MethodFile("SAGD", "point_cloud_seg.ply"),
+    MethodFile("OmniSeg3D-GS", _ITERATION + "debug_{object}_*.ply"),
+    MethodFile("OmniSeg3D-GS", "debug_{object}_*.ply"),
     MethodFile("FlashSplat", "used_count/*_objnum_*.pth"),
+    MethodFile("FlashSplat", "train/ours_*/used_count/*_objnum_*.pth"),
+    MethodFile("Gradient-Driven Segmentation", "mask3d.pth"),
     MethodFile("COB-GS or NG-GS", "masks/{object}/chkpnt*.pth", own_scene=True),
     MethodFile("GaussianCut", "graphcut_{object}/remove_source.pt"),
     MethodFile("THGS", "nag-l*.pt", _ID),
@@ -71,6 +75,14 @@ def selection_in(folder: Path) -> Path:
         )
     names = ", ".join(str(path.relative_to(folder)) for path in found[:_LISTED])
     raise InputError(f"The folder '{folder}' holds several selections; give one of them: {names}.")
+
+
+def scene_of_selection(scene: Path, selection: Path | None) -> Path:
+    """Return the scene; or, of a folder given as both, the selection's file where that holds a scene of its own."""
+    if scene == selection and scene.is_dir():
+        found = [path for path, kind in method_files_in(scene) if kind.own_scene]
+        return found[0] if len(found) == 1 else scene
+    return scene
 
 
 def _latest(paths: Iterable[Path]) -> list[Path]:

@@ -79,11 +79,11 @@ def only_input(encoder: Any, path: Path) -> Any:
     inputs = encoder.get_inputs()
     if len(inputs) != 1 or len(inputs[0].shape) not in (3, 4) or inputs[0].type not in NUMBER_TYPES:
         found = ", ".join(f"{node.name} {node.shape}" for node in inputs)
-        raise InputError(f"'{path}' is no encoder of a picture: it takes {found or 'nothing'}.")
+        raise InputError(f"'{path}' is not an encoder of a picture: it takes {found or 'nothing'}.")
     shape = inputs[0].shape
     channels = shape[2] if len(shape) == 3 else shape[1]
     if isinstance(channels, int) and channels != 3:
-        raise InputError(f"'{path}' is no encoder of colour pictures: its {inputs[0].name} has the shape {shape}.")
+        raise InputError(f"'{path}' is not an encoder of colour pictures: its {inputs[0].name} has the shape {shape}.")
     return inputs[0]
 
 
@@ -103,7 +103,7 @@ def match_embeddings(encoder: Any, inputs: Mapping[str, Any], encoder_path: Path
     """For each input of the decoder that is no prompt, the output of the encoder that it takes."""
     if not (any(name in inputs for name in POINTS) and any(name in inputs for name in LABELS)):
         raise InputError(
-            f"'{decoder_path}' is no decoder of the SAM family: among its inputs {', '.join(inputs)} are no points "
+            f"'{decoder_path}' is not a decoder of the SAM family: among its inputs {', '.join(inputs)} are no points "
             "and labels."
         )
     outputs = {node.name: node for node in encoder.get_outputs()}
@@ -121,7 +121,7 @@ def match_embeddings(encoder: Any, inputs: Mapping[str, Any], encoder_path: Path
     unknown = [node for node in inputs.values() if node.type not in NUMBER_TYPES]
     if unknown or not sources:
         what = f"its {unknown[0].name} is a {unknown[0].type}" if unknown else "it takes nothing from the encoder"
-        raise InputError(f"'{decoder_path}' is no decoder of the SAM family: {what}.")
+        raise InputError(f"'{decoder_path}' is not a decoder of the SAM family: {what}.")
     return sources
 
 
@@ -130,7 +130,7 @@ def find_outputs(decoder: Any, path: Path) -> tuple[str, str]:
     names = [node.name for node in decoder.get_outputs()]
     masks = next((name for name in _MASK_OUTPUTS if name in names), "")
     if not masks:
-        raise InputError(f"'{path}' is no decoder of the SAM family: it gives {', '.join(names)}, and no masks.")
+        raise InputError(f"'{path}' is not a decoder of the SAM family: it gives {', '.join(names)}, and no masks.")
     return masks, next((name for name in _SCORE_OUTPUTS if name in names), "")
 
 
