@@ -1,37 +1,51 @@
-"""Which scene row a Gaussian of another file is.
+"""Find the scene row that each Gaussian of another file is.
 
-Exporters reorder rows, drop normals and cut spherical harmonics, but they copy the numbers they keep. So rows are
-compared by 64-bit hashes of all attributes that both files have. Equal rows pair off in file order. What has no partner
-so may have been moved, rounded or split, and is matched by what stays the same or near.
+Exporters reorder rows, drop normals and cut spherical harmonics, but copy the numbers that they keep: rows are compared
+by 64-bit hashes of all attributes that both files have, and equal rows pair off in file order. Methods that move and
+rescale Gaussians leave colour, opacity and rotation. Editors and compressed formats change the last digits, so what is
+left is matched with the nearest Gaussian in place, size, colour and opacity together, within tolerances:
+
+- place: half the scene Gaussian's largest standard deviation, or a two-thousandth of the scene's extent if that is more
+- size: a factor of 1.3 in each of the sorted standard deviations
+- colour and opacity: 0.08 of their range from 0 to 1
+
+The rest may be parts of split Gaussians, as in a trim's own objects: a part lies within two standard deviations of its
+parent, is no larger than it, and has its colour within 0.08.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians, IntArray
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, IntArray, sigmoid
 from gaussian_trimmer.selection_files.splat_rows import Columns, SplatRows, gaussian_columns
 
-_POSITION = ("x", "y", "z")
-_CHANGED_BY_MOVING = (*_POSITION, "scale_0", "scale_1", "scale_2")
-_ROWS_PER_CHUNK = 1 << 16
+_CHANGED_BY_MOVING = ("x", "y", "z", "scale_0", "scale_1", "scale_2")
+_COMPARED_NEARBY = (*(f"scale_{i}" for i in range(3)), *(f"f_dc_{i}" for i in range(3)), "opacity")
+_ROWS_PER_CHUNK = 1 << 15
 _UNMATCHED = -1
 _MAX_LOST = 0.5
 """Largest share of rows that may match nothing."""
+_PLACE, _EXTENT, _SIZE, _COLOUR, _PARENT_REACH = 0.5, 1 / 2000, np.log(1.3), 0.08, 2.0
+"""Tolerances as above."""
+_CANDIDATES = 24
+_ENDS = (0.01, 0.99)
 
 
 def match_rows(rows: Columns, gaussians: Gaussians, path: Path) -> IntArray:
-    """Scene row of every row of a file, (M,), all different, by the attributes that the file has.
+    """Return the scene row of every row of a file, (M,), all different, by the attributes that the file has.
 
     Raises:
         InputError: rows match no scene row.
     """
-    scene = gaussian_columns(gaussians)
-    found = _pair(rows, scene, [name for name in scene if name in rows])
+    file = SplatRows(rows, rows)
+    found = _match_equal(file, np.arange(len(file)), gaussians, np.arange(len(gaussians)))
     lost = np.flatnonzero(found == _UNMATCHED)
     if len(lost):
         raise InputError(
@@ -42,36 +56,24 @@ def match_rows(rows: Columns, gaussians: Gaussians, path: Path) -> IntArray:
 
 
 def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tuple[IntArray, list[str]]:
-    """Scene row of the rows of a file whose Gaussians may have been changed, (M,), -1 for none, and notes on that.
-
-    Rows that equal no scene row are matched by colour, opacity and rotation, which a method that moves and rescales
-    Gaussians leaves as they are; the rest by what is nearest, and by what they may be parts of.
+    """Return the scene row of rows whose Gaussians may have been changed, (M,), -1 for none, and notes on that.
 
     Raises:
         InputError: half of the rows or more match no scene row even so.
     """
-    scene = gaussian_columns(gaussians)
-    names = [name for name in scene if name in rows.attributes]
-    found, notes = _pair(rows.attributes, scene, names), []
-    lost, free = _lost_and_free(found, gaussians)
-    names = [name for name in names if name not in _CHANGED_BY_MOVING]
-    if len(lost) and len(free) and names:
-        wanted, offered = ({name: columns[name][part] for name in names}
-                           for columns, part in ((rows.attributes, lost), (scene, free)))  # fmt: skip
-        local = _pair(wanted, offered, names, only_clear=True)
-        found[lost] = np.where(local == _UNMATCHED, _UNMATCHED, free[local])
-        lost, free = _lost_and_free(found, gaussians)
-    if len(lost):
-        # Late, since it compiles, and most files match exactly.
-        from gaussian_trimmer.selection_files.nearest_rows import match_children, match_nearest
-
-        for match, said in ((match_nearest, f"of {len(rows)} rows by the nearest Gaussian"),
-                            (match_children, "as parts of split Gaussians")):  # fmt: skip
+    found, notes = np.full(len(rows), _UNMATCHED), []
+    for match, said in (
+        (_match_equal, ""),
+        (partial(_match_equal, moved=True), ""),
+        (_match_nearest, f"of {len(rows)} rows by the nearest Gaussian"),
+        (_match_parents, "as parts of split Gaussians"),
+    ):
+        lost, free = np.flatnonzero(found == _UNMATCHED), np.setdiff1d(np.arange(len(gaussians)), found)
+        if len(lost):
             found[lost] = match(rows, lost, gaussians, free)
-            if matched := int(np.count_nonzero(found[lost] != _UNMATCHED)):
+            if said and (matched := int(np.count_nonzero(found[lost] != _UNMATCHED))):
                 notes.append(f"{matched} {said}")
-            lost, free = _lost_and_free(found, gaussians)
-    if len(lost):
+    if len(lost := np.flatnonzero(found == _UNMATCHED)):
         notes.append(f"{len(lost)} match nothing")
     if len(lost) > _MAX_LOST * len(rows):
         raise InputError(
@@ -82,17 +84,23 @@ def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tup
     return found, notes
 
 
-def _lost_and_free(found: IntArray, gaussians: Gaussians) -> tuple[IntArray, IntArray]:
-    """Rows that are not yet found, and scene rows that no row has taken."""
-    return np.flatnonzero(found == _UNMATCHED), np.setdiff1d(np.arange(len(gaussians)), found)
+def _match_equal(
+    rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray, *, moved: bool = False
+) -> IntArray:
+    """Return the scene row that equals each wanted row, (W,), -1 for none.
 
-
-def _pair(rows: Columns, scene: Columns, names: list[str], *, only_clear: bool = False) -> IntArray:
-    """Row of the scene that equals each row in the named columns, (M,), -1 for none; no scene row is used twice.
-
-    With `only_clear`, rows for which more scene rows are equal than are asked for have none.
+    Args:
+        rows: the file's rows.
+        wanted: numbers of the rows that are to be matched, (W,).
+        gaussians: the scene.
+        free: scene rows that may be used, each once at most, (F,).
+        moved: leave places and sizes out; a row for which more scene rows are equal than are asked for has none then.
     """
-    row_hashes, scene_hashes = _hashes(rows, names), _hashes(scene, names)
+    scene, found = gaussian_columns(gaussians), np.full(len(wanted), _UNMATCHED)
+    names = [name for name in scene if name in rows.attributes and not (moved and name in _CHANGED_BY_MOVING)]
+    if not names:
+        return found
+    row_hashes, scene_hashes = _hashes(rows.attributes, names)[wanted], _hashes(scene, names)[free]
     row_order, scene_order = np.argsort(row_hashes, kind="stable"), np.argsort(scene_hashes, kind="stable")
     sorted_rows, sorted_scene = row_hashes[row_order], scene_hashes[scene_order]
     # The j-th of several equal rows takes the j-th of the equal scene rows.
@@ -100,15 +108,14 @@ def _pair(rows: Columns, scene: Columns, names: list[str], *, only_clear: bool =
     first_equal, after_equal = (np.searchsorted(sorted_scene, sorted_rows, side) for side in ("left", "right"))
     place = first_equal + np.arange(len(sorted_rows)) - first
     taken = place < after_equal
-    if only_clear:
+    if moved:
         taken &= after_equal - first_equal <= after - first
-    found = np.full(len(row_hashes), _UNMATCHED, np.int64)
-    found[row_order[taken]] = scene_order[place[taken]]
+    found[row_order[taken]] = free[scene_order[place[taken]]]
     return found
 
 
 def _hashes(columns: Columns, names: list[str]) -> NDArray[np.uint64]:
-    """A 64-bit hash of each row's named columns as float32, (M,)."""
+    """Return a 64-bit hash of each row's named columns as float32, (M,)."""
     hashes = np.zeros(len(columns[names[0]]), np.uint64)
     for start in range(0, len(hashes), _ROWS_PER_CHUNK):
         chunk = hashes[start : start + _ROWS_PER_CHUNK]
@@ -119,3 +126,66 @@ def _hashes(columns: Columns, names: list[str]) -> NDArray[np.uint64]:
             chunk *= np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio, odd: mixes upwards
             chunk ^= chunk >> np.uint64(32)  # mixes downwards
     return hashes
+
+
+def _match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
+    """Return the nearest scene row within the tolerances, (W,), -1 for none; arguments as of `_match_equal`."""
+    found, scene = np.full(len(wanted), _UNMATCHED), gaussians.select(free)
+    low, high = np.quantile(gaussians.means, _ENDS, axis=0)
+    reach = np.maximum(_PLACE * np.exp(scene.log_scales.max(axis=1)), _EXTENT * float(np.linalg.norm(high - low)))
+    pairs, costs = [np.zeros((0, 2), np.int64)], [np.zeros(0)]
+    for part, beside, distances, differences in _neighbours(rows, wanted, scene):
+        apart, different = distances / reach[beside], np.abs(differences).max(axis=2)
+        row, place = np.nonzero(np.maximum(apart, different) <= 1)
+        pairs.append(np.column_stack([row + part.start, beside[row, place]]))
+        costs.append(apart[row, place] ** 2 + different[row, place] ** 2)
+    candidates, cost = np.concatenate(pairs), np.concatenate(costs)
+    taken = np.zeros(len(free), np.bool_)
+    for row, place in candidates[np.lexsort((candidates[:, 1], candidates[:, 0], cost))].tolist():
+        if found[row] == _UNMATCHED and not taken[place]:  # the cheapest pairs come first
+            found[row], taken[place] = free[place], True
+    return found
+
+
+def _match_parents(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
+    """Return the scene row that each row may be a part of, (W,), -1 for none; one of several parts takes none."""
+    found, largest = np.full(len(wanted), _UNMATCHED), np.exp(gaussians.log_scales.max(axis=1))
+    for part, beside, distances, differences in _neighbours(rows, wanted, gaussians):
+        apart = distances / (_PARENT_REACH * largest[beside])
+        colour, larger = np.abs(differences[..., 3:6]).max(axis=2), differences[..., :3].max(axis=2)
+        cost = np.where((apart <= 1) & (colour <= 1) & (larger <= 1), apart + colour, np.inf)
+        best = cost.argmin(axis=1)[:, None]
+        fits = np.isfinite(np.take_along_axis(cost, best, axis=1))
+        found[part] = np.where(fits, np.take_along_axis(beside, best, axis=1), _UNMATCHED)[:, 0]
+    return found
+
+
+def _neighbours(
+    rows: SplatRows, wanted: IntArray, scene: Gaussians
+) -> Iterator[tuple[slice, IntArray, Float64Array, FloatArray]]:
+    """Give, of a part of the wanted rows at a time, (C,): the nearest rows of the scene, (C, K), their distances,
+    (C, K), and by how much sizes, colours and opacity exceed theirs, in tolerances, (C, K, 7).
+
+    Nothing where the file lacks an attribute.
+    """
+    if not len(wanted) or not len(scene) or any(name not in rows.attributes for name in _COMPARED_NEARBY):
+        return
+    from gaussian_trimmer.geometry.neighbours import nearest  # late, since most files match exactly
+
+    mine, theirs = _features(rows.attributes, wanted), _features(gaussian_columns(scene), slice(None))
+    places = np.column_stack([np.asarray(rows.attributes[axis][wanted], np.float32) for axis in "xyz"])
+    places = np.nan_to_num(places, nan=1e15, posinf=1e15, neginf=-1e15)
+    for start in range(0, len(wanted), _ROWS_PER_CHUNK):
+        part = slice(start, start + _ROWS_PER_CHUNK)
+        squared, beside = nearest(scene.means, places[part], min(_CANDIDATES, len(scene)))
+        yield part, beside.astype(np.int64), np.sqrt(squared), mine[part][:, None] - theirs[beside]
+
+
+def _features(columns: Columns, rows: IntArray | slice) -> FloatArray:
+    """Return sorted sizes, colour and opacity of some rows, each in units of its tolerance, (R, 7)."""
+    table = np.column_stack([np.asarray(columns[name][rows], np.float32) for name in _COMPARED_NEARBY])
+    table = np.nan_to_num(table, nan=1e6, posinf=1e6, neginf=-1e6)
+    sizes = np.sort(np.clip(table[:, :3], -30, 30), axis=1) / _SIZE
+    colours = np.clip(0.5 + SH_C0 * table[:, 3:6], 0, 1) / _COLOUR
+    opacities = sigmoid(table[:, 6])[:, None] / _COLOUR
+    return np.asarray(np.concatenate([sizes, colours, opacities], axis=1), np.float32)

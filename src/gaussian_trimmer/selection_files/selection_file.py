@@ -16,9 +16,8 @@ from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, pars
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
-from gaussian_trimmer.selection_files.number_lists import read_json, read_numbers
-from gaussian_trimmer.selection_files.numpy_files import read_npy, read_npz
 from gaussian_trimmer.selection_files.options import SelectionOptions
+from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
 from gaussian_trimmer.selection_files.row_matching import match_rows
 from gaussian_trimmer.selection_files.splat_rows import (
     SplatRows,
@@ -132,7 +131,7 @@ def _open(path: Path, n: int | None) -> SelectionFile:
         limit = _ARCHIVE_BYTES_WITHOUT_SCENE if n is None else _FREE_ARCHIVE_BYTES + _ARCHIVE_BYTES_PER_GAUSSIAN * n
         return SelectionFile(path, read_npz(path, limit))
     if suffix in TEXT_SUFFIXES:
-        return SelectionFile(path, {"": read_numbers(path)}, is_list=True)
+        return SelectionFile(path, {"": read_text(path)}, is_list=True)
     if suffix in torch_files.SUFFIXES:
         return _read_torch(path)
     if has_splats(path):
