@@ -16,7 +16,7 @@ import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.select import Select
 from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.config import BoundaryConfig, SplitConfig
+from gaussian_trimmer.config import SplitConfig
 from gaussian_trimmer.output.report import result_files
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.result import RowLabel
@@ -24,9 +24,7 @@ from gaussian_trimmer.trimming.arguments import mask_of_selection
 
 SCENE, TRUTH = toy.ball_on_floor()
 ROUGH = toy.dilated(SCENE, TRUTH)
-CONFIG = toy.small_config(
-    boundary=BoundaryConfig(min_share=0.1, min_area=1e-5), split=SplitConfig("plane")
-)  # low enough for splits
+CONFIG = toy.small_config(split=SplitConfig("plane"))
 HEAVY = {"numba", "cv2", "numpy", "rich", "torch"}
 
 

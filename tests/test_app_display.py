@@ -15,7 +15,7 @@ from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import first_snapshot
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.cameras import look_at
-from gaussian_trimmer.config import BoundaryConfig, SplitConfig, TrimConfig
+from gaussian_trimmer.config import SplitConfig, TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import quaternions_of
@@ -94,8 +94,7 @@ def large_ball():
 
 def test_split_parts_and_filled_gaussians_are_shown():
     scene, truth = large_ball()
-    boundary = BoundaryConfig(min_share=0.05, min_area=1e-6)
-    result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane"), boundary=boundary), up="z")
+    result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane")), up="z")
     n_split = len(result.outside_parts)
     assert n_split > 0
     document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))

@@ -3,7 +3,7 @@
 import numpy as np
 from toy import CENTRE, RADIUS, ball_on_floor, gaussians, jaccard, object_rows, small_config
 
-from gaussian_trimmer.config import AcceptanceConfig, EvidenceConfig, SplitConfig
+from gaussian_trimmer.config import AcceptanceConfig, EvidenceConfig, SplitConfig, paper_config
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.trimming.trim import trim
 
@@ -58,3 +58,20 @@ def test_what_hides_nothing_changes_nothing():
     scene, truth = ball_on_floor()
     result = trim(scene, truth, config=small_config())
     assert max(view.view.hidden_share for view in result.views) == 0
+
+
+class WrongMasks:
+    """Gives masks of nothing, as a video model of random weights does."""
+
+    name = "wrong"
+
+    def segment(self, views):
+        rng = np.random.default_rng(0)
+        return [rng.random(view.alpha.shape) < 0.3 for view in views]
+
+
+def test_wrong_masks_do_not_destroy_an_object_by_the_papers_rules():
+    scene, truth = ball_on_floor()
+    result = trim(scene, truth, config=paper_config(small_config()), segmenter=WrongMasks())
+    assert result.refused is not None
+    np.testing.assert_array_equal(object_rows(result), truth)

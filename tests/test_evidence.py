@@ -40,53 +40,51 @@ COARSE, OTHER = True, False
     ],
 )
 def test_judgement(inside, outside, probability, coarse, config, kept):
-    arrays = [np.array([value], np.float32) for value in (inside, outside, probability)]
-    assert classify_gaussians(*arrays, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
+    weights, label = np.array([[outside, inside]], np.float32), np.array([probability], np.float32)
+    assert classify_gaussians(weights, label, np.array([coarse]), EvidenceConfig(**config)).tolist() == [kept]
 
 
 def some_evidence(n=2000):
     rng = np.random.default_rng(0)
-    inside, outside = rng.exponential(2, (2, n)) * rng.integers(0, 2, (2, n))
-    return inside.astype(np.float32), outside.astype(np.float32), rng.random(n).astype(np.float32), rng.random(n) < 0.5
+    weights = rng.exponential(2, (n, 2)) * rng.integers(0, 2, (n, 2))
+    return weights.astype(np.float32), rng.random(n).astype(np.float32), rng.random(n) < 0.5
 
 
 @pytest.mark.parametrize("prior", [0.0, 1.0, 5.0])
 def test_without_recovery_nothing_is_added_and_otherwise_nothing_changes(prior):
-    inside, outside, probability, coarse = some_evidence()
-    free = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(prior=prior))
-    bound = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(prior=prior, recover=False))
+    weights, probability, coarse = some_evidence()
+    free = classify_gaussians(weights, probability, coarse, EvidenceConfig(prior=prior))
+    bound = classify_gaussians(weights, probability, coarse, EvidenceConfig(prior=prior, recover=False))
     assert (free & ~coarse).any()
     np.testing.assert_array_equal(bound, free & coarse)
 
 
 @pytest.mark.parametrize("limit", [0.1, 0.3, 0.6])
 def test_nothing_joins_below_the_limit_and_the_selection_does_not_feel_it(limit):
-    inside, outside, probability, coarse = some_evidence()
-    free = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(recover_limit=0.0))
-    kept = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig(recover_limit=limit))
+    weights, probability, coarse = some_evidence()
+    free = classify_gaussians(weights, probability, coarse, EvidenceConfig(recover_limit=0.0))
+    kept = classify_gaussians(weights, probability, coarse, EvidenceConfig(recover_limit=limit))
     assert (free & ~kept).any()
     np.testing.assert_array_equal(kept, free & (coarse | (probability > limit)))
 
 
 def test_more_weight_inside_or_a_likelier_label_never_prunes():
-    inside, outside, probability, coarse = some_evidence()
-    seen = inside + outside > 1e-3
-    kept = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig())
-    assert classify_gaussians(inside + 1, outside, probability, coarse, EvidenceConfig())[kept & seen].all()
-    assert classify_gaussians(inside, outside, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
+    weights, probability, coarse = some_evidence()
+    seen = weights.sum(axis=1) > 1e-3
+    kept = classify_gaussians(weights, probability, coarse, EvidenceConfig())
+    assert classify_gaussians(weights + np.float32([0, 1]), probability, coarse, EvidenceConfig())[kept & seen].all()
+    assert classify_gaussians(weights, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
 
 
 def test_judgements_do_not_depend_on_the_size_of_the_pictures():
-    inside, outside, probability, coarse = some_evidence()
-    keep = classify_gaussians(inside, outside, probability, coarse, EvidenceConfig())
-    np.testing.assert_array_equal(
-        keep, classify_gaussians(4 * inside, 4 * outside, probability, coarse, EvidenceConfig())
-    )
+    weights, probability, coarse = some_evidence()
+    keep = classify_gaussians(weights, probability, coarse, EvidenceConfig())
+    np.testing.assert_array_equal(keep, classify_gaussians(4 * weights, probability, coarse, EvidenceConfig()))
 
 
 def test_nothing_in_nothing_out():
     none, mask = np.zeros(0, np.float32), np.zeros(0, np.bool_)
-    assert classify_gaussians(none, none, none, mask, EvidenceConfig()).shape == (0,)
+    assert classify_gaussians(np.zeros((0, 2), np.float32), none, mask, EvidenceConfig()).shape == (0,)
 
 
 @cache

@@ -8,7 +8,8 @@ import toy
 
 from gaussian_trimmer.config import EvidenceConfig
 from gaussian_trimmer.decomposition.coverage import Ground, OutlineViews
-from gaussian_trimmer.decomposition.isolation import find_in_place
+from gaussian_trimmer.decomposition.isolation import prune_halo
+from gaussian_trimmer.decomposition.splitting import Decomposition
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 from gaussian_trimmer.trimming.trim import trim
@@ -28,7 +29,11 @@ def with_smear(depth):
 
 
 def in_place(scene, members, masks=None, min_share=0.7, ground=None):
-    return find_in_place(scene, members, OutlineViews(CAMERAS, masks, RADIUS, ground), min_share)
+    return consistent(scene, members, OutlineViews(CAMERAS, masks, RADIUS, ground), min_share)
+
+
+def consistent(scene, members, views, min_share):
+    return prune_halo(scene, Decomposition(members, np.zeros(0, np.int64)), views, min_share).members
 
 
 def trimmed(scene, selection, **evidence):
@@ -62,7 +67,7 @@ def test_what_is_hidden_from_near_by_sticks_out_and_from_afar_no_view_can_tell(d
     scene = concatenate([SCENE, plate, screen])
     members = np.concatenate([TRUTH, [True], np.zeros(len(y), np.bool_)])
     views = OutlineViews([toy.camera_at((12, 2.2, 1), (0, 2.2, 1), size=96)], None, RADIUS)
-    assert find_in_place(scene, members, views, 0.7)[len(SCENE)] == stays
+    assert consistent(scene, members, views, 0.7)[len(SCENE)] == stays
 
 
 def test_what_the_ground_hides_sticks_out_however_deep():

@@ -8,7 +8,7 @@ import toy
 
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.config import AcceptanceConfig, BoundaryConfig, SplitConfig
+from gaussian_trimmer.config import AcceptanceConfig, SplitConfig
 from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
 from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
@@ -69,7 +69,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     [
         {},
         {"refine": "fit"},
-        {"split": SplitConfig("plane"), "boundary": BoundaryConfig(min_share=0.1, min_area=1e-5)},
+        {"split": SplitConfig("plane")},
         {"acceptance": AcceptanceConfig(max_wrong=0.0)},
     ],
 )

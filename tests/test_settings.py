@@ -138,7 +138,7 @@ def test_the_rules_of_splitting_are_those_that_exist():
     "options",
     [
         ["--label-crf.trust", "nan"],
-        ["--boundary.min-area", "-1"],
+        ["--boundary.band", "0"],
         ["--plan.yaw-range-degrees", "0", "inf"],
         ["--selection.query-row", "-1"],
         ["--preset", "paper", "--boundary.band", "0"],

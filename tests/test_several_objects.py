@@ -11,7 +11,7 @@ from command_line import SMALL, run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import BoundaryConfig, EvidenceConfig, RefineConfig, SplitConfig
+from gaussian_trimmer.config import EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.output.objects import two_sides
@@ -72,7 +72,7 @@ def test_what_two_objects_claim_goes_to_one():
 
 
 def test_split_gaussians_have_one_owner():
-    config = toy.small_config(boundary=BoundaryConfig(min_share=0.1, min_area=1e-5), split=SplitConfig("plane"))
+    config = toy.small_config(split=SplitConfig("plane"))
     result = trim_objects(SCENE, {1: ROUGH[3], 2: ROUGH[3] | ROUGH[7]}, config=config, segmenter=toy.TightMasks())
     assert sum(np.count_nonzero(part.label == RowLabel.SPLIT_INSIDE) for part in result.objects)
     check_complementary(result)

@@ -6,7 +6,7 @@ from toy import accepted_view, gaussians
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, contour_pixels, find_straddlers, signed_distance
-from gaussian_trimmer.gaussians import quaternions_of
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
 
 RENDERER = get_renderer("reference")
@@ -24,11 +24,9 @@ def needle(x=0.0, y=0.0, scales=(0.3, 0.08, 0.08)):
     return gaussians([[x, y, 0]], scales, GREY)
 
 
-def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,), **config):
-    weights = [RENDERER.blend_weights(thing, c, m.astype(np.uint8), 2) for c, m in zip(cameras, masks, strict=True)]
+def straddlers(thing, masks=(LEFT,), cameras=(CAMERA,)):
     views = [accepted_view(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
-    limits = BoundaryConfig(**{"min_share": 0.1, "min_area": 4 / SIZE**2, "along_ray_limit": 0.5, **config})
-    return find_straddlers(thing, views, weights, RENDERER, limits)
+    return find_straddlers(thing, np.ones(len(thing), np.bool_), views, RENDERER, BoundaryConfig())
 
 
 def square_mask():
@@ -110,8 +108,8 @@ def test_a_plane_passes_through_the_camera_and_the_slanted_edge():
 
 
 def test_gaussians_on_one_side_are_no_straddlers():
-    assert len(straddlers(needle(0.9)).rows) == 0
-    assert len(straddlers(needle(-0.9)).rows) == 0
+    assert len(straddlers(needle(1.2)).rows) == 0
+    assert len(straddlers(needle(-1.2)).rows) == 0
 
 
 @pytest.mark.parametrize("value", [True, False])
@@ -119,22 +117,11 @@ def test_a_mask_without_contour_has_no_straddlers(value):
     assert len(straddlers(needle(), [np.full((SIZE, SIZE), value)]).rows) == 0
 
 
-def test_cuts_that_would_move_children_along_the_ray_are_left_out():
-    diagonal = np.array([[1, 0, -1], [0, np.sqrt(2), 0], [1, 0, 1]]).T / np.sqrt(2)
-    thing = needle(scales=(0.1, 0.1, 0.5)).replace(quaternions=quaternions_of(diagonal[None]))
-    assert len(straddlers(thing, along_ray_limit=0.5).rows) == 0
-    assert len(straddlers(thing, along_ray_limit=0.95).rows) == 1
-
-
-def test_limits_on_share_and_area_leave_out_minor_straddlers():
-    found = straddlers(needle(0.2), min_share=0.0)
-    weights = RENDERER.blend_weights(needle(0.2), CAMERA, LEFT.astype(np.uint8), 2)[0]
-    assert found.minor_weight[0] == pytest.approx(weights.min())
-    share, area = weights.min() / weights.sum(), weights.min()
-    assert len(straddlers(needle(0.2), min_share=share * 1.01).rows) == 0
-    assert len(straddlers(needle(0.2), min_share=share * 0.99).rows) == 1
-    assert len(straddlers(needle(0.2), min_share=0.0, min_area=1.01 * area / SIZE**2).rows) == 0
-    assert len(straddlers(needle(0.2), min_share=0.0, min_area=0.99 * area / SIZE**2).rows) == 1
+def test_only_candidates_straddle():
+    pair = concatenate([needle(0.05), needle(0.05, 0.5)])
+    views = [accepted_view(CAMERA, LEFT)]
+    found = find_straddlers(pair, np.array([False, True]), views, RENDERER, BoundaryConfig())
+    assert found.rows.tolist() == [1]
 
 
 def test_the_view_that_sees_most_of_the_minor_side_cuts():

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
 
-from gaussian_trimmer.config import BoundaryConfig, SplitConfig
+from gaussian_trimmer.config import SplitConfig
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
@@ -63,7 +63,7 @@ def neighbours():
 def trimmed():
     """A whole trim, splits included."""
     scene, truth, _ = ball_and_view()
-    config = small_config(split=SplitConfig("plane"), boundary=BoundaryConfig(min_area=1e-5))
+    config = small_config(split=SplitConfig("plane"))
     result = trim(scene, dilated(scene, truth), config=config, segmenter=TightMasks())
     assert result.refused is None
     assert result.count(RowLabel.SPLIT_INSIDE) > 5

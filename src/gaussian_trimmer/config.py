@@ -58,7 +58,7 @@ class TrimConfig:
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:
-    """The paper's choices: its centroid, no correction of labels in 3D, all masks accepted, splits along axes.
+    """The paper's choices: its centroid, no correction of labels in 3D, splits along axes, votes of masks alone.
 
     Args:
         config: settings to start from, the defaults if not given; those that the paper's choices do not touch are kept.
@@ -68,9 +68,7 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         config,
         plan=replace(config.plan, framing="paper"),
         label_crf=replace(config.label_crf, enabled=False),
-        acceptance=AcceptanceConfig(max_wrong=1.0),
         evidence=replace(config.evidence, prior=0.0, recover=False, min_in_place=0.0),
-        boundary=replace(config.boundary, min_share=0.05, min_area=1e-6, along_ray_limit=1.0),
         split=SplitConfig("principal_axis"),
         refine="off",
         background="exact",

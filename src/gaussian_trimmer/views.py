@@ -82,13 +82,15 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class TrimmedView:
-    """A view, its mask, and whether the mask was accepted."""
+    """A view with its mask, and the verdict on the mask."""
 
     view: View
     mask: BoolArray
     """The segmenter's mask, (H, W)."""
     rejected: str | None
     """Why the mask was rejected; None if it was accepted."""
+    judged: bool = True
+    """Whether the mask was held against the silhouette of the labels; not where it is this silhouette."""
 
 
 def without_pictures(trimmed: TrimmedView) -> TrimmedView:

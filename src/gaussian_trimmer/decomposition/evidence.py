@@ -9,18 +9,16 @@ views.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, FloatArray
-from gaussian_trimmer.rendering import Renderer, parallel_map
-from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.decomposition.splitting import Decomposition
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering.lifting import UNDECIDED, label_weights, share_inside
 from gaussian_trimmer.settings import Share, Weight
 from gaussian_trimmer.views import MIN_SEEN_PIXELS, TrimmedView, to_reference
-
-_UNDECIDED_SHARE = 0.5
-"""Share inside the masks, and probability, that speak neither for the object nor against it."""
 
 
 @dataclass(frozen=True)
@@ -39,48 +37,61 @@ class EvidenceConfig:
     Of others the scene hides too much: they would stick out. 0: all stay."""
 
 
-def find_members(
-    scope: Scope,
+def vote(
+    gaussians: Gaussians,
+    parts: Decomposition,
+    selection: BoolArray,
     probability: FloatArray,
-    accepted: Sequence[TrimmedView],
+    views: Sequence[TrimmedView],
     renderer: Renderer,
     config: EvidenceConfig,
-) -> BoolArray:
-    """Which Gaussians belong to the object by the evidence of the whole scene, (L,).
+) -> Decomposition:
+    """Decide which Gaussians belong to the object by the evidence of the whole scene, and judge the parts of cut ones.
+
+    A Gaussian stays cut if the views show both of its parts, and give the inner one to the object and the outer one to
+    the background. All others are whole.
 
     Args:
-        scope: the object and the Gaussians around it, L of them.
-        probability: their corrected labels, (L,).
-        accepted: views whose masks were accepted.
+        gaussians: what the views show: the N Gaussians to decide on, and what hides them after them.
+        parts: which of the N are cut, and their parts.
+        selection: what is selected, (N,).
+        probability: corrected labels, (N,).
+        views: views with their masks, accepted or not.
         renderer: gives blend weights.
         config: thresholds.
     """
-
-    def weighed(trimmed: TrimmedView) -> FloatArray:
-        weights = renderer.blend_weights(scope.shown, trimmed.view.camera, trimmed.mask.astype(np.uint8), 2)
-        return weights[: len(scope.local)]
-
-    weights = list(parallel_map(weighed, accepted, using=[renderer]))
-    outside, inside = to_reference(np.sum(weights, axis=0), scope.cameras).T
-    return classify_gaussians(inside, outside, probability, scope.selected, config)
+    pieces = parts.parts_of(gaussians)
+    accepted = [trimmed for trimmed in views if not trimmed.rejected]
+    cameras = [trimmed.view.camera for trimmed in accepted]
+    of_views = list(label_weights(pieces, cameras, [trimmed.mask for trimmed in accepted], renderer))
+    sums = to_reference(np.sum(of_views, axis=0), [trimmed.view.camera for trimmed in views])  # (pieces, 2)
+    n, n_whole, n_split = len(selection), len(gaussians) - len(parts.split), len(parts.split)
+    inner, outer = sums[n_whole : n_whole + n_split], sums[n_whole + n_split :]
+    weights = np.empty((n, 2), sums.dtype)
+    weights[parts.whole()] = sums[: n - n_split]
+    weights[parts.split] = inner + outer if len(outer) else inner
+    members = classify_gaussians(weights, probability, selection, config)
+    # Of parts, the masks alone decide: the label is that of the whole.
+    cut = (selection | members)[parts.split] & (share_inside(inner, MIN_SEEN_PIXELS) > UNDECIDED)
+    if len(outer):
+        cut &= share_inside(outer, MIN_SEEN_PIXELS) < UNDECIDED
+    members[parts.split[cut]] = True
+    return replace(parts, members=members).only(cut)
 
 
 def classify_gaussians(
-    inside: FloatArray, outside: FloatArray, probability: FloatArray, selection: BoolArray, config: EvidenceConfig
+    weights: FloatArray, probability: FloatArray, selection: BoolArray, config: EvidenceConfig
 ) -> BoolArray:
-    """Which Gaussians belong to the object according to their blend weights in the views, (N,).
+    """Decide which Gaussians belong to the object by their blend weights in the views, (N,).
 
     Args:
-        inside: blend weight inside the masks, summed over the accepted views, (N,).
-        outside: blend weight outside them, (N,).
+        weights: blend weight outside and inside the masks, summed over the accepted views, (N, 2).
         probability: the corrected label, (N,); it alone decides for Gaussians that no view shows.
         selection: what is selected, (N,). What is outside of it joins only if the masks show it, so that a corrected
             label that no picture supports adds nothing.
         config: thresholds.
     """
-    total = inside + outside
-    share = np.divide(inside, total, out=np.full_like(total, _UNDECIDED_SHARE), where=total > 0)
-    label = np.where(selection, probability, _UNDECIDED_SHARE * probability)
-    support = share - _UNDECIDED_SHARE + config.prior * (label - _UNDECIDED_SHARE)
-    supported = np.where(total > MIN_SEEN_PIXELS, support, label - _UNDECIDED_SHARE) > 0
+    label = np.where(selection, probability, UNDECIDED * probability)
+    support = share_inside(weights) - UNDECIDED + config.prior * (label - UNDECIDED)
+    supported = np.where(weights.sum(axis=1) > MIN_SEEN_PIXELS, support, label - UNDECIDED) > 0
     return supported & (selection | (probability > config.recover_limit)) if config.recover else supported & selection

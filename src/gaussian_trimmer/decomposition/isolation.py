@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
+from gaussian_trimmer.decomposition.splitting import Decomposition
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, concatenate
 from gaussian_trimmer.parallel import parallel_map
 
 
-def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews, min_share: float) -> BoolArray:
-    """Members of which enough shows in place when the object is alone, (L,).
+def prune_halo(gaussians: Gaussians, parts: Decomposition, views: OutlineViews, min_share: float) -> Decomposition:
+    """Take from an object the members of which too little shows in place when the object is alone.
 
     A pixel is in place where the scene shows at least half of the opacity that the object has alone, or where a known
     mask has it. Where something clearly nearer than the object hides it, other than the ground, no view can tell, and
@@ -22,15 +23,18 @@ def find_in_place(gaussians: Gaussians, members: BoolArray, views: OutlineViews,
 
     Args:
         gaussians: the object and the Gaussians around it, L of them.
-        members: which of them are the object, (L,).
+        parts: how these are divided.
         views: where to look from.
         min_share: least share of what a Gaussian shows alone that has to be in place.
     """
-    sights = views.look(gaussians.select(members), gaussians.select(~members))
+    whole = np.flatnonzero(parts.members & parts.whole())
+    inside = [gaussians.select(whole), *([parts.inner] if parts.inner else [])]
+    outside = [gaussians.select(~parts.members), *([parts.outer] if parts.outer else [])]
+    sights = views.look(concatenate(inside), concatenate(outside))
     weights = np.sum(list(parallel_map(_weights, sights)), axis=0)
-    kept = members.copy()
-    kept[members] = weights[:, 0] >= min_share * weights[:, 1]
-    return kept
+    lost = np.zeros(len(gaussians), np.bool_)
+    lost[np.concatenate([whole, parts.split])] = weights[:, 0] < min_share * weights[:, 1]
+    return parts.without(lost)
 
 
 def _weights(sight: Sight) -> FloatArray:

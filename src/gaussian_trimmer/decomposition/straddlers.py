@@ -13,7 +13,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.rendering import Renderer, parallel_map
-from gaussian_trimmer.settings import Range, Share
+from gaussian_trimmer.settings import Range
 from gaussian_trimmer.views import TrimmedView
 
 _MAX_OFFSET = 3.0
@@ -32,15 +32,6 @@ class BoundaryConfig:
     """Distance from a mask's contour, in pixels, within which contributing Gaussians are looked up."""
     contributors: Annotated[int, Range(1, 256)] = 10
     """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
-    min_weight: Share = 0.01
-    """Smallest blend weight that counts at a pixel."""
-    min_share: Share = 0.3
-    """Smallest share of a straddler's blend weight on its minor side of the mask's contour."""
-    min_area: Share = 4e-4
-    """Smallest blend weight on the minor side, as a share of the view's pixels; smaller straddlers are left whole."""
-    along_ray_limit: Share = 0.5
-    """Largest cosine between the direction in which the children are moved and the viewing ray; beyond it, children
-    would be drawn in another order than their parent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,23 +50,25 @@ class Straddlers:
 
 def find_straddlers(
     gaussians: Gaussians,
+    candidates: BoolArray,
     views: Sequence[TrimmedView],
-    weights: Sequence[FloatArray],
     renderer: Renderer,
     config: BoundaryConfig,
 ) -> Straddlers:
-    """Straddlers over all views. Where several views find the same one, that of the largest minor weight cuts it.
+    """Find straddlers over all views. Where several views find the same one, that of the largest minor weight cuts it.
 
     Args:
-        gaussians: the object in isolation.
+        gaussians: what the views show: L Gaussians, of which the first N may straddle.
+        candidates: which of these N may, (N,).
         views: accepted views.
-        weights: blend weight outside and inside the mask, (N, 2) for each view.
-        renderer: gives the contributors of the contours' pixels.
+        renderer: gives blend weights, and the contributors of the contours' pixels.
         config: thresholds.
     """
-    found = list(
-        parallel_map(lambda v, w: _in_view(gaussians, v, w, renderer, config), views, weights, using=[renderer])
-    )
+
+    def in_view(trimmed: TrimmedView) -> Straddlers:
+        return _in_view(gaussians, candidates, trimmed, renderer, config)
+
+    found = list(parallel_map(in_view, views, using=[renderer]))
     rows = np.concatenate([straddlers.rows for straddlers in found])
     normals = np.concatenate([straddlers.normals for straddlers in found])
     offsets = np.concatenate([straddlers.offsets for straddlers in found])
@@ -100,30 +93,24 @@ def signed_distance(mask: BoolArray) -> FloatArray:
 
 
 def _in_view(
-    gaussians: Gaussians, view: TrimmedView, weights: FloatArray, renderer: Renderer, config: BoundaryConfig
+    gaussians: Gaussians, candidates: BoolArray, view: TrimmedView, renderer: Renderer, config: BoundaryConfig
 ) -> Straddlers:
     camera, mask = view.view.camera, view.mask
     none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
-    minor_weight = weights.min(axis=1)
-    wide = (minor_weight >= config.min_area * mask.size) & (minor_weight >= config.min_share * weights.sum(axis=1))
-    if not wide.any() or mask.all():
-        return none
     pixels = contour_pixels(mask, config.band)
     if len(pixels) == 0:
         return none
     ids, contributions = renderer.top_contributors(gaussians, camera, pixels, config.contributors)
-    rows = np.unique(ids[(ids >= 0) & (contributions >= config.min_weight)])
-    rows = rows[wide[rows]]
+    rows = np.unique(ids[(ids >= 0) & (ids < len(candidates)) & (contributions > 0)])
+    weights = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2)
+    minor_weight = weights.min(axis=1)
+    rows = rows[candidates[rows] & (minor_weight[rows] > 0)]
     if len(rows) == 0:
         return none
     normals, distances = _tangent_planes(gaussians.means[rows].astype(np.float64), camera, mask)
     covariances = gaussians.select(rows).covariances()
     spread = np.sqrt(np.einsum("ni,nij,nj->n", normals, covariances, normals))
-    displacement = np.einsum("nij,nj->ni", covariances, normals)
-    rays = gaussians.means[rows] - camera.centre
-    along = np.abs(np.einsum("ni,ni->n", displacement, rays))
-    limit = config.along_ray_limit * np.linalg.norm(displacement, axis=1) * np.linalg.norm(rays, axis=1)
-    usable = (along <= limit) & (spread > 0) & np.isfinite(distances)
+    usable = (spread > 0) & np.isfinite(distances)
     offsets = np.divide(distances, spread, out=np.zeros_like(distances), where=spread > 0)
     usable &= np.abs(offsets) < _MAX_OFFSET
     return Straddlers(rows[usable], normals[usable], offsets[usable], minor_weight[rows][usable].astype(np.float64))

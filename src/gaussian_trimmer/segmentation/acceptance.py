@@ -22,17 +22,26 @@ class AcceptanceConfig:
     removed. 1: whatever the masks say is done."""
 
 
-def check_masks(views: Sequence[View], masks: Sequence[BoolArray], config: AcceptanceConfig) -> list[TrimmedView]:
-    """Pair views with their masks, and say of each mask that is rejected why."""
+def check_masks(
+    views: Sequence[View], masks: Sequence[BoolArray], config: AcceptanceConfig, judged: bool = True
+) -> list[TrimmedView]:
+    """Pair views with their masks, and say of each mask that is rejected why.
+
+    Args:
+        views: V views.
+        masks: a mask (H, W) for each.
+        config: how far a mask may differ from the silhouette of the labels.
+        judged: whether masks are held against these silhouettes; there is nothing to judge where they are the masks.
+    """
     checked, least = [], 1 - config.max_wrong
     for view, mask in zip(views, masks, strict=True):
         silhouette, reason = view.silhouette, None
         overlap = mask_overlap(mask, silhouette)
         if not silhouette.any():
             reason = "the object is not expected in it"
-        elif overlap < least:
+        elif judged and overlap < least:
             reason = f"the mask overlaps the expected silhouette by {overlap:.2f}; {least:.2f} is needed"
-        checked.append(TrimmedView(view, mask, reason))
+        checked.append(TrimmedView(view, mask, reason, judged))
     return checked
 
 

@@ -13,9 +13,9 @@ from gaussian_trimmer.config import (
     TrimConfig,
 )
 from gaussian_trimmer.decomposition.coverage import OutlineViews
-from gaussian_trimmer.decomposition.evidence import find_members
-from gaussian_trimmer.decomposition.isolation import find_in_place
-from gaussian_trimmer.decomposition.splitting import Decomposition, split_boundary
+from gaussian_trimmer.decomposition.evidence import vote
+from gaussian_trimmer.decomposition.isolation import prune_halo
+from gaussian_trimmer.decomposition.splitting import Decomposition, split_straddlers
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
@@ -28,7 +28,7 @@ from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.scope import Scope
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of, mask_source_of
 from gaussian_trimmer.segmentation.view_rendering import complete_views, render_scope
 from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
 from gaussian_trimmer.trimming.assembly import Assembly, assemble, left_as_it_was
@@ -36,7 +36,7 @@ from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
 from gaussian_trimmer.trimming.outline import fit_outline, outline_views
 from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.task import PlugIns, Task
-from gaussian_trimmer.views import TrimmedView
+from gaussian_trimmer.views import HALF, TrimmedView
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,22 +135,24 @@ def decide(task: Task, clock: Clock) -> Decision:
         unsegmented = complete_views(scope, renderings, probability, renderer)
     task.plug_ins.report_parts_to(lambda part: clock.part(f"segment {part}"))
     with clock("segment"):
+        judged = mask_source_of(task.plug_ins.given_segmenter) != "labels"
         masks = task.plug_ins.segmenter.segment_with(unsegmented, scope.shown, renderer)
-        views = check_masks(unsegmented, masks, config.acceptance)
+        views = check_masks(unsegmented, masks, config.acceptance, judged)
     plan = replace(plan, views=tuple(views), visible=renderings.visible)
     refused = rejection(views, config.acceptance)
     if refused:
         return replace(plan, refused=refused)
     accepted = [view for view in views if not view.rejected]
+    with clock("split"):
+        candidates = scope.selected | (probability > HALF)
+        parts = split_straddlers(scope.shown, candidates, accepted, renderer, config.boundary, config.split)
     with clock("weigh"):
-        members = find_members(scope, probability, accepted, renderer, config.evidence)
+        parts = vote(scope.shown, parts, scope.selected, probability, views, renderer, config.evidence)
     with clock("prune"):
-        plane = scope.support_plane(members, renderings.visible, config.label_crf.support_plane)
+        plane = scope.support_plane(parts.members, renderings.visible, config.label_crf.support_plane)
         outline = outline_views(task, scope, accepted, plane)
         if config.evidence.min_in_place > 0:
-            members = find_in_place(scope.local, members, outline, config.evidence.min_in_place)
-    with clock("split"):
-        parts = split_boundary(scope, members, accepted, renderer, config.boundary, config.split)
+            parts = prune_halo(scope.local, parts, outline, config.evidence.min_in_place)
     refused = excessive_loss(
         scope.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )
