@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import FromFile, Sphere
 from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
+from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
 from gaussian_trimmer.trimming.several_objects import trim_objects
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -65,6 +66,23 @@ def test_saved_selections_remember_what_was_removed(tmp_path):
     assert excluded_from(tmp_path / "a.npy", len(SCENE) + 8) is None  # another scene
     np.save(tmp_path / "a.npy", TRUTH)
     assert excluded_from(tmp_path / "a.npy", len(SCENE)) is None  # changed since
+
+
+def test_rows_and_marks_are_written_together_or_the_difference_is_said(tmp_path, monkeypatch):
+    save_selection(ball_without_its_patch(), tmp_path / "a.npy")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.setattr("gaussian_trimmer.selecting.saved_selection.write_json", lambda *_: fail())
+    with pytest.raises(InputError, match="No space"):
+        save_selection(gt.select(SCENE, [BALL], up=toy.UP), tmp_path / "a.npy")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    np.save(tmp_path / "a.npy", TRUTH)  # as when a run was killed between the two
+    said = []
+    assert not read_selected_and_removed(tmp_path / "a.npy", SCENE, say=said.append)[1].any()
+    assert len(said) == 1 and "a.json" in said[0]
+
+
+def fail():
+    raise OSError(28, "No space left on device")
 
 
 @pytest.mark.parametrize("packed", ["A", "eJz7/////wAK+gX+" * 1000])

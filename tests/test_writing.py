@@ -3,6 +3,9 @@
 import errno
 import json
 import os
+import signal
+import subprocess
+import sys
 from itertools import count
 from pathlib import Path
 
@@ -14,6 +17,24 @@ from gaussian_trimmer.io.writing import atomic_file, atomic_folder, remove_lefto
 OLD = {"object.splat": "old", "report.json": "old", "views/0": "old", "views/1": "old"}
 NEW = {"object.ply": "new", "report.json": "newer", "views/0": "new", "more/0": "new"}
 MINE = {"notes": "mine", "views/photo": "mine"}
+
+KILLED = """
+import json, os, pathlib, signal, sys
+from gaussian_trimmer.io.writing import atomic_folder
+left, rename = int(sys.argv[2]), pathlib.Path.rename
+def killing(source, goal):
+    global left
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return rename(source, goal)
+pathlib.Path.rename = killing
+with atomic_folder(pathlib.Path(sys.argv[1]), "test", overwrite=True) as folder:
+    for name, text in json.loads(sys.argv[3]).items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+"""
+"""Writes a folder, and is killed before the k-th renaming."""
 
 
 def fill(folder, files):
@@ -228,13 +249,47 @@ class TestFailedSwaps:
     def test_what_cannot_be_moved_back_stays_where_it_is_said_to_be(self, tmp_path, fail_at, monkeypatch):
         write(tmp_path, OLD)
         fail_at(4, PermissionError(13, "Permission denied"), lasting=True)
-        with pytest.raises(InputError, match=r"cannot be moved back: Permission denied.*\.part/old"):
-            write(tmp_path, NEW)
-        monkeypatch.undo()
-        remove_leftovers(tmp_path)
-        with pytest.raises(InputError, match=r"\.part"):
+        with pytest.raises(InputError, match=r"\.part/old.*Permission denied"):
             write(tmp_path, NEW)
         assert list(contents(tmp_path).values()).count("old") == len(OLD)
+        monkeypatch.undo()
+        remove_leftovers(tmp_path)
+        assert contents(tmp_path) == OLD
+
+    @pytest.mark.parametrize("earlier", [{}, OLD])
+    def test_what_a_killed_run_has_moved_is_moved_back(self, tmp_path, earlier):
+        """Killed before each renaming, in a new folder and over earlier results, with a file of the user beside."""
+        for k in count(1):
+            folder = tmp_path / str(k)
+            if earlier:
+                write(folder, earlier)
+            fill(folder, MINE)
+            done = subprocess.run([sys.executable, "-c", KILLED, str(folder), str(k), json.dumps(NEW)], check=False)
+            if done.returncode == 0:
+                break
+            assert done.returncode == -signal.SIGKILL
+            remove_leftovers(folder)
+            assert contents(folder) == {**earlier, **MINE}
+            write(folder, NEW)
+            assert contents(folder) == {**NEW, **MINE}
+        assert k == len(earlier) + bool(earlier) + len(NEW) + 2
+
+    def test_a_killed_run_whose_manifest_is_in_place_is_complete(self, tmp_path):
+        write(tmp_path, NEW)
+        fill(tmp_path, {".gaussian-trimmer.part/old/views/1": "old"})
+        remove_leftovers(tmp_path)
+        assert contents(tmp_path) == NEW
+
+    def test_a_file_that_has_taken_the_place_of_an_earlier_result_stays(self, tmp_path):
+        write(tmp_path, OLD)
+        subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), "4", json.dumps(NEW)], check=False)
+        fill(tmp_path, {"object.splat": "mine"})
+        with pytest.raises(InputError, match=r"object\.splat"):
+            write(tmp_path, NEW)
+        assert (tmp_path / "object.splat").read_text() == "mine"
+        (tmp_path / "object.splat").unlink()
+        write(tmp_path, NEW)
+        assert contents(tmp_path) == NEW
 
 
 class TestOtherRuns:

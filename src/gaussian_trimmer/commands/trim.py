@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer import formats
@@ -41,13 +40,10 @@ from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
-from gaussian_trimmer.selecting.marks import FromFile, Marks
-from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks, write_marks
-from gaussian_trimmer.selecting.saved_selection import excluded_from
-from gaussian_trimmer.selecting.select import select
-from gaussian_trimmer.selecting.view_lookup import resolve_views, with_query_row
-from gaussian_trimmer.selection_files import load_selection
-from gaussian_trimmer.selection_files.options import flag
+from gaussian_trimmer.selecting.marks import Marks
+from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
+from gaussian_trimmer.selecting.view_lookup import with_query_row
 from gaussian_trimmer.settings import check_settings, to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.options import views_of_masks
@@ -206,37 +202,22 @@ class Trim(TrimInputs):
         return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
 
     def _read(self, console: Console) -> Loaded:
-        scene = self.read_scene(console)
-        cameras = self.read_cameras(console)
-        marks = self._marks(scene, cameras)
-        if marks is not None:
-            made = select(scene, marks, cameras=cameras, renderer=self.renderer)
-            return Loaded(scene, made.mask, cameras, made.marks, made.excluded)
-        if self.selection is None:
-            return Loaded(scene, np.ones(len(scene), np.bool_), cameras)
-        options = self.selection_options
+        scene, cameras, options = self.read_scene(console), self.read_cameras(console), self.selection_options
         if options.query_point is not None:
             views: list[str | int] = [*self.mark_options.view, *self.mark_options.view_index]
             options = with_query_row(options, scene, views[0] if views else None, cameras, get_renderer(self.renderer))
-        selection = load_selection(self.selection, scene, options, console.print)
-        excluded = excluded_from(self.selection, len(scene))
-        if excluded is not None and excluded.any():
-            beside = self.selection.with_suffix(".json")
-            console.print(f"{beside}: the {np.count_nonzero(excluded):,} Gaussians that its marks removed stay out.")
-        return Loaded(scene, selection, cameras, None, excluded)
-
-    def _marks(self, scene: Gaussians, cameras: CameraSet | None) -> Marks | None:
-        """The marks of the command, after those of SELECTION if that is a file of marks; None if there are none."""
-        further = self.mark_options.marks()
-        earlier = read_marks(self.selection) if self.selection is not None and is_marks_file(self.selection) else None
-        if earlier is not None and (unused := sorted(self.selection_options.given())):
-            raise InputError(f"'{self.selection}' holds marks and does not use {flag(unused[0])}; leave that out.")
-        if earlier is None and not further:
-            return None
-        if self.selection is not None and earlier is None:
-            further = [FromFile(self.selection, self.selection_options), *further]
-        settled = resolve_views(scene, further, cameras=cameras, up=self.config.up, camera_path=self.cameras)
-        return settled if earlier is None else earlier.followed_by(settled, self.cameras)
+        selection, excluded, marks = read_selected_and_removed(
+            self.selection,
+            scene,
+            options,
+            self.mark_options.marks(),
+            cameras=cameras,
+            camera_path=self.cameras,
+            up=self.config.up,
+            renderer=self.renderer,
+            say=console.print,
+        )
+        return Loaded(scene, selection, cameras, marks, excluded)
 
     def _photo_views(
         self,

@@ -9,6 +9,7 @@ from typing import Any
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.reading import is_file
 
 MANIFEST = "manifest.json"
 _PROGRAM = "gaussian-trimmer"
@@ -30,17 +31,21 @@ def earlier_results(folder: Path, kind: str) -> list[str]:
     Raises:
         InputError: the folder holds results of another kind.
     """
-    manifest = _read(folder)
-    try:
-        found, sizes = manifest["kind"], dict(manifest["files"])
-    except (LookupError, ValueError, TypeError):
+    sizes, found = listed_sizes(folder), _read(folder).get("kind")
+    if not sizes:
         return []
     if found != kind:
         raise InputError(
             f"'{folder}' holds the results of '{found}', which '{kind}' does not replace; choose another folder."
         )
-    unchanged = (name for name in files_in(folder) if name in sizes and _has_size(folder / name, sizes[name]))
+    unchanged = (name for name in files_in(folder) if name in sizes and has_size(folder, name, sizes[name]))
     return [MANIFEST, *(name for name in unchanged if name != MANIFEST)]
+
+
+def listed_sizes(folder: Path) -> dict[str, int]:
+    """Return the sizes of the files that the manifest of a folder lists; none where it is missing or damaged."""
+    sizes = _read(folder).get("files")
+    return sizes if isinstance(sizes, dict) else {}
 
 
 def is_made_of(folder: Path, source: Path) -> bool:
@@ -66,5 +71,7 @@ def _read(folder: Path) -> dict[str, Any]:
     return manifest if isinstance(manifest, dict) and manifest.get("program") == _PROGRAM else {}
 
 
-def _has_size(path: Path, size: object) -> bool:
-    return not path.is_symlink() and path.stat().st_size == size
+def has_size(folder: Path, name: str, size: object) -> bool:
+    """Return whether a file is in a folder, not behind links, and still as large as when it was written."""
+    path = folder.resolve() / name
+    return path.resolve() == path and is_file(path) and path.stat().st_size == size

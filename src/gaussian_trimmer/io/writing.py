@@ -2,11 +2,13 @@
 
 While results are being made, they wait in `.gaussian-trimmer.part/new` in their folder. At the end, the files that the
 manifest of an earlier run lists move to `.gaussian-trimmer.part/old`, the new ones take their places, the manifest
-last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything back.
+last, and the old ones are deleted. Whatever fails before the manifest is in place moves everything back; of a run that
+was killed, the next one does.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -17,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from gaussian_trimmer.errors import FolderInUseError, InputError, OutputExistsError
-from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, write_manifest
+from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, has_size, listed_sizes, write_manifest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -129,7 +131,7 @@ def atomic_folder(
         with _locked(target, folder):
             try:
                 with _os_errors_reported(folder):
-                    _discard(staging)  # what a dead run has left
+                    _recover(target)
                     _refuse_files(target, folder, overwrite)
                     earlier = earlier_results(target, kind)
                     found = (path for pattern in names for path in target.glob(pattern))
@@ -149,14 +151,14 @@ def atomic_folder(
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what dead runs have left in a folder: unfinished results, and temporary files that are a day old."""
+    """Give back what dead runs have moved in a folder; remove their results and temporary files that are a day old."""
     with suppress(OSError, InputError):
         for part in folder.glob(f"{_HIDDEN_PREFIX}-*.part"):
             if time.time() - part.lstat().st_mtime > _SECONDS_UNTIL_LEFT_OVER:
                 part.unlink()
         if (folder / _STAGING).is_dir():
             with _locked(folder, folder):
-                _discard(folder / _STAGING)
+                _recover(folder.resolve())
 
 
 @contextmanager
@@ -233,24 +235,50 @@ def _swap(target: Path, earlier: Sequence[str]) -> None:
             goal.parent.mkdir(parents=True, exist_ok=True)
             source.rename(goal)
     except BaseException:
-        try:
-            for source, goal in reversed(moves):
-                if not os.path.lexists(source):
-                    goal.rename(source)
-        except OSError as error:
-            raise InputError(
-                f"Earlier results of '{target}' cannot be moved back: {error.strerror or error}. They are in '{old}'."
-            ) from error
-        _remove_empty_parents(target, coming)
+        _move_back(target)
         raise
     shutil.rmtree(old, ignore_errors=True)
     _remove_empty_parents(target, earlier)
 
 
+def _move_back(target: Path) -> None:
+    """Undo the moves of a swap that did not end, as far as files still are what it moved.
+
+    Raises:
+        InputError: an earlier result cannot be moved back.
+    """
+    new, old = target / _STAGING / "new", target / _STAGING / "old"
+    sizes = listed_sizes(new)
+    coming = [name for name, size in sizes.items() if not os.path.lexists(new / name) and has_size(target, name, size)]
+    moves = [(target / name, new / name) for name in coming] + [(old / name, target / name) for name in files_in(old)]
+    try:
+        for source, goal in moves:
+            if os.path.lexists(goal):
+                raise FileExistsError(errno.EEXIST, f"another file is at '{goal}'")
+            goal.parent.mkdir(parents=True, exist_ok=True)
+            source.rename(goal)
+    except OSError as error:
+        raise InputError(
+            f"Earlier results of '{target}' cannot be moved back from '{old}': {error.strerror or error}; mend that, "
+            "and run again."
+        ) from error
+    _remove_empty_parents(target, sizes)
+
+
+def _recover(target: Path) -> None:
+    """Undo a swap that was killed, unless its manifest, which moves last, is in place; remove its staging folder."""
+    if os.path.lexists(target / _STAGING / "new" / MANIFEST):
+        _move_back(target)
+    _discard(target / _STAGING)
+
+
 def _discard(staging: Path) -> None:
     """Remove the staging folder, unless it holds earlier results that could not be moved back."""
-    if not files_in(staging / "old"):
-        shutil.rmtree(staging, ignore_errors=True)
+    if os.path.lexists(staging / "new" / MANIFEST) and files_in(staging / "old"):
+        return
+    with suppress(OSError):  # first, since it says that files which are not in the folder have been moved
+        (staging / "new" / MANIFEST).unlink()
+    shutil.rmtree(staging, ignore_errors=True)
 
 
 def _remove_empty_parents(folder: Path, names: Iterable[str]) -> None:

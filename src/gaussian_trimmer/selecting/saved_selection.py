@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
-from gaussian_trimmer.io.writing import write_json, write_whole
+from gaussian_trimmer.io.writing import atomic_file, write_json, write_whole
 from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, relative_to
 
 if TYPE_CHECKING:  # most that read a selection need no kernels
@@ -57,35 +57,46 @@ def save_selection(selection: SelectionResult, path: Path, scene: Path | None = 
     Raises:
         InputError: a file cannot be written.
     """
-    checksum = save_array(selection.mask, path)
+    rows = _as_npy(selection.mask)
     packed = base64.b64encode(zlib.compress(np.packbits(selection.excluded).tobytes(), 9)).decode()
-    note = SelectionNote(checksum, int(np.count_nonzero(selection.mask)), packed, path.name, scene)
+    note = SelectionNote(zlib.crc32(rows), int(np.count_nonzero(selection.mask)), packed, path.name, scene)
     document = marks_as_json(selection.marks, path.parent)
     document["selection"] = to_plain(note, {Path: lambda place: relative_to(place, path.parent)})
-    write_json(document, path.with_suffix(".json"))
+    with atomic_file(path) as part:  # both are on the disk before either takes its place
+        part.write_bytes(rows)
+        write_json(document, path.with_suffix(".json"))
 
 
-def save_array(selection: NDArray[Any], path: Path) -> int:
-    """Write an .npy file and return its checksum; unlike `np.save`, this notices everywhere that a disk is full.
+def save_array(selection: NDArray[Any], path: Path) -> None:
+    """Write an .npy file; unlike `np.save`, this notices everywhere that a disk is full.
 
     Raises:
         InputError: the file cannot be written.
     """
+    write_whole(path, _as_npy(selection))
+
+
+def _as_npy(selection: NDArray[Any]) -> bytes:
     buffer = BytesIO()
     np.save(buffer, selection, allow_pickle=False)
-    write_whole(path, buffer.getbuffer())
-    return zlib.crc32(buffer.getbuffer())
+    return buffer.getvalue()
 
 
 def note_on(path: Path) -> SelectionNote | None:
-    """What the marks beside a selection say of it; None if there are none, or the selection was changed since."""
+    """Return what the marks beside a selection say of it; None without marks, or if the selection was changed since."""
+    note = note_beside(path)
+    return note if note is not None and note.crc32 == zlib.crc32(file_bytes(path)) else None
+
+
+def note_beside(path: Path) -> SelectionNote | None:
+    """Return what the marks beside a selection say of it, be it as it is now or as it was before it was changed."""
     marks_path = path.with_suffix(".json")
     if is_file(path) and is_marks_file(marks_path):
         with suppress(InputError):
             readers = {Path: lambda data, where: path.parent / from_plain(data, Path, where)}
-            data = read_json(marks_path).get("selection")
+            data = dict(read_json(marks_path)).get("selection")
             note: SelectionNote = from_plain(data, SelectionNote, "selection", readers)
-            return note if note.crc32 == zlib.crc32(file_bytes(path)) else None
+            return note
     return None
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
-from gaussian_trimmer.selecting.marks_file import is_marks_file
-from gaussian_trimmer.selecting.saved_selection import excluded_from
+from gaussian_trimmer.selecting.marks import FromFile, Mark, Marks
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.options import flag
 
@@ -39,36 +41,53 @@ def read_selection(
 
 
 def read_selected_and_removed(
-    path: str | Path,
+    path: str | Path | None,
     scene: Gaussians,
     options: SelectionOptions | None = None,
+    further: Sequence[Mark] = (),
     *,
     cameras: CameraSet | None = None,
+    camera_path: Path | None = None,
+    up: Any = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
     say: Callable[[str], None] = lambda note: None,
-) -> tuple[BoolArray, BoolArray]:
-    """Return which Gaussians a file selects, (N,), and which its marks removed and a trim therefore keeps out, (N,).
+) -> tuple[BoolArray, BoolArray, Marks | None]:
+    """Return what a file or marks select, what marks removed and a trim keeps out, each (N,), and the marks, if any.
 
     Args:
-        path, scene, options, say: as for `read_selection`.
-        cameras: those that the scene was trained with, for masks among the marks.
+        path: as for `read_selection`; None: only `further` selects, or everything is selected.
+        scene, options, say: as for `read_selection`.
+        further: marks that come after the file.
+        cameras, camera_path: those that the scene was trained with, and where they came from.
+        up: the scene's up vector, (3,), if known.
         renderer: what draws the views of marks.
 
     Raises:
         InputError: as `read_selection`.
     """
-    path = Path(path)
-    if is_marks_file(path):
-        if options is not None and (unused := sorted(options.given())):
-            raise InputError(f"'{path}' holds marks and does not use {flag(unused[0])}; leave that out.")
-        from gaussian_trimmer.selecting.select import select  # most files hold no marks, and need no kernels
+    path, options = None if path is None else Path(path), options or SelectionOptions()
+    earlier = read_marks(path) if path is not None and is_marks_file(path) else None
+    if earlier is not None and (unused := sorted(options.given())):
+        raise InputError(f"'{path}' holds marks and does not use {flag(unused[0])}; leave that out.")
+    if earlier is not None or further:
+        # Late, since most files hold no marks, and need no kernels.
+        from gaussian_trimmer.selecting.select import select
+        from gaussian_trimmer.selecting.view_lookup import resolve_views
 
-        made = select(scene, path, cameras=cameras, renderer=renderer)
-        return made.mask, made.excluded
+        if path is not None and earlier is None:
+            further = [FromFile(path, options), *further]
+        marks = resolve_views(scene, further, cameras=cameras, up=up, camera_path=camera_path)
+        marks = marks if earlier is None else earlier.followed_by(marks, camera_path)
+        made = select(scene, marks, cameras=cameras, renderer=renderer)
+        return made.mask, made.excluded, made.marks
+    if path is None:
+        return np.ones(len(scene), np.bool_), np.zeros(len(scene), np.bool_), None
     selection, removed = load_selection(path, scene, options, say), excluded_from(path, len(scene))
+    beside = path.with_suffix(".json")
     if removed is None:
-        return selection, np.zeros(len(scene), np.bool_)
+        if note_beside(path) is not None:
+            say(f"{beside} is about another state of {path.name}, so what its marks removed is unknown; select again.")
+        return selection, np.zeros(len(scene), np.bool_), None
     if removed.any():
-        kept_out = f"the {np.count_nonzero(removed):,} Gaussians that its marks removed stay out"
-        say(f"{path.with_suffix('.json')}: {kept_out}.")
-    return selection, removed
+        say(f"{beside}: the {np.count_nonzero(removed):,} Gaussians that its marks removed stay out.")
+    return selection, removed, None
