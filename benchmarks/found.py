@@ -23,7 +23,7 @@ from gaussian_trimmer.evaluation.panoptic import count_common_pixels, counts_of,
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.trimming.several_objects import trim_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 
 _RENDERER = get_renderer("numba")
 

@@ -24,9 +24,9 @@ from synthetic_scenes import KERNEL_SIZE, kernel_view
 from gaussian_trimmer import formats
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer, project_view
-from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import Segmenter, get_segmenter
 from gaussian_trimmer.segmentation.segmenters.sam2_video import Sam2Config
 from gaussian_trimmer.selection_files import load_selection
@@ -244,6 +244,6 @@ def _in_bytes(maximum_resident: int) -> int:
 
 def _digest(result: TrimResult) -> str:
     """A name for the exact result."""
-    arrays = [result.source_index, result.label]
-    arrays += [part.means for part in (result.object, result.outside_parts)]
+    arrays = [result.only.source_index, result.only.label, result.background_source, result.background_label]
+    arrays += [part.means for part in (result.object, result.appended)]
     return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()

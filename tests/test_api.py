@@ -18,8 +18,8 @@ from gaussian_trimmer.commands.select import Select
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.config import SplitConfig
 from gaussian_trimmer.output.report import result_files
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.arguments import mask_of_selection
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -210,7 +210,7 @@ def test_float64_is_converted_and_nothing_compiled_for_it(result):
     assert {getattr(scene, name).dtype for name in ("means", "quaternions", "sh_rest")} == {np.dtype(np.float32)}
     other = gt.trim(scene, ROUGH, config=CONFIG, segmenter=toy.TightMasks())
     assert compiled() == before
-    np.testing.assert_array_equal(other.source_index, result.source_index)
+    np.testing.assert_array_equal(other.only.source_index, result.only.source_index)
     np.testing.assert_array_equal(other.object.means, result.object.means)
 
 
@@ -383,27 +383,7 @@ def test_a_segmenter_describes_itself_in_the_report():
             return "tight by two pixels"
 
     result = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=Described(), views=2)
-    assert (result.segmenter, result.report["segmenter"]) == ("tight", "tight by two pixels")
-
-
-def test_slim_results_keep_decisions_and_let_go_of_the_rest(result):
-    import pickle  # only to weigh it
-
-    slim = result.slim()
-    np.testing.assert_array_equal(slim.object_mask, result.object_mask)
-    np.testing.assert_array_equal(slim.object_label, result.label[: len(result.object)])
-    rest = slice(len(result.object), None)
-    pruned = result.source_index[rest][result.label[rest] == RowLabel.REMOVED]
-    np.testing.assert_array_equal(slim.removed_rows, pruned)
-    assert len(slim.masks) == len(result.views)
-    for mask, view in zip(slim.masks, result.views, strict=True):
-        assert mask.dtype == np.bool_
-        np.testing.assert_array_equal(mask, view.mask)
-    assert (slim.report, slim.refused) == (result.report, result.refused)
-    arrays = [slim.object_rows, slim.object_label, slim.removed_rows, *(bits for _, bits in slim.packed_masks)]
-    assert all(array.base is None for array in arrays)  # views would hold what they are views of
-    # Five masks of 160 x 160 bits, five bytes for each row of the object, and the report.
-    assert len(pickle.dumps(slim)) < 5 * 160 * 160 / 8 + 5 * len(result.object) + 4 * len(pruned) + 10_000
+    assert result.segmenter == result.report["segmenter"] == "tight by two pixels"
 
 
 def test_stages_are_logged_and_no_handler_is_installed(caplog):

@@ -127,7 +127,7 @@ def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(contro
     finish(controller)
     again = session.now.objects[0].result
     assert again is not first and session.now.objects[0].n_selected == marked
-    assert np.array_equal(again.source_index, first.source_index)
+    assert np.array_equal(again.only.source_index, first.only.source_index)
     assert np.array_equal(again.object.means, first.object.means)
     assert "What you had cut out is back: 1 object." in panels.status_text
     do(controller, lambda: controller.step("Undo"))

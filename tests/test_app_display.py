@@ -19,6 +19,7 @@ from gaussian_trimmer.config import SplitConfig, TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import write
 from gaussian_trimmer.gaussians import quaternions_of
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.interpretation import SelectionState
 from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Sphere
@@ -68,7 +69,7 @@ def test_parts_are_the_object_and_the_rest(session, painter):
         background = painter.paint(now, Showing("background", when))
         both = painter.paint(now, Showing("both", when))
         assert len(object_) == now.object.n_selected  # the second object has not been trimmed
-        gone = len(result.dropped) - len(result.filled) if when == "after" else 0
+        gone = len(result.dropped) - result.count(RowLabel.FILLED) if when == "after" else 0
         more = len(result.object) - result.object_mask.sum() if when == "after" else 0  # the fit has cut some in two
         assert len(background) == (~(rest | now.object.selected.mask)).sum() - gone
         assert len(both) == len(scene) - gone + more
@@ -95,7 +96,7 @@ def large_ball():
 def test_split_parts_and_filled_gaussians_are_shown():
     scene, truth = large_ball()
     result = trim(scene, truth, config=TrimConfig(split=SplitConfig("plane")), up="z")
-    n_split = len(result.outside_parts)
+    n_split = result.count(RowLabel.SPLIT_OUTSIDE)
     assert n_split > 0
     document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))
     first = first_snapshot(document, up_of(document, (0.0, 0.0, 1.0)))
@@ -166,10 +167,10 @@ def test_changes_have_their_colours(session, painter):
         assert (red[:, 0] > red[:, 2] + 0.2).all()
         without = painter.paint(now, Showing("background", "after", "changes"))
         made_up = without.colours[without.rows == -1]
-        assert len(made_up) == len(result.filled)
+        assert len(made_up) == result.count(RowLabel.FILLED)
         assert (made_up[:, 2] < made_up[:, 0]).all()  # yellow
         assert not added.any() or (added & result.object_mask).any()
-        assert relit.sum() == len(result.relit)
+        assert relit.sum() == result.count(RowLabel.RELIT)
     finally:
         session.activate(2)
 

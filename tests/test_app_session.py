@@ -162,7 +162,7 @@ def test_a_trim_is_that_of_the_library_and_a_mark_makes_it_out_of_date(session, 
     said = session.trim(progress=stages.append)
     result = session.now.object.result
     alone = gt.trim(session.document.scene, session.now.object.selected.mask, cameras=session.document.cameras)
-    assert np.array_equal(result.source_index, alone.source_index)
+    assert np.array_equal(result.only.source_index, alone.only.source_index)
     assert toy.jaccard(result.object_mask, ball[2]) > 0.9
     assert "views accepted" in said
     assert stages[0] == "plan"

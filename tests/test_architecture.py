@@ -30,9 +30,8 @@ LAYERS = (
     ("removal",),
     ("config",),
     ("options",),
-    ("result",),
-    ("trimming",),
-    ("output", "selecting"),
+    ("output",),
+    ("trimming", "selecting"),
     ("finding",),
     ("evaluation",),
     ("batch",),
@@ -46,7 +45,6 @@ each is one file, also from each other."""
 
 EXCEPTIONS = {
     ("selection_files", "formats"): "a splat file can be a selection: its rows are read with the scene's own reader",
-    ("result", "output"): "a result saves itself",
 }
 """Imports between rooms that the layers would forbid, with the reason."""
 
@@ -212,7 +210,7 @@ def test_what_is_loaded_with_a_module(source: str, found: set[str]) -> None:
         ("finding", "selecting", True),
         ("evaluation", "output", True),
         ("evaluation", "commands", False),
-        ("result", "trimming", False),
+        ("output", "trimming", False),
         ("commands", "output", True),
         ("segmentation", "segmentation", True),
     ],

@@ -18,7 +18,7 @@ def sides(yaws=None, views=5, rejected=(), cameras=None):
     config = toy.small_config(plan=PlanConfig(size=64, views=views, yaw_range_degrees=yaws))
     result = trim(SCENE, TRUTH, config=config, cameras=cameras)
     judged = tuple(replace(v, rejected="bad" if i in rejected else "") for i, v in enumerate(result.views))
-    return checked_sides(replace(result, views=judged))
+    return checked_sides(replace(result.only, views=judged), result.cameras)
 
 
 def training_cameras(*yaws):
@@ -45,13 +45,13 @@ def test_views_over_an_arc_leave_the_far_side_unchecked():
     assert found.as_json()["yaw_ranges_degrees"] == [[20, 74]]
     assert found.middle == 47
     assert found.verdict(47) == ""
-    assert found.verdict(227) == "no view from here"
+    assert found.verdict(227) == "no accepted view from here"
 
 
 def test_rejected_views_judge_nothing():
     found = sides(rejected=[2])
     assert found.sentence().startswith("seen over 288 of 360 degrees, from 30")
-    assert found.verdict(144) == "the view was rejected"
+    assert found.verdict(144) == "no accepted view from here"
     nothing = sides(rejected=range(5))
     assert nothing.sentence() == "seen from no side; nothing was checked"
 

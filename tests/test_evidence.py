@@ -8,7 +8,7 @@ from toy import ball_on_floor, eroded, jaccard, object_rows, one_thread, small_c
 
 from gaussian_trimmer.config import PlanConfig, SplitConfig
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig, classify_gaussians
-from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 COARSE, OTHER = True, False
@@ -123,7 +123,7 @@ def test_without_a_limit_it_is_recovered(n_ball, seed, views):
 def test_a_sparse_ball_that_is_selected_exactly_stays_whole(n_ball, seed):
     truth = sparse_ball(n_ball, seed)[1]
     result = trimmed(truth, n_ball, seed)
-    assert (result.refused, result.floaters) == (None, 0)
+    assert (result.refused, result.only.floaters) == (None, 0)
     assert jaccard(object_rows(result), truth) >= 0.95
 
 

@@ -13,7 +13,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import FromFile, Sphere
 from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
 from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
-from gaussian_trimmer.trimming.several_objects import trim_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 
 SCENE, TRUTH = toy.ball_on_floor()
 BALL = Sphere((0, 0, 1), 1.1)

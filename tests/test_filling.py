@@ -7,9 +7,9 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import SH_C0, concatenate
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 
@@ -51,10 +51,10 @@ def test_a_hole_that_is_seen_through_the_open_back_of_the_object_is_closed_too()
 
 def test_what_was_filled_is_marked(results, tmp_path):
     without, filled = results
-    count = len(filled.filled)
+    count = filled.count(RowLabel.FILLED)
     assert count > 10
-    assert filled.report["counts"]["filled"] == count == filled.count(RowLabel.FILLED)
-    assert (filled.source_index[-count:] == -1).all()
+    assert filled.report["counts"]["filled"] == count
+    assert (filled.background_source[-count:] == -1).all()
     assert without.report["counts"]["filled"] == 0
     taken_off = len(filled.dropped) - len(without.dropped)
     assert len(filled.background) == len(without.background) + count - taken_off
@@ -81,10 +81,10 @@ def test_the_object_and_what_hides_the_hole_stay_as_they_are(results):
 def test_what_is_hardly_seen_around_the_object_does_not_go_on():
     near = np.linalg.norm(SCENE.means[:, :2], axis=1) < 0.75
     wide, small = (trim(SCENE.select(part), TRUTH[part], config=CONFIG) for part in (near | ~near, near | TRUTH))
-    assert len(wide.filled) > 10
-    assert wide.not_filled is None
-    assert small.filled is None
-    assert "too little is seen" in small.not_filled
+    assert wide.count(RowLabel.FILLED) > 10
+    assert wide.only.not_filled is None
+    assert not small.count(RowLabel.FILLED)
+    assert "too little is seen" in small.only.not_filled
 
 
 def test_without_a_flat_surface_nothing_is_filled():
@@ -92,6 +92,6 @@ def test_without_a_flat_surface_nothing_is_filled():
     rest = ball.replace(means=ball.means + np.float32([0, 0, 9]))  # something round, far above
     scene, truth = concatenate([ball, rest]), np.arange(2 * len(ball)) < len(ball)
     result = trim(scene, truth, config=toy.small_config(background="filled"))
-    assert result.filled is None
-    assert "no flat surface" in result.not_filled
-    assert result.report["not_filled"] == result.not_filled
+    assert not result.count(RowLabel.FILLED)
+    assert "no flat surface" in result.only.not_filled
+    assert result.report["not_filled"] == result.only.not_filled

@@ -8,9 +8,9 @@ import toy
 
 from gaussian_trimmer.evaluation.results import read_result
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
@@ -28,9 +28,8 @@ def with_more(means, scales, colour):
 def added(result):
     """What became of the added Gaussians: numbers of those in the object, in the background, and in neither."""
     rows = np.arange(len(SCENE), len(result.scene))
-    n_object = len(result.object)
-    mine, rest = result.source_index[:n_object], result.source_index[n_object:]
-    return tuple(int(np.isin(rows, where).sum()) for where in (mine, rest, result.dropped))
+    places = (result.only.source_index, result.background_source, result.dropped)
+    return tuple(int(np.isin(rows, where).sum()) for where in places)
 
 
 def psnr(result):
@@ -81,7 +80,7 @@ def test_what_stands_beside_the_object_stays():
 def test_every_row_is_in_the_object_in_the_background_or_dropped(mode, tmp_path):
     scene, truth = BELOW
     result = trim(scene, truth, config=replace(CONFIG, background=mode))
-    rows = np.concatenate([result.source_index, result.dropped])
+    rows = np.concatenate([result.only.source_index, result.background_source, result.dropped])
     np.testing.assert_array_equal(np.sort(rows), np.arange(len(scene)))
     assert result.report["counts"]["dropped"] == len(result.dropped)
     assert (len(result.dropped) > 0) == (mode == "clean")

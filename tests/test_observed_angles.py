@@ -95,5 +95,5 @@ def test_one_training_camera_is_enough_for_a_trim(position):
     result = trim(SCENE, rough, config=config, cameras=CameraSet((seen_from,), None, (True,), False))
     assert smallest_turn([view.view.camera for view in result.views]) > 2
     kept = np.zeros(len(SCENE), np.bool_)
-    kept[result.source_index[: len(result.object)]] = True
+    kept[result.only.source_index] = True
     assert toy.jaccard(kept, TRUTH) > toy.jaccard(rough, TRUTH)

@@ -85,7 +85,9 @@ def test_thin_ends_of_the_object_are_within_the_picture():
     mast = toy.gaussians(toy.CENTRE + heights * toy.UP, (0.03, 0.03, 0.09), (0.8, 0.1, 0.1), 0.95)
     result = trim(concatenate([scene, mast]), np.append(truth, np.ones(12, np.bool_)), config=toy.small_config())
     assert result.object.means[:, 2].max() > result.bounds.centre[2] + 1.5 * result.bounds.half_extents[2]
-    yaws, cameras = cameras_around(result, checked_sides(result), 4, 100)
+    yaws, cameras = cameras_around(
+        result.only, result.scene.select(result.selection), checked_sides(result.only, result.cameras), 4, 100, (4, 65)
+    )
     assert len(cameras) == len(yaws) + 2
     for camera in cameras:
         pixels, _ = camera.project(result.object.means.astype(np.float64))

@@ -27,9 +27,9 @@ from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.config import PlanConfig, SplitConfig, TrimConfig, paper_config
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = ball_on_floor()
@@ -68,14 +68,14 @@ def test_both_pieces_of_a_selection_are_kept(apart, n_second):
     second = moved(SCENE.select(np.flatnonzero(TRUTH)[:n_second]), np.eye(3), 1.0, (apart, 0, 0))
     truth = np.append(TRUTH, np.ones(n_second, np.bool_))
     result = trim(concatenate([SCENE, second]), truth, config=small_config(split=WHOLE))
-    assert (result.refused, result.floaters) == (None, 0)
+    assert (result.refused, result.only.floaters) == (None, 0)
     assert object_rows(result)[len(SCENE) :].mean() > 0.98
     assert jaccard(object_rows(result), truth) > 0.97
 
 
 def test_floaters_are_counted_and_left_to_the_background():
     result = trimmed("with floaters")
-    assert result.floaters == np.count_nonzero(SELECTIONS["with floaters"] & ~TRUTH) > 0
+    assert result.only.floaters == np.count_nonzero(SELECTIONS["with floaters"] & ~TRUTH) > 0
     assert not object_rows(result)[SELECTIONS["with floaters"] & ~TRUTH].any()
 
 
@@ -91,8 +91,7 @@ def test_without_splits_object_and_background_are_the_scene(kind):
 def test_split_gaussians_have_their_parts_on_both_sides(rule):
     result = trim(SCENE, SPECKLED, config=splitting_config(rule), segmenter=TightMasks())
     assert result.count(RowLabel.SPLIT_INSIDE) > 0
-    assert result.count(RowLabel.SPLIT_OUTSIDE) == len(result.outside_parts)
-    assert len(result.outside_parts) == (0 if rule == "sagd" else result.count(RowLabel.SPLIT_INSIDE))
+    assert result.count(RowLabel.SPLIT_OUTSIDE) == (0 if rule == "sagd" else result.count(RowLabel.SPLIT_INSIDE))
     check_parts(result, SPECKLED)
 
 
@@ -116,7 +115,7 @@ def test_the_outline_is_fitted_only_to_masks_that_know_it_better_than_the_scene(
         if source:
             segmenter.mask_source = source
         result = trim(SCENE, TRUTH, config=small_config(refine="fit"), segmenter=segmenter, view_cameras=cameras)
-        assert len(result.fitted)
+        assert len(result.only.fitted)
         opacities[source] = result.object.opacity_logits.tolist()
     assert opacities[None] == opacities["labels"] == opacities["renderings"]
     assert opacities["photographs"] == opacities["given"] != opacities[None]
@@ -183,7 +182,7 @@ def test_masks_that_contradict_the_selection_leave_it_as_it_is(segmenter, kind):
     assert "0 of 5 views" in result.refused
     assert all(view.rejected for view in result.views)
     np.testing.assert_array_equal(object_rows(result), SELECTIONS[kind])
-    assert set(result.label) == {RowLabel.KEPT}
+    assert set(result.only.label) == {RowLabel.KEPT}
     check_parts(result, SELECTIONS[kind])
 
 
@@ -241,13 +240,14 @@ def test_objects_too_small_to_be_judged_are_left_as_they_are(count):
 def test_a_fitted_outline_says_which_rows_are_no_longer_the_scenes():
     fitted = trim(SCENE, SELECTIONS["dilated"], config=small_config(refine="fit"))
     plain = trim(SCENE, SELECTIONS["dilated"], config=small_config())
-    assert len(fitted.fitted) and not len(plain.fitted) and fitted.report["counts"]["fitted"] == len(fitted.fitted)
+    assert len(fitted.only.fitted) and not len(plain.only.fitted)
+    assert fitted.report["counts"]["fitted"] == len(fitted.only.fitted)
     np.testing.assert_array_equal(fitted.object_mask, plain.object_mask)
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
-        rows, theirs = getattr(fitted.object, name), getattr(SCENE, name)[fitted.source_index[: len(fitted.object)]]
+        rows, theirs = getattr(fitted.object, name), getattr(SCENE, name)[fitted.only.source_index]
         same = (rows == theirs).reshape(len(rows), int(np.prod(rows.shape[1:]))).all(axis=1)
-        assert same[np.setdiff1d(np.arange(len(rows)), fitted.fitted)].all()
+        assert same[np.setdiff1d(np.arange(len(rows)), fitted.only.fitted)].all()
         np.testing.assert_array_equal(getattr(fitted.background, name), getattr(plain.background, name))
     assert set(fitted.object.extras) == set(plain.object.extras)
-    parts = np.flatnonzero(fitted.label[: len(fitted.object)] == RowLabel.SPLIT_INSIDE)
-    assert set(parts) <= set(fitted.fitted)
+    parts = np.flatnonzero(fitted.only.label == RowLabel.SPLIT_INSIDE)
+    assert set(parts) <= set(fitted.only.fitted)

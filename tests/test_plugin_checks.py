@@ -51,7 +51,7 @@ class Together(Silhouettes):
 
 def test_segmenters_may_ask_for_the_gaussians_and_are_checked_all_the_same(expected):
     result = trimmed(Together(lambda masks: masks))
-    np.testing.assert_array_equal(result.source_index, expected.source_index)
+    np.testing.assert_array_equal(result.only.source_index, expected.only.source_index)
     with pytest.raises(InputError, match="segmenter 'homemade'"):
         trimmed(Together(lambda masks: masks[:1]))
 
@@ -70,7 +70,7 @@ def test_segmenters_may_ask_for_the_gaussians_and_are_checked_all_the_same(expec
 )
 def test_masks_of_whole_numbers_mean_the_same_as_booleans(change, expected):
     result = trimmed(Silhouettes(change))
-    np.testing.assert_array_equal(result.source_index, expected.source_index)
+    np.testing.assert_array_equal(result.only.source_index, expected.only.source_index)
     for ours, theirs in zip(result.views, expected.views, strict=True):
         assert ours.mask.dtype == np.bool_
         np.testing.assert_array_equal(ours.mask, theirs.mask)

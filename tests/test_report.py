@@ -9,8 +9,9 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.config import AcceptanceConfig, SplitConfig
-from gaussian_trimmer.output.report import LABEL_NAMES, count, describe, write_results
-from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.output.report import describe
+from gaussian_trimmer.output.result import RowLabel
+from gaussian_trimmer.output.saving import LABEL_NAMES, write_results
 from gaussian_trimmer.trimming.trim import trim
 
 CONFIG = toy.small_config()
@@ -76,14 +77,14 @@ def test_report_says_how_it_came_about(trimmed, written):
 def test_every_selected_gaussian_is_counted_once(stages):
     scene, truth = toy.ball_on_floor()
     result = trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=toy.TightMasks())
-    counts = count(result)
+    counts = result.report["counts"]
     assert counts["selected"] == np.count_nonzero(result.selection)
     assert counts["selected"] == counts["kept"] + counts["cut"] + counts["removed"] + counts["left_out"]
     assert counts["kept"] + counts["cut"] + counts["recovered"] == np.count_nonzero(result.object_mask)
     assert (counts["object"], counts["background"]) == (len(result.object), len(result.background))
-    parts = result.source_index[: len(result.object)][result.label[: len(result.object)] == RowLabel.SPLIT_INSIDE]
+    parts = result.only.source_index[result.only.label == RowLabel.SPLIT_INSIDE]
     assert counts["cut"] == np.count_nonzero(result.selection[np.unique(parts)])
-    assert (counts["split"] > 0) == (len(result.outside_parts) > 0) == ("split" in stages)
+    assert (counts["split"] > 0) == (result.count(RowLabel.SPLIT_OUTSIDE) > 0) == ("split" in stages)
     assert (counts["removed"] > 0) == (result.refused is None or not result.refused)
 
 

@@ -9,10 +9,11 @@ import toy
 from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
-from gaussian_trimmer.output.html.changes import FITTED, LEFT_OUT, coloured_changes, legend_of
+from gaussian_trimmer.output.html.figures import FITTED, LEFT_OUT, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
-from gaussian_trimmer.output.report import LABEL_NAMES, describe
-from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.output.report import describe
+from gaussian_trimmer.output.result import RowLabel
+from gaussian_trimmer.output.saving import LABEL_NAMES
 from gaussian_trimmer.trimming.trim import trim
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -56,7 +57,7 @@ def test_every_view_can_be_compared_and_has_its_pictures(page, result):
 
 
 def test_counts_times_settings_and_doubts_are_told(result):
-    doubtful = replace(result, warnings=("Something may be wrong.",))
+    doubtful = toy.with_object(result, warnings=("Something may be wrong.",))
     page = page_of(doubtful)
     report = describe(doubtful)
     numbers = page.text_of("numbers")
@@ -73,19 +74,19 @@ def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page,
     assert len({change.colour for change in legend}) == len(legend)
     counts = {change.name: change.count for change in legend}
     assert counts["removed"] == result.count(RowLabel.REMOVED) > 0
-    assert (counts[LEFT_OUT], counts[FITTED]) == (len(result.dropped), len(result.fitted))
+    assert (counts[LEFT_OUT], counts[FITTED]) == (len(result.dropped), len(result.only.fitted))
     for change in legend:
         assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")
 
 
 def test_fitted_gaussians_have_a_colour_and_a_line_in_the_legend():
     result = trimmed(refine="fit")
-    assert len(result.fitted)
+    assert len(result.only.fitted)
     colours = {change.name: change.colour for change in legend_of(result)}
-    kept = np.flatnonzero(result.label[: len(result.object)] == RowLabel.KEPT)
-    is_coloured = np.ptp(coloured_changes(result).sh_dc[kept], axis=1) > 0.5
+    kept = np.flatnonzero(result.only.label == RowLabel.KEPT)
+    is_coloured = np.ptp(coloured_changes(result, result.only).sh_dc[kept], axis=1) > 0.5
     assert colours[FITTED] == "#e69f00"
-    assert np.array_equal(is_coloured, np.isin(kept, result.fitted)) and is_coloured.any()
+    assert np.array_equal(is_coloured, np.isin(kept, result.only.fitted)) and is_coloured.any()
 
 
 def test_names_of_strangers_are_shown_as_text(result):
@@ -93,7 +94,8 @@ def test_names_of_strangers_are_shown_as_text(result):
         replace(view, rejected=HOSTILE, view=replace(view.view, camera=replace(view.view.camera, name=HOSTILE)))
         for view in result.views
     )
-    hostile = replace(result, views=views, warnings=(HOSTILE,), refused=HOSTILE, segmenter=HOSTILE)
+    hostile = replace(result, segmenter=HOSTILE)
+    hostile = toy.with_object(hostile, views=views, warnings=(HOSTILE,), refused=HOSTILE)
     page = page_of(hostile, scene=HOSTILE, selection=f"</title>{HOSTILE}", selection_options={HOSTILE: HOSTILE})
     name = HOSTILE.split("/")[-1]
     check_stands_alone(page)
@@ -112,7 +114,7 @@ def test_refused_trims_and_views_are_shown_as_such():
 
 
 def test_inputs_that_were_found_wrong_give_a_page_without_views(result):
-    wrong = replace(result, views=(), refused="The rows are in another order.")
+    wrong = toy.with_object(result, views=(), refused="The rows are in another order.")
     page = page_of(wrong)
     check_stands_alone(page)
     assert "No views: the inputs were found wrong" in page.text_of("views")
@@ -137,7 +139,7 @@ def test_the_whole_scene_is_shown_from_training_cameras(result):
 
 def test_many_views_are_thinned_but_those_that_were_rejected_stay(result):
     views = [replace(result.views[i % 5], rejected="because" if i in (7, 30) else "") for i in range(40)]
-    page = page_of(replace(result, views=tuple(views)))
+    page = page_of(toy.with_object(result, views=tuple(views)))
     shown = {a["alt"].split(":")[0] for a, _ in page.all("img") if a["alt"].startswith("view ")}
     assert len(shown) == 12
     assert {"view 7", "view 30"} <= shown

@@ -14,10 +14,12 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.config import EvidenceConfig, RefineConfig, SplitConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.output.objects import two_sides
-from gaussian_trimmer.result import RowLabel
+from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.pictures import cameras_around
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.trimming.several_objects import _by_id, trim_objects
+from gaussian_trimmer.trimming.arguments import rough_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 
 CONFIG = toy.small_config()
 SHIFT = np.float32([2.4, 0, 0])
@@ -47,8 +49,9 @@ def check_complementary(result):
     together = np.concatenate([*owners, result.background_rows, result.dropped])
     assert len(np.unique(together)) == len(together) == len(result.scene)
     split = np.concatenate([part.source_index[part.label == RowLabel.SPLIT_INSIDE] for part in result.objects])
-    assert set(result.outside_source) <= set(split)
-    assert len(result.source_index) == len(result.label)
+    outer = result.background_source[result.background_label == RowLabel.SPLIT_OUTSIDE]
+    assert set(outer) <= set(split)
+    assert len(result.background) == len(result.background_source) == len(result.background_label)
 
 
 def test_each_object_is_as_it_would_be_alone(result):
@@ -68,7 +71,7 @@ def test_what_two_objects_claim_goes_to_one():
     result = trim_objects(SCENE, {1: ROUGH[3], 2: half, 5: ROUGH[7]}, config=CONFIG)
     check_complementary(result)
     assert result.contested > 100
-    assert sum(part.given_up for part in result.objects) == result.contested
+    assert sum(part.lost for part in result.objects) == result.contested
 
 
 def test_split_gaussians_have_one_owner():
@@ -83,10 +86,9 @@ def test_outlines_are_fitted_once_contested_gaussians_have_an_owner():
     halves = [ROUGH[3] & (SCENE.means[:, 0] * side < 0.3) for side in (1, -1)]
     config = replace(CONFIG, refine="fit", refinement=RefineConfig(steps=2, max_thin=1))
     contested = trim_objects(SCENE, halves, config=config)
-    loser = max(contested.objects, key=lambda part: part.given_up)
-    assert loser.given_up > 20
+    loser = max(contested.objects, key=lambda part: part.lost)
+    assert loser.lost > 20
     assert len(loser.fitted)
-    assert loser.report["counts"]["object"] == len(loser.gaussians)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +104,7 @@ def test_objects_may_have_names_or_neither(objects, ids, names):
     assert [part.id for part in result.objects] == ids
     assert [part.name for part in result.objects] == names
     assert set(np.unique(result.labels)) == {0, *ids}
-    assert all(len(part.report["views"]) == 3 for part in result.objects)
+    assert all(len(part.views) == 3 for part in result.objects)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +131,7 @@ def test_the_whole_object_is_in_the_pictures_from_both_sides(result):
             middle = part.bounds.centre
             means = middle + (part.gaussians.means - middle) @ (np.eye(3) + np.outer(way, way)) + 0.5 * way
             wide = replace(part, gaussians=part.gaussians.replace(means=means.astype(np.float32)))
-            for camera in two_sides(wide):
+            for camera in cameras_around(wide, part.gaussians, checked_sides(wide, ()), 2, 100)[1]:
                 assert camera.contains(camera.project(means)[0]).all()
 
 
@@ -138,15 +140,15 @@ def test_ids_of_gaussians_are_objects():
     for number, mask in ROUGH.items():
         labels[mask] = number
     labels[-1] = -1
-    found = _by_id(labels)
-    assert [(number, name) for number, name, _ in found] == [(3, "3"), (7, "7")]
-    for number, _, mask in found:
-        assert np.array_equal(mask, labels == number)
+    found = rough_objects(labels, len(SCENE))
+    assert [(part.id, part.name) for part in found] == [(3, "3"), (7, "7")]
+    for part in found:
+        assert np.array_equal(part.rows, np.flatnonzero(labels == part.id))
     for wrong, sentence in (
         (labels > 0, "array of bool"),
         (labels * 0, "name no object"),
         (labels[None], r"array of int32 \(1, "),
-        (labels[:5] * 0 + 1, "booleans are needed"),
+        (labels[:5] * 0 + 1, r"array of int32 \(5,\)"),
     ):
         with pytest.raises(InputError, match=sentence):
             trim_objects(SCENE, wrong)
@@ -173,7 +175,7 @@ def test_labels_on_the_command_line(files, tmp_path, capsys):
     assert sum(map(len, parts)) == len(SCENE)
     report = json.loads((out / "report.json").read_text())
     assert [entry["id"] for entry in report["objects"]] == [3, 7]
-    assert cv2.imread(str(out / "objects.png")).shape[1] > 900
+    assert cv2.imread(str(out / "before_after.png")).shape[1] > 800
     assert run("info", out) == 0
     said = capsys.readouterr().out
     assert "results of a trim" in said and "object_3.ply" in said and "trim SCENE --labels" in said

@@ -16,12 +16,11 @@ from toy import TightMasks, ball_on_floor, dilated, small_config, two_balls
 
 from gaussian_trimmer.config import SplitConfig
 from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
-from gaussian_trimmer.result import RowLabel
-from gaussian_trimmer.trimming.several_objects import trim_objects
-from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.trimming.trim import trim, trim_objects
 
 N_CALLS = 12
 
@@ -69,10 +68,18 @@ def trimmed():
     assert result.count(RowLabel.SPLIT_INSIDE) > 5
     parts = [
         getattr(part, name)
-        for part in (result.object, result.outside_parts)
+        for part in (result.object, result.appended)
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
     ]
-    return digest([result.source_index, result.label, *parts, *(view.mask for view in result.views)])
+    return digest(
+        [
+            result.only.source_index,
+            result.only.label,
+            result.background_source,
+            *parts,
+            *(view.mask for view in result.views),
+        ]
+    )
 
 
 def together():

@@ -1,6 +1,7 @@
 """A red ball on a checkered floor, made of Gaussians whose true labels are known, rough selections of it, and trims."""
 
 from contextlib import contextmanager
+from dataclasses import replace
 
 import cv2
 import numba
@@ -9,9 +10,9 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import SH_C0, Gaussians, concatenate, logit, quaternions_of, rotation_matrices
+from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.result import RowLabel
 from gaussian_trimmer.views import TrimmedView, View, bounding_box
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -158,20 +159,28 @@ class TightMasks:
 def object_rows(result):
     """Which rows of the scene the object has, whole or in part, (N,)."""
     rows = np.zeros(len(result.scene), np.bool_)
-    rows[result.source_index[: len(result.object)]] = True
+    rows[result.only.source_index] = True
     return rows
+
+
+def with_object(result, **changes):
+    """A result of one object with other values in fields of that."""
+    return replace(result, objects=(replace(result.only, **changes),))
 
 
 def check_parts(result, selection):
     """Every row of the scene is in the object, in the background, split into both, or dropped; labels tell why."""
-    n_object, source, label = len(result.object), result.source_index, result.label
-    assert len(source) == len(label) == n_object + len(result.background)
-    mine, rest, why_mine, why_rest = source[:n_object], source[n_object:], label[:n_object], label[n_object:]
+    part, rest, why_rest = result.only, result.background_source, result.background_label
+    mine, why_mine = part.source_index, part.label
+    assert len(mine) == len(why_mine) == len(result.object)
+    assert len(rest) == len(why_rest) == len(result.background)
     whole = np.concatenate([mine[why_mine != RowLabel.SPLIT_INSIDE], rest[why_rest != RowLabel.SPLIT_OUTSIDE]])
     split = mine[why_mine == RowLabel.SPLIT_INSIDE]
     every = np.concatenate([whole[whole >= 0], split, result.dropped])
     np.testing.assert_array_equal(np.sort(every), np.arange(len(result.scene)))
-    np.testing.assert_array_equal(rest[why_rest == RowLabel.SPLIT_OUTSIDE], split[: len(result.outside_parts)])
+    np.testing.assert_array_equal(
+        rest[why_rest == RowLabel.SPLIT_OUTSIDE], split[: np.count_nonzero(why_rest == RowLabel.SPLIT_OUTSIDE)]
+    )
     assert set(why_mine) <= {RowLabel.KEPT, RowLabel.RECOVERED, RowLabel.SPLIT_INSIDE}
     made_up = {RowLabel.RELIT, RowLabel.FILLED}
     assert set(why_rest) <= {RowLabel.KEPT, RowLabel.REMOVED, RowLabel.SPLIT_OUTSIDE} | made_up

@@ -30,9 +30,9 @@ from gaussian_trimmer.output.pictures import (
     draw_view,
     write_picture,
 )
+from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.rendering.gradients import draw
-from gaussian_trimmer.result import RowLabel, TrimResult
 
 FOLDER = Path(__file__).parents[1] / "images" / "stages"
 SIDE = 300
@@ -117,10 +117,10 @@ def _segmentation(result: TrimResult) -> Picture:
 
 def _evidence(result: TrimResult) -> Picture:
     """What became of each Gaussian: kept, removed or recovered."""
-    n, colours = len(result.object), np.tile(np.float32(OTHER), (len(result.scene), 1))
+    colours = np.tile(np.float32(OTHER), (len(result.scene), 1))
     for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.RECOVERED, RECOVERED)):
-        colours[result.source_index[:n][result.label[:n] == label]] = colour
-    colours[result.source_index[n:][result.label[n:] == RowLabel.REMOVED]] = REMOVED
+        colours[result.only.source_index[result.only.label == label]] = colour
+    colours[result.background_source[result.background_label == RowLabel.REMOVED]] = REMOVED
     cells = []
     for i in (0, 1, 2):
         camera = close_up(result.views[i], result.bounds, SIDE)

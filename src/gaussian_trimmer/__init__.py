@@ -30,14 +30,13 @@ if TYPE_CHECKING:
     from gaussian_trimmer.gaussians import Gaussians
     from gaussian_trimmer.output.html.viewer import export_viewer
     from gaussian_trimmer.output.report import describe
+    from gaussian_trimmer.output.result import TrimResult
     from gaussian_trimmer.output.saving import save
-    from gaussian_trimmer.result import TrimResult
     from gaussian_trimmer.selecting import marks
     from gaussian_trimmer.selecting.marks_file import read_marks
     from gaussian_trimmer.selecting.select import select
     from gaussian_trimmer.selecting.selection_input import read_selection
-    from gaussian_trimmer.trimming.several_objects import trim_objects
-    from gaussian_trimmer.trimming.trim import trim
+    from gaussian_trimmer.trimming.trim import trim, trim_objects
 
 
 __all__ = [
@@ -68,7 +67,7 @@ _LATE = {
     "Gaussians": "gaussian_trimmer.gaussians:Gaussians",
     "InputError": "gaussian_trimmer.errors:InputError",
     "TrimConfig": "gaussian_trimmer.config:TrimConfig",
-    "TrimResult": "gaussian_trimmer.result:TrimResult",
+    "TrimResult": "gaussian_trimmer.output.result:TrimResult",
     "batch": "gaussian_trimmer.batch",
     "cameras_from_arrays": "gaussian_trimmer.camera_files.arrays:cameras_from_arrays",
     "chosen_objects": "gaussian_trimmer.finding.editing:chosen_objects",
@@ -83,7 +82,7 @@ _LATE = {
     "save": "gaussian_trimmer.output.saving:save",
     "select": "gaussian_trimmer.selecting.select:select",
     "trim": "gaussian_trimmer.trimming.trim:trim",
-    "trim_objects": "gaussian_trimmer.trimming.several_objects:trim_objects",
+    "trim_objects": "gaussian_trimmer.trimming.trim:trim_objects",
     "write": "gaussian_trimmer.formats:write",
 }
 __getattr__ = late_attributes(__name__, _LATE)

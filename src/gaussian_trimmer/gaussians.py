@@ -14,6 +14,7 @@ from gaussian_trimmer.errors import InputError
 FloatArray = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+LabelArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
 
 SH_C0 = 0.28209479177387814

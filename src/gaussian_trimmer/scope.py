@@ -18,19 +18,24 @@ from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneCo
 class Scope:
     """L Gaussians of a scene, and the cameras of the views that show them."""
 
+    scene: Gaussians
+    """All N Gaussians."""
     bounds: Bounds
     """Bounds of the selected object; their third axis is up."""
     cameras: Sequence[Camera]
     rows: IntArray
     """Scene rows of the Gaussians, ascending, (L,)."""
-    local: Gaussians
-    """The Gaussians themselves."""
     selected: BoolArray
     """Which of them are selected, without floaters far from the object, (L,)."""
     excluded: BoolArray
     """Which of them may not become part of the object, (L,)."""
     occluders: Gaussians
     """What else the cameras see before the object, if they were given: photographs and masks show that, too."""
+
+    @cached_property
+    def local(self) -> Gaussians:
+        """The L Gaussians themselves; a copy of the scope does not keep them."""
+        return self.scene.select(self.rows)
 
     @cached_property
     def shown(self) -> Gaussians:

@@ -14,8 +14,8 @@ from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.rendering.reference import view_colours
-from gaussian_trimmer.result import RowLabel
 
 Part = Literal["both", "object", "background"]
 When = Literal["before", "after"]
@@ -113,10 +113,10 @@ class Painter:
                 continue
             if part == "both" or (part == "object" and place == now.active):
                 rows = _new_rows(marked)
-                yield self._splats_of(result.object.select(rows), result.source_index[rows], eye)
+                yield self._splats_of(result.object.select(rows), result.only.source_index[rows], eye)
             if part != "object":
-                first = len(result.source_index) - len(result.appended)
-                labels, sources = result.label[first:], result.source_index[first:]
+                first = len(result.background_rows)
+                labels, sources = result.background_label[first:], result.background_source[first:]
                 rows = np.where(labels == RowLabel.RELIT, sources, _PART_OUTSIDE)
                 rows[labels == RowLabel.FILLED] = _MADE_UP
                 yield self._splats_of(result.appended, rows, eye)
@@ -160,7 +160,7 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
             unseen |= owner == place
         elif after and part.trimmed is not None:
             unseen[part.trimmed.dropped] = True
-            unseen[part.trimmed.source_index[part.trimmed.label == RowLabel.RELIT]] = True
+            unseen[_relit_rows(part.trimmed)] = True
     return ~unseen & (owner < 0) if showing.part == "background" else ~unseen
 
 
@@ -183,8 +183,8 @@ def changed_rows(part: MarkedObject) -> tuple[BoolArray, BoolArray, BoolArray, B
     if result is None:
         before = mask if part.before is None else part.before.mask
         return mask & ~before, before & ~mask, cut, relit
-    cut[result.source_index[_new_rows(part)]] = True
-    relit[result.source_index[result.label == RowLabel.RELIT]] = True
+    cut[result.only.source_index[_new_rows(part)]] = True
+    relit[_relit_rows(result)] = True
     had, has = (result.selection, part.after) if part.result is not None else (result.object_mask, part.after)
     return has & ~had, had & ~has, cut, relit
 
@@ -203,9 +203,14 @@ def _new_rows(part: MarkedObject) -> IntArray:
     """Rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
     result = part.trimmed
     assert result is not None
-    labels = result.label[: len(result.object)]
-    rows = np.union1d(np.flatnonzero(labels == RowLabel.SPLIT_INSIDE), result.fitted)
-    return rows if part.result is not None else rows[part.after[result.source_index[rows]]]
+    trimmed = result.only
+    rows = np.union1d(np.flatnonzero(trimmed.label == RowLabel.SPLIT_INSIDE), trimmed.fitted)
+    return rows if part.result is not None else rows[part.after[trimmed.source_index[rows]]]
+
+
+def _relit_rows(result: TrimResult) -> IntArray:
+    """Rows of the scene that a trim freed from the object's shadow."""
+    return np.asarray(result.background_source[result.background_label == RowLabel.RELIT])
 
 
 def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
@@ -213,7 +218,7 @@ def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
     replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
         if after and part.trimmed is not None and not part.hidden:
-            replaced[part.trimmed.source_index[_new_rows(part)]] = True
+            replaced[part.trimmed.only.source_index[_new_rows(part)]] = True
     return replaced
 
 

@@ -34,7 +34,7 @@ from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.html.viewer import export_viewer
-from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.output.result import TrimResult
 
 __all__ = ["Files", "private_folder", "state_folder", "write_private"]
 Stages = Callable[[int, str], Callable[[str], None]]

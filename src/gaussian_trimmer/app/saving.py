@@ -13,13 +13,12 @@ from gaussian_trimmer.app.documents import Document, Progress
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.objects import file_stems, objects_files, write_objects
-from gaussian_trimmer.output.report import RESULTS, result_files
-from gaussian_trimmer.output.saving import suffix_of, write_trim
+from gaussian_trimmer.output.report import file_stems
+from gaussian_trimmer.output.saving import RESULTS, result_files, suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.selecting.select import SelectionResult
-from gaussian_trimmer.trimming.several_objects import trim_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 
 MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
@@ -76,7 +75,7 @@ def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
     if not marked:
         raise InputError("No object is marked; mark one first.")
     document, suffix = now.document, target.suffix(now.document)
-    names = (*objects_files(suffix), "selection_*.json")
+    names = (*result_files(suffix, several=True), "selection_*.json")
     inputs = _inputs(document, marked)
     with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         result = trim_objects(
@@ -88,7 +87,7 @@ def save_all(now: Snapshot, target: Target, progress: Progress) -> str:
             progress=progress,
         )
         progress("write")
-        write_objects(result, results, suffix, _shown(document))
+        write_trim(result, results, suffix, _shown(document))
         for part, stem in zip(
             marked, file_stems((part.id, part.name) for part in result.objects).values(), strict=True
         ):

@@ -11,8 +11,8 @@ import numpy as np
 from gaussian_trimmer.app.documents import Document, TrimChoices, basis_of, up_of
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
+from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
 from gaussian_trimmer.selecting.marks import Mark, Marks
 

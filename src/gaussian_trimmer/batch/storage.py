@@ -15,7 +15,7 @@ from typing import Any
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.manifest import MANIFEST
 from gaussian_trimmer.io.writing import atomic_folder, remove_leftovers, write_whole
-from gaussian_trimmer.output.report import RESULTS, result_files
+from gaussian_trimmer.output.saving import RESULTS, result_files
 
 ITEM = "item.json"
 Json = dict[str, Any]

@@ -28,9 +28,10 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import FolderInUseError, InputError, printable, user_message
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
-from gaussian_trimmer.output.report import describe, write_results
+from gaussian_trimmer.output.report import describe
+from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.output.saving import write_results
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.result import TrimResult
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene

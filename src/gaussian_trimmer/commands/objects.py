@@ -29,13 +29,12 @@ from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.output.objects import objects_files, write_objects
-from gaussian_trimmer.output.report import RESULTS
+from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.settings import check_settings
-from gaussian_trimmer.trimming.several_objects import trim_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 
 _KIND = "objects"
 _MOST_LISTED = 40
@@ -149,7 +148,7 @@ class Objects(TrimSettings):
         trimmed = atomic_folder(
             self.trim,
             RESULTS,
-            names=objects_files(suffix, html=self.pages.html),
+            names=result_files(suffix, several=True, html=self.pages.html),
             inputs=[self.scene],
             overwrite=self.overwrite,
         )
@@ -166,7 +165,7 @@ class Objects(TrimSettings):
             stage("write")
             cameras_path = str(self.cameras) if self.cameras else None
             inputs = {"scene": str(self.scene), "level": self.level, "cameras": cameras_path}
-            report = write_objects(result, part, suffix, inputs, html=self.pages.html)
+            report = write_trim(result, part, suffix, inputs, html=self.pages.html)
         print_objects(console, report, self.trim, suffix, start, html=self.pages.html)
 
     def _batch_row(self, numbers: list[str], folder: Path) -> dict[str, str]:

@@ -33,8 +33,7 @@ from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.engines import ENGINES, engine_files, write_for_engine
 from gaussian_trimmer.output.html.report_page import REPORT
-from gaussian_trimmer.output.report import RESULTS
-from gaussian_trimmer.output.saving import trim_files, write_trim
+from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views, visible_share
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
@@ -107,7 +106,7 @@ class Trim(TrimInputs):
 
     def _say_where(self, console: Console) -> None:
         """Say where the results are."""
-        looked_at = REPORT if self.pages.html else "before_after.png"
+        looked_at = REPORT if self.pages.html else PICTURE
         console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
         if self.engine is not None:
             made = " and ".join(name for name in engine_files(self.engine) if (self.folder() / name).is_file())
@@ -171,7 +170,7 @@ class Trim(TrimInputs):
         return atomic_folder(
             self.folder(),
             RESULTS,
-            names=(*trim_files(self.suffix(), html=self.pages.html), MARKS, *engine, *pages),
+            names=(*result_files(self.suffix(), html=self.pages.html), MARKS, *engine, *pages),
             inputs=self._input_paths(),
             source=self.selection,
             overwrite=self.overwrite,

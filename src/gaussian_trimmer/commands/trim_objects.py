@@ -17,14 +17,14 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
-from gaussian_trimmer.output.objects import objects_files, write_objects
-from gaussian_trimmer.output.report import RESULTS
+from gaussian_trimmer.output.report import object_entries
+from gaussian_trimmer.output.result import title_of
+from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selection_files.several import load_objects
-from gaussian_trimmer.trimming.objects_result import title_of
-from gaussian_trimmer.trimming.several_objects import trim_objects
+from gaussian_trimmer.trimming.trim import trim_objects
 
 _LISTED = 4
 
@@ -42,7 +42,7 @@ def trim_labels(command: TrimInputs, console: Console) -> None:
     results = atomic_folder(
         folder,
         RESULTS,
-        names=objects_files(suffix, html=html),
+        names=result_files(suffix, several=True, html=html),
         inputs=[command.scene, *(path for path in given if path and path.is_file())],
         overwrite=command.overwrite,
     )
@@ -62,7 +62,7 @@ def trim_labels(command: TrimInputs, console: Console) -> None:
             progress=stage,
         )
         stage("write")
-        report = write_objects(result, part, suffix, _inputs(command), html=html)
+        report = write_trim(result, part, suffix, _inputs(command), html=html)
     print_objects(console, report, folder, suffix, start, html=html)
     if command.json:
         print_json(report, (folder, RESULTS))
@@ -79,18 +79,19 @@ def print_objects(
         start: when the command began, by `time.perf_counter`.
         html: whether there is a page.
     """
-    for entry in report["objects"]:
+    entries = object_entries(report)
+    for entry in entries:
         console.print(_sentence(entry))
-    counts = report["counts"]
-    shared = f"{counts['claimed_by_several']:,}" if counts["claimed_by_several"] else "none"
+    counts, gaussians = report["counts"], sum(entry["gaussians"] for entry in entries)
+    shared = f"{counts.get('claimed_by_several', 0):,}"
     console.print(
-        f"{counts['objects']} objects, {counts['in_objects']:,} Gaussians; {shared} claimed by two objects; "
+        f"{len(entries)} objects, {gaussians:,} Gaussians; {shared} claimed by two objects; "
         f"time {time.perf_counter() - start:.1f} s"
     )
     if counts["dropped"]:
         console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
-    looked_at = REPORT if html else "objects.png"
-    files = [entry["file"] for entry in report["objects"] if entry["file"]]
+    looked_at = REPORT if html else PICTURE
+    files = [entry["file"] for entry in entries if entry["file"]]
     listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
     console.print(f"{listed}, background{suffix}, {looked_at} and the rest are in {folder}.")
 

@@ -11,8 +11,8 @@ from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.evaluation.ground_truth import TestView
 from gaussian_trimmer.evaluation.scoring import Cut, Judge, Scores, mean_scores
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.result import RowLabel, TrimResult
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.trimming.trim import trim
 

@@ -17,7 +17,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, quaternions_of, rotation_matrices
 
 if TYPE_CHECKING:  # conversions need no trimmer
-    from gaussian_trimmer.result import TrimResult
+    from gaussian_trimmer.output.result import TrimResult
 
 EngineName = Literal["blender", "cesium", "playcanvas", "three", "unity", "unreal"]
 _DOWN_Y = (0.0, -1.0, 0.0)

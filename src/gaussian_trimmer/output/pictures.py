@@ -20,9 +20,10 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArra
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import CheckedSides, checked_sides
+from gaussian_trimmer.output.result import TrimmedObject, TrimResult
+from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
-from gaussian_trimmer.rendering import Renderer, parallel_map
-from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
 
 Picture = NDArray[np.uint8]
@@ -46,7 +47,9 @@ _FONT_SCALE = 0.5
 _RING_COLUMNS = 4
 _LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES = 4.0, 65.0
 """Pitches of the two pictures beside those of the ring that was judged."""
-_CELL_PIXELS = 320
+_CELL_PIXELS, _SMALL_CELL_PIXELS = 320, 200
+"""Sides of a picture where there is one object, and where there are several."""
+_OBJECTS_A_ROW, _MOST_OBJECTS = 4, 60
 _GAP_PIXELS = 4
 _USUAL_PITCH_DEGREES = 20.0
 """Of pictures of an object that no view has judged."""
@@ -81,48 +84,63 @@ def draw_gaussians(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> 
 
 
 def draw_before_after(result: TrimResult) -> Picture:
-    """The selection, the trimmed object and the scene without it, a row each: from all around, from low and from high.
+    """Draw the selection, the trimmed object and the scene without it, a row each, from all around.
 
     Directions from which nothing was judged are framed and say why. The scene's row holds what lies around the object:
-    walls farther out would stand before the camera.
+    walls farther out would stand before the camera. One object is also shown from low and from high. Of several, each
+    has a smaller block, from two sides.
     """
-    sides, selection = checked_sides(result), result.selection
-    yaws, cameras = cameras_around(result, sides, _RING_COLUMNS, _CELL_PIXELS)
-    verdicts = [sides.verdict(yaw) for yaw in (*yaws, yaws[0], yaws[0])]
-    selected, around = result.scene.select(selection), nearby_background(result)
-    after = "the object, not trimmed: " if result.refused else "trimmed object: "
+    if len(result.objects) == 1:
+        return _draw_object(result, result.only, _RING_COLUMNS, (_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES), _CELL_PIXELS)
+    blocks = [_draw_object(result, part, 2, (), _SMALL_CELL_PIXELS) for part in result.objects[:_MOST_OBJECTS]]
+    blocks = [captioned(part.title, block) for part, block in zip(result.objects, blocks, strict=False)]
+    columns = min(len(blocks), _OBJECTS_A_ROW)
+    blocks += [np.full_like(blocks[0], _STRIP_COLOUR)] * (-len(blocks) % columns)
+    return np.vstack([_side_by_side(blocks[i : i + columns]) for i in range(0, len(blocks), columns)])
+
+
+def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches: Sequence[float], size: int) -> Picture:
+    """Draw one object from a number of sides, and from other pitches in degrees."""
+    sides, selected = checked_sides(part, result.cameras), result.scene.select(part.selected_rows)
+    yaws, cameras = cameras_around(part, selected, sides, columns, size, pitches)
+    verdicts = [sides.verdict(yaw) for yaw in (*yaws, *(yaws[:1] * len(pitches)))]
+    after = "the object, not trimmed" if part.refused else "trimmed object"
     rows = [
         (f"selection: {len(selected):,} Gaussians", selected),
-        (f"{after}{len(result.object):,} Gaussians", result.object),
-        ("what was removed" if selection.all() else "the scene without the object", around),
+        (f"{after}: {len(part.gaussians):,} Gaussians", part.gaussians),
+        (
+            "what was removed" if len(selected) == len(result.scene) else "the scene without the object",
+            nearby_background(result, part),
+        ),
     ]
     pictures = [_row(caption, gaussians, cameras, verdicts, result.used_renderer) for caption, gaussians in rows]
     width = pictures[0].shape[1]
-    closing = (
-        (f"not trimmed: {result.refused}", _REJECTED_COLOUR) if result.refused else (sides.sentence(), _TEXT_COLOUR)
-    )
-    return np.vstack([_headings(yaws, verdicts, width), *pictures, _strip([closing], width)])
+    closing = (f"not trimmed: {part.refused}", _REJECTED_COLOUR) if part.refused else (sides.sentence(), _TEXT_COLOUR)
+    return np.vstack([_headings(yaws, pitches, verdicts, width), *pictures, _strip([closing], width)])
 
 
-def cameras_around(result: TrimResult, sides: CheckedSides, count: int, size: int) -> tuple[list[int], list[Camera]]:
-    """Whole degrees of yaw, beginning in the middle of what was judged, and cameras that show the whole object.
+def cameras_around(
+    part: TrimmedObject, selected: Gaussians, sides: CheckedSides, count: int, size: int, pitches: Sequence[float] = ()
+) -> tuple[list[int], list[Camera]]:
+    """Return whole degrees of yaw, beginning in the middle of what was judged, and cameras of the whole object.
 
-    After the cameras of these yaws, at the height that was judged, come two of the first yaw: a low and a high one.
+    After the cameras of these yaws, at the height that was judged, come those of the first yaw and of other pitches.
 
     Args:
-        result: the trim.
+        part: the object.
+        selected: what was selected of it.
         sides: from where it was judged.
         count: number of cameras on the full circle.
         size: width and height of their pictures in pixels.
+        pitches: further pitches in degrees.
     """
-    pitch = float(np.median(sides.pitches)) if sides.pitches else _USUAL_PITCH_DEGREES
-    pitch = float(np.clip(pitch, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES))
-    selected, cameras = result.scene.select(result.selection), list[Camera]()
-    for number, height in ((count, pitch), (1, _LOW_PITCH_DEGREES), (1, _HIGH_PITCH_DEGREES)):
+    judged = float(np.median(sides.pitches)) if sides.pitches else _USUAL_PITCH_DEGREES
+    judged, cameras = float(np.clip(judged, -_MAX_PITCH_DEGREES, _MAX_PITCH_DEGREES)), list[Camera]()
+    for number, pitch in ((count, judged), *((1, pitch) for pitch in pitches)):
         circle = (sides.middle, sides.middle + 360)
-        config = PlanConfig(views=number, size=size, pitch_degrees=height, yaw_range_degrees=circle)
-        cameras += plan_cameras(selected, result.bounds.axes[2], config)[0]
-    zoom = min(zoom_to_whole(camera, result.object) for camera in cameras)
+        config = PlanConfig(views=number, size=size, pitch_degrees=pitch, yaw_range_degrees=circle)
+        cameras += plan_cameras(selected, part.bounds.axes[2], config)[0]
+    zoom = min(zoom_to_whole(camera, part.gaussians) for camera in cameras)
     return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
 
 
@@ -135,10 +153,10 @@ def zoom_to_whole(camera: Camera, gaussians: Gaussians) -> float:
     return float(np.clip(1 / max(_WHOLE_OBJECT_MARGIN * farthest, 1.0), _SMALLEST_ZOOM, 1.0))
 
 
-def _headings(yaws: Sequence[int], verdicts: Sequence[str], width: int) -> Picture:
-    """A line over the columns: from where each looks, and why that side was not judged; no view judges low and high."""
-    low, high = (f"{pitch:.0f} deg up" for pitch in (_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES))
-    places = [*(f"{yaw} deg: checked" for yaw in yaws), f"from low, {low}", f"from high, {high}"]
+def _headings(yaws: Sequence[int], pitches: Sequence[float], verdicts: Sequence[str], width: int) -> Picture:
+    """A line over the columns: from where each looks, and why that side was not judged; no view judges the pitches."""
+    heights = [f"from {'high' if p > _USUAL_PITCH_DEGREES else 'low'}, {p:.0f} deg up" for p in pitches]
+    places = [*(f"{yaw} deg: checked" for yaw in yaws), *heights]
     words = [
         (f"{place.partition(':')[0]}: not checked, {verdict}", _REJECTED_COLOUR) if verdict else (place, _TEXT_COLOUR)
         for place, verdict in zip(places, verdicts, strict=True)
@@ -210,31 +228,27 @@ def _row(
     return captioned(caption, _side_by_side(pictures))
 
 
-def draw_cells(shown: Sequence[Gaussians], camera: Camera, renderer: Renderer) -> Picture:
-    """Pictures of several sets of Gaussians from one camera, side by side."""
-    return _side_by_side([draw_gaussians(gaussians, camera, renderer) for gaussians in shown])
-
-
 def _side_by_side(pictures: Sequence[Picture]) -> Picture:
     gap = np.full((len(pictures[0]), _GAP_PIXELS, 3), _STRIP_COLOUR, np.uint8)
     return np.hstack([cell for picture in pictures for cell in (gap, picture)][1:])
 
 
-def nearby_background(result: TrimResult) -> Gaussians:
-    """What of the background lies around the object: walls farther out would stand before a camera."""
-    near = nearby_rows(result.scene, result.background_rows, result.bounds)
-    return concatenate([result.scene.select(near), result.appended])
+def nearby_background(result: TrimResult, part: TrimmedObject) -> Gaussians:
+    """Return what of the background lies around an object: walls farther out would stand before a camera."""
+    scene, appended = result.scene, result.appended
+    near = nearby_rows(scene, result.background_rows, part.bounds)
+    new = nearby_rows(appended, np.arange(len(appended)), part.bounds)
+    return concatenate([scene.select(near), appended.select(new)])
 
 
-def nearby_scene(result: TrimResult) -> Gaussians:
-    """The scene around the object as it was before the trim, the object included."""
-    shown = result.object_mask
-    shown[nearby_rows(result.scene, result.background_rows, result.bounds)] = shown[result.dropped] = True
-    return result.scene.select(shown)
+def nearby_scene(result: TrimResult, part: TrimmedObject) -> Gaussians:
+    """Return the scene around an object as it was before the trim, the object included."""
+    near = nearby_rows(result.scene, np.arange(len(result.scene)), part.bounds)
+    return result.scene.select(np.union1d(near, part.source_index))
 
 
 def nearby_rows(scene: Gaussians, rows: IntArray, bounds: Bounds) -> IntArray:
-    """Those of some rows of the scene that lie around an object."""
+    """Return those of some rows of the scene that lie around an object."""
     offset = scene.means[rows] - bounds.centre.astype(np.float32)
     return np.asarray(rows[np.linalg.norm(offset, axis=1) < CONTEXT_RADIUS * bounds.radius])
 

@@ -1,177 +1,156 @@
-"""What a trim leaves on disk: two splat files, labels, pictures, and a report of how they came about."""
+"""The report of a trim, as JSON holds it: of one object what happened to it, of several a list of that."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from functools import partial
-from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gaussian_trimmer import formats
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, IntArray
-from gaussian_trimmer.io.writing import write_json, write_whole
+from gaussian_trimmer.gaussians import LabelArray
+from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.checked_sides import checked_sides
-from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
-from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.result import RowLabel, TrimResult
-from gaussian_trimmer.views import TrimmedView
-
-LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
-"""Names of the labels of rows, by number."""
-RESULTS = "trim"
-"""What the manifest of a folder calls these results."""
-
-
-def result_files(suffix: str) -> tuple[str, ...]:
-    """Patterns of the names that `write_results` writes."""
-    splats = (f"object{suffix}", f"background{suffix}")
-    return (*splats, "labels.npz", "report.json", "before_after.png", "views/[0-9][0-9].png")
-
-
-def write_results(
-    result: TrimResult, report: Mapping[str, Any], folder: Path, suffix: str = ".ply", *, background: bool = True
-) -> None:
-    """Write a trim into an existing folder.
-
-    Args:
-        result: the trim.
-        report: what `describe` returns.
-        folder: where to write.
-        suffix: ending of the splat files, one of `formats.FORMATS`.
-        background: write the background too, which is nearly as large as the scene. Without a single Gaussian, as an
-            object that was given alone can leave it, it is not written.
-
-    Raises:
-        InputError: a file cannot be written, or the format cannot hold the Gaussians.
-    """
-    (folder / "views").mkdir()
-    before_after = draw_before_after(result)
-    files = [
-        lambda: write_picture(before_after, folder / "before_after.png"),
-        lambda: _write_splats(result, folder, suffix, background),
-        *(partial(_write_view, view, i, folder / "views") for i, view in enumerate(result.views)),
-        lambda: write_labels(
-            folder / "labels.npz",
-            source_index=result.source_index.astype(np.int32),
-            label=result.label,
-            n_object=np.int64(len(result.object)),
-            fitted=result.fitted.astype(np.int32),
-            dropped=result.dropped.astype(np.int32),
-            selected=np.flatnonzero(result.selection).astype(np.int32),
-            n_scene=np.int64(len(result.scene)),
-        ),
-        lambda: write_json(report, folder / "report.json"),
-    ]
-    for _ in parallel_map(lambda write: write(), files):
-        pass
-
-
-def _write_splats(result: TrimResult, folder: Path, suffix: str, background: bool) -> None:
-    formats.write(result.object, folder / f"object{suffix}")
-    if background and len(result.source_index) > len(result.object):
-        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
-
-
-def _write_view(view: TrimmedView, number: int, folder: Path) -> None:
-    write_picture(draw_view(view, number), folder / f"{number:02d}.png")
-
-
-def write_labels(path: Path, **arrays: Any) -> None:
-    """Write the arrays of `labels.npz`, and the names of the labels."""
-    # Into memory first: `np.savez` does not notice everywhere that a disk is full.
-    buffer = BytesIO()
-    np.savez(buffer, **arrays, label_names=np.array(LABEL_NAMES))
-    write_whole(path, buffer.getbuffer())
+from gaussian_trimmer.output.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
 
 
 def describe(
-    result: TrimResult, inputs: Mapping[str, Any] | None = None, seconds: Mapping[str, float] | None = None
+    result: TrimResult,
+    inputs: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+    suffix: str = ".ply",
 ) -> dict[str, Any]:
-    """The report of a trim, as JSON holds it.
+    """Return the report of a trim.
 
     Args:
         result: the trim.
         inputs: where the scene, the selection and so on came from, as JSON holds it.
         seconds: time taken outside the trimmer, by stage.
+        suffix: ending of the splat files.
     """
-    return {
+    report: dict[str, Any] = {
         "version": __version__,
         "inputs": dict(inputs or {}),
         "configuration": asdict(result.config),
         "renderer": result.renderer,
-        "segmenter": result.segmenter_description or result.segmenter,
+        "segmenter": result.segmenter,
+    }
+    labels, counts = result.labels, _count_scene(result)
+    stems = file_stems((part.id, part.name) for part in result.objects)
+    entries = [
+        {
+            "id": part.id,
+            "name": part.name,
+            "file": f"{stems[part.id]}{suffix}" if len(part.gaussians) else None,
+            "gaussians": len(part.gaussians),
+            **_describe_object(result, part, labels),
+            "seconds": _rounded(part.seconds),
+        }
+        for part in result.objects
+    ]
+    if len(entries) == 1:
+        counts = {"scene": counts.pop("scene"), **entries[0].pop("counts"), **counts}
+        report |= entries[0]
+    else:
+        report["objects"] = entries
+        counts |= {
+            "objects": len(result.objects),
+            "in_objects": sum(len(part.gaussians) for part in result.objects),
+            "claimed_by_several": result.contested,
+            "refused": sum(bool(part.refused) for part in result.objects),
+        }
+    return report | {"counts": counts, "seconds": _rounded({**(seconds or {}), **result.seconds})}
+
+
+def object_entries(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return what a report says of each object, with its name, its file and its counts."""
+    return [report] if "objects" not in report else list(report["objects"])
+
+
+def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, Any]:
+    """What the report says of one object."""
+    return {
         "up": {
-            "direction": result.up.direction.tolist(),
-            "source": result.up.source,
-            "confidence": round(result.up.confidence, 4),
+            "direction": part.up.direction.tolist(),
+            "source": part.up.source,
+            "confidence": round(part.up.confidence, 4),
         },
         "bounds": {
-            "centre": result.bounds.centre.tolist(),
-            "half_extents": result.bounds.half_extents.tolist(),
-            "axes": result.bounds.axes.tolist(),
+            "centre": part.bounds.centre.tolist(),
+            "half_extents": part.bounds.half_extents.tolist(),
+            "axes": part.bounds.axes.tolist(),
         },
         "views": [
             {"accepted": not view.rejected, "reason": view.rejected or None, **_camera_entry(view.view.camera)}
-            for view in result.views
+            for view in part.views
         ],
-        "checked": checked_sides(result).as_json(),
-        "refused": result.refused or None,
-        "not_fitted": result.not_fitted or None,
-        "not_filled": result.not_filled or None,
-        "warnings": list(result.warnings),
-        "counts": count(result),
-        "seconds": {stage: round(time, 4) for stage, time in {**(seconds or {}), **result.seconds}.items()},
+        "checked": checked_sides(part, result.cameras).as_json(),
+        "refused": part.refused or None,
+        "not_fitted": part.not_fitted or None,
+        "not_filled": part.not_filled or None,
+        "warnings": list(part.warnings),
+        "counts": _count_object(result, part, labels),
     }
 
 
-def count(result: TrimResult) -> dict[str, int]:
-    """Numbers of Gaussians: of the scene, of what became of the selected ones, and of rows of both files.
-
-    Every selected Gaussian is counted once: it was kept, cut (the object has parts of it), removed (it is in the
-    background) or left out (of both files). `recovered` ones joined the object, `split` ones left a part in the
-    background, `floaters` are removed ones that lay far off, and `dropped` counts all that are in neither file.
-    `object`, `background`, `fitted`, `relit` and `filled` count rows of the files, where a Gaussian may have several.
-    """
-    n_object = len(result.object)
-    rows, label = result.source_index[:n_object], result.label[:n_object]
+def _count_scene(result: TrimResult) -> dict[str, int]:
+    """Numbers of Gaussians: of the scene, of those that were split or are in no file, and of rows of the background."""
+    label = result.background_label
     return {
         "scene": len(result.scene),
-        **count_selected(result.selection, rows, label, result.dropped),
-        "recovered": int(np.count_nonzero(result.object_mask & ~result.selection)),
-        "split": len(np.unique(result.source_index[result.label == RowLabel.SPLIT_OUTSIDE])),
-        "fitted": len(result.fitted),
-        "floaters": result.floaters,
+        "split": len(np.unique(result.background_source[label == RowLabel.SPLIT_OUTSIDE])),
         "dropped": len(result.dropped),
-        "relit": result.count(RowLabel.RELIT),
-        "filled": result.count(RowLabel.FILLED),
-        "object": n_object,
-        "background": len(result.source_index) - n_object,
+        "relit": int(np.count_nonzero(label == RowLabel.RELIT)),
+        "filled": int(np.count_nonzero(label == RowLabel.FILLED)),
+        "background": len(label),
     }
 
 
-def count_selected(selection: BoolArray, rows: IntArray, label: NDArray[np.uint8], dropped: IntArray) -> dict[str, int]:
-    """What became of the selected Gaussians, each counted once.
+def _count_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, int]:
+    """What became of the Gaussians of a selection, and how many rows the object has.
+
+    Every selected Gaussian is counted once: it was kept, cut (the object has parts of it), left out (of all files),
+    went to another object, or was removed (it is in the background). `recovered` ones joined the object, `floaters`
+    are removed ones that lay far off. `object` and `fitted` count rows, of which a Gaussian may have several.
+    """
+    left, rows = part.selected_rows, np.unique(part.source_index)
+    counts = {"selected": len(left)}
+    cut = part.source_index[part.label == RowLabel.SPLIT_INSIDE]
+    for name, taken in (("cut", cut), ("kept", rows), ("left_out", result.dropped)):
+        found = np.isin(left, taken)
+        counts[name] = int(np.count_nonzero(found))
+        left = left[~found]
+    elsewhere = int(np.count_nonzero(labels[left]))
+    if len(result.objects) > 1:
+        counts["went_to_other_objects"] = elsewhere
+    return counts | {
+        "removed": len(left) - elsewhere,
+        "recovered": len(np.setdiff1d(rows, part.selected_rows, assume_unique=True)),
+        "fitted": len(part.fitted),
+        "floaters": part.floaters,
+        "object": len(part.gaussians),
+    }
+
+
+def file_stems(objects: Iterable[tuple[int, str]]) -> dict[int, str]:
+    """Return names of objects' files without their endings, by the objects' ids.
+
+    >>> file_stems([(1, "1"), (2, "red mug"), (3, "Red_Mug"), (4, "object 9"), (5, "object")])
+    {1: 'object_1', 2: 'object_red_mug', 3: 'object_Red_Mug_3', 4: 'object_9', 5: 'object'}
 
     Args:
-        selection: the selection, (N,).
-        rows: scene row of each row of the object, (M,).
-        label: what happened to each of these, a `RowLabel`, (M,).
-        dropped: scene rows that are in neither file.
+        objects: ids and names; the name of one without a name is its id.
     """
-    left = selection.copy()
-    counts = {"selected": int(np.count_nonzero(selection))}
-    cut = rows[label == RowLabel.SPLIT_INSIDE]
-    for name, taken in (("cut", cut), ("kept", rows), ("left_out", dropped)):
-        counts[name] = int(np.count_nonzero(left[np.unique(taken)]))
-        left[taken] = False
-    return counts | {"removed": int(np.count_nonzero(left))}
+    stems: dict[int, str] = {}
+    for number, name in objects:
+        safe = safe_file_name(name)
+        stem = safe if safe == THE_OBJECT or safe.startswith(f"{THE_OBJECT}_") else f"{THE_OBJECT}_{safe}"
+        while stem.casefold() in map(str.casefold, stems.values()):
+            stem = f"{stem}_{number}"
+        stems[number] = stem
+    return stems
 
 
 def _camera_entry(camera: Camera) -> dict[str, Any]:
@@ -182,3 +161,7 @@ def _camera_entry(camera: Camera) -> dict[str, Any]:
         "K": camera.K.tolist(),
         "world_to_camera": camera.world_to_camera.tolist(),
     }
+
+
+def _rounded(seconds: Mapping[str, float]) -> dict[str, float]:
+    return {stage: round(time, 4) for stage, time in seconds.items()}

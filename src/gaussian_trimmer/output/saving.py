@@ -1,17 +1,31 @@
-"""All that a trim leaves on disk, for the command line and for Python."""
+"""All that a trim leaves on disk: splat files, labels, pictures, a report, and a page."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.io.writing import atomic_folder, write_json, write_whole
 from gaussian_trimmer.output.html.report_page import REPORT, write_report_page
-from gaussian_trimmer.output.report import RESULTS, describe, result_files, write_results
-from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.output.pictures import draw_before_after, draw_view, write_picture
+from gaussian_trimmer.output.report import describe, file_stems
+from gaussian_trimmer.output.result import RowLabel, TrimResult
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.views import TrimmedView
+
+RESULTS = "trim"
+"""What the manifest of a folder calls these results."""
+PICTURE = "before_after.png"
+"""Name of the picture of all objects."""
+LABEL_NAMES = tuple(label.name.lower() for label in RowLabel)
+"""Names of the labels of rows, by number."""
 
 
 def save(
@@ -19,8 +33,8 @@ def save(
 ) -> Path:
     """Write what the command line writes, and return the folder, which appears whole or not at all.
 
-    That is object and background as splat files, `labels.npz`, `report.json`, `before_after.png` and `views/`. An
-    empty background is not written.
+    That is objects and background as splat files, `labels.npz`, `report.json`, `before_after.png` and, of one object,
+    `views/`. An empty background is not written.
 
     Args:
         result: the trim.
@@ -34,7 +48,8 @@ def save(
             that name, or the format cannot hold the Gaussians.
     """
     folder, suffix = Path(folder), suffix_of(format or "ply")
-    with atomic_folder(folder, RESULTS, names=trim_files(suffix, html=html), overwrite=overwrite) as part:
+    names = result_files(suffix, several=len(result.objects) > 1, html=html)
+    with atomic_folder(folder, RESULTS, names=names, overwrite=overwrite) as part:
         write_trim(result, part, suffix, html=html)
     return folder
 
@@ -61,20 +76,58 @@ def write_trim(
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
     """
-    report = describe(result, inputs, seconds)
+    report = describe(result, inputs, seconds, suffix)
     write_results(result, report, folder, suffix)
     if html:
         write_report_page(result, report, folder)
     return report
 
 
-def trim_files(suffix: str, *, html: bool) -> tuple[str, ...]:
-    """Patterns of the names that `write_trim` writes."""
-    return (*result_files(suffix), *([REPORT] if html else []))
+def write_results(
+    result: TrimResult, report: Mapping[str, Any], folder: Path, suffix: str = ".ply", *, background: bool = True
+) -> None:
+    """Write everything but the page into an existing folder.
+
+    Args:
+        result: the trim.
+        report: what `describe` returns.
+        folder: where to write.
+        suffix: ending of the splat files, one of `formats.FORMATS`.
+        background: write the background too, which is nearly as large as the scene. Without a single Gaussian, as an
+            object that was given alone can leave it, it is not written.
+
+    Raises:
+        InputError: a file cannot be written, or the format cannot hold the Gaussians.
+    """
+    before_after = draw_before_after(result)
+    files: list[Callable[[], None]] = [
+        lambda: write_picture(before_after, folder / PICTURE),
+        lambda: _write_splats(result, folder, suffix, background),
+        lambda: _write_labels(result, folder / "labels.npz"),
+        lambda: write_json(report, folder / "report.json"),
+    ]
+    if len(result.objects) == 1:
+        (folder / "views").mkdir()
+        files += [partial(_write_view, view, i, folder / "views") for i, view in enumerate(result.views)]
+    for _ in parallel_map(lambda write: write(), files):
+        pass
+
+
+def result_files(suffix: str, *, several: bool = False, html: bool = False) -> tuple[str, ...]:
+    """Return patterns of the names of all files that are written.
+
+    Args:
+        suffix: ending of the splat files.
+        several: whether objects have names or ids.
+        html: whether there is a page.
+    """
+    objects = (f"object_*{suffix}",) if several else (f"object{suffix}", "views/[0-9][0-9].png")
+    names = (*objects, f"background{suffix}", "labels.npz", "report.json", PICTURE)
+    return (*names, REPORT) if html else names
 
 
 def suffix_of(format: str) -> str:
-    """The ending of files of a format, whose name may be given with or without a leading dot.
+    """Return the ending of files of a format, whose name may be given with or without a leading dot.
 
     Raises:
         InputError: no format has that name.
@@ -87,3 +140,43 @@ def suffix_of(format: str) -> str:
         known = ", ".join(name.lstrip(".") for name in formats.FORMATS)
         raise InputError(f"Unknown format '{format}'; available: {known}.")
     return suffix
+
+
+def _write_splats(result: TrimResult, folder: Path, suffix: str, background: bool) -> None:
+    stems = file_stems((part.id, part.name) for part in result.objects)
+    for part in result.objects:
+        if len(part.gaussians) or len(result.objects) == 1:
+            formats.write(part.gaussians, folder / f"{stems[part.id]}{suffix}")
+    if background and len(result.background_source):
+        formats.write_selected(result.scene, result.background_rows, result.appended, folder / f"background{suffix}")
+
+
+def _write_view(view: TrimmedView, number: int, folder: Path) -> None:
+    write_picture(draw_view(view, number), folder / f"{number:02d}.png")
+
+
+def _write_labels(result: TrimResult, path: Path) -> None:
+    """Write which scene row each row of the files is, the objects' first, and what happened to it."""
+    objects, sizes = result.objects, np.array([len(part.gaussians) for part in result.objects], np.int64)
+    starts = np.cumsum(sizes) - sizes
+    arrays: dict[str, Any] = {
+        "source_index": np.concatenate([*(part.source_index for part in objects), result.background_source]),
+        "fitted": np.concatenate([start + part.fitted for start, part in zip(starts, objects, strict=True)]),
+        "dropped": result.dropped,
+    }
+    if len(objects) == 1:
+        arrays["selected"] = result.only.selected_rows
+    arrays = {name: array.astype(np.int32) for name, array in arrays.items()}
+    # Into memory first: `np.savez` does not notice everywhere that a disk is full.
+    buffer = BytesIO()
+    np.savez(
+        buffer,
+        **arrays,
+        label=np.concatenate([*(part.label for part in objects), result.background_label]),
+        n_object=sizes.sum(),
+        object_ids=np.array([part.id for part in objects], np.int64),
+        object_rows=sizes,
+        n_scene=np.int64(len(result.scene)),
+        label_names=np.array(LABEL_NAMES),
+    )
+    write_whole(path, buffer.getbuffer())

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,27 @@ from numpy.typing import ArrayLike, NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
 from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.limits import check_magnitudes
+
+
+@dataclass(frozen=True, eq=False)
+class RoughObject:
+    """An object as it was selected."""
+
+    id: int
+    name: str
+    """What it was called; its id as text if it had no name."""
+    rows: IntArray
+    """Scene rows that were selected, ascending."""
+    excluded: BoolArray | None = None
+    """Gaussians of the scene that marks removed from it, (N,); None: none."""
+
+    def mask(self, n: int) -> BoolArray:
+        """Return which of n Gaussians were selected, (N,)."""
+        mask = np.zeros(n, np.bool_)
+        mask[self.rows] = True
+        return mask
 
 
 def check_scene(scene: Any, cameras: Any) -> None:
@@ -88,15 +108,60 @@ def refuse_whole_scene(selection: BoolArray, path: Path | str, scene: Path | str
         )
 
 
-def mask_of_excluded(selection: Any, excluded: Any, n: int) -> BoolArray:
-    """Which of n Gaussians may not join the object (N,): those that are given, or that a selection's marks removed.
+def rough_objects(objects: Any, n: int) -> list[RoughObject]:
+    """Return the objects that callers give as selections of n Gaussians by id or name, as a list, or as labels (N,).
+
+    Those without whole numbers as ids are counted from 1.
+
+    Raises:
+        InputError: there is no object, or a selection that cannot be used.
+    """
+    if isinstance(objects, np.ndarray):
+        return _objects_of_labels(objects, n)
+    if not isinstance(objects, Mapping | Sequence) or isinstance(objects, str):
+        raise InputError(
+            f"The objects are a {type(objects).__name__}; give selections by id or name, such as {{1: mask}}, or a "
+            "list of selections."
+        )
+    if not len(objects):
+        raise InputError("There is no object to trim; give at least one id with its selection.")
+    if not isinstance(objects, Mapping):
+        objects = dict(enumerate(objects, 1))
+    numbered = all(isinstance(key, Integral) and not isinstance(key, bool) for key in objects)
+    return [
+        RoughObject(
+            int(key) if numbered else place,
+            str(key),
+            np.flatnonzero(mask_of_selection(selection, n)),
+            mask_of_excluded(getattr(selection, "excluded", None), n),
+        )
+        for place, (key, selection) in enumerate(objects.items(), 1)
+    ]
+
+
+def _objects_of_labels(labels: NDArray[Any], n: int) -> list[RoughObject]:
+    if labels.shape != (n,) or labels.dtype.kind not in "iu":
+        raise InputError(
+            f"The objects are an array of {labels.dtype} {labels.shape}; give the id of each of the {n} Gaussians' "
+            "object as integers, 0 for none, or several selections as {1: mask, 2: other_mask}."
+        )
+    rows = np.flatnonzero(labels > 0)
+    if not len(rows):
+        raise InputError("The labels name no object: none is above 0.")
+    rows = rows[np.argsort(labels[rows], kind="stable")]
+    ids, starts = np.unique(labels[rows], return_index=True)
+    return [RoughObject(int(i), str(i), part) for i, part in zip(ids, np.split(rows, starts[1:]), strict=True)]
+
+
+def mask_of_excluded(excluded: Any, n: int) -> BoolArray | None:
+    """Return which of n Gaussians join no object unless they are selected, (N,); None if there are none.
 
     Raises:
         InputError: they are not n booleans.
     """
     if excluded is None:
-        excluded = getattr(selection, "excluded", None)
-    mask = np.zeros(n, np.bool_) if excluded is None else np.asarray(excluded)
+        return None
+    mask = np.asarray(excluded)
     if mask.dtype != np.bool_ or mask.shape != (n,):
         raise InputError(f"What is excluded has shape {mask.shape} and type {mask.dtype}; {n} booleans are needed.")
     return mask

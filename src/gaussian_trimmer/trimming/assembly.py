@@ -1,92 +1,137 @@
-"""Object and background, put together from what was decided, and where each of their rows comes from."""
+"""Put together what was decided: each object with its outline fitted, and the scene without all of them."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
-from gaussian_trimmer.decomposition.refinement import Refined
-from gaussian_trimmer.decomposition.splitting import Decomposition
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, concatenate
-from gaussian_trimmer.result import Division, RowLabel
+from gaussian_trimmer.cameras import training_cameras
+from gaussian_trimmer.decomposition.refinement import refine
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
+from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
+from gaussian_trimmer.removal.continuation import brightened
+from gaussian_trimmer.removal.removal import Removal
+from gaussian_trimmer.trimming.clock import LOG
+from gaussian_trimmer.trimming.decision import Decision
+from gaussian_trimmer.trimming.plugin_checks import name_of
+from gaussian_trimmer.trimming.setup import Setup
 
 
-class Assembly(Division):
-    """A division in the making, as it passes from stage to stage."""
-
-    def with_fit(self, refined: Refined) -> Assembly:
-        """The same with an object whose outline was fitted."""
-        n, parent = len(self.object), refined.parent
-        label = np.where(refined.part, RowLabel.SPLIT_INSIDE, self.label[parent]).astype(np.uint8)
-        return replace(
-            self,
-            object=refined.object,
-            source_index=np.concatenate([self.source_index[parent], self.source_index[n:]]),
-            label=np.concatenate([label, self.label[n:]]),
-            fitted=np.flatnonzero(refined.fitted),
-            not_fitted=refined.skipped_because,
-        )
-
-    def with_surfaces(self, relit: Gaussians, relit_rows: IntArray, replaced: IntArray, filled: Gaussians) -> Assembly:
-        """The same with what the object stood on as it goes on.
-
-        Args:
-            relit: Gaussians without the object's shadow, at the end of the background from now on.
-            relit_rows: their scene rows.
-            replaced: scene rows of what is in the background no longer.
-            filled: new Gaussians at the end of the background.
-        """
-        n, appended = len(self.object), len(self.outside_parts)
-        rows = np.arange(len(self.source_index))
-        whole = (rows >= n) & (rows < len(rows) - appended)
-        kept = ~(whole & np.isin(self.source_index, np.concatenate([relit_rows, replaced])))
-        labels = [np.full(len(relit), RowLabel.RELIT), np.full(len(filled), RowLabel.FILLED)]
-        return replace(
-            self,
-            source_index=np.concatenate([self.source_index[kept], relit_rows, np.full(len(filled), -1, np.int64)]),
-            label=np.concatenate([self.label[kept], *labels]).astype(np.uint8),
-            dropped=np.union1d(self.dropped, replaced),
-            relit=relit,
-            filled=filled,
-        )
-
-
-def left_as_it_was(scene: Gaussians, selection: BoolArray, kept: BoolArray) -> Assembly:
-    """What is kept (N,) of a selection (N,) that is not trimmed, and the rest of the scene."""
-    none = np.zeros(0, np.int64)
-    return assemble(scene, selection, np.arange(len(scene)), Decomposition(kept, none), none)
-
-
-def assemble(
-    scene: Gaussians, selection: BoolArray, rows: IntArray, parts: Decomposition, dropped: IntArray
-) -> Assembly:
-    """Put object and background together.
+def assemble_object(
+    setup: Setup, owner: LabelArray, hidden: BoolArray, decision: Decision, removal: Removal | None, number: int
+) -> tuple[TrimmedObject, Gaussians, IntArray]:
+    """Put an object together and fit its outline; returns it, the outer parts of split Gaussians, and their scene rows.
 
     Args:
-        scene: all N Gaussians.
-        selection: which of them were selected, (N,).
-        rows: scene rows of the Gaussians that were divided, (L,); all others are the background's.
-        parts: how these were divided.
-        dropped: scene rows of what neither side gets.
+        setup: what all objects have in common.
+        owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
+        hidden: what only objects hid, (N,).
+        decision: what belongs to the object.
+        removal: the scene without it; None if that was not looked at.
+        number: its number in `owner`.
     """
-    final, nothing = np.zeros(len(scene), np.bool_), scene.select(slice(0))
-    final[rows] = parts.members
-    split, inner, outer = rows[parts.split], parts.inner or nothing, parts.outer or nothing
-    whole = final.copy()
-    whole[split] = False
-    final[dropped] = True
-    inside, outside = np.flatnonzero(whole), np.flatnonzero(~final)
+    scene, rough, scope = setup.scene, decision.rough, decision.scope
+    rows = decision.owned(owner, number)
+    split, inner, outer = _split_rows(decision, scene, rows)
+    whole = np.setdiff1d(rows, split, assume_unique=True)
+    label = np.where(np.isin(whole, rough.rows, assume_unique=True), RowLabel.KEPT, RowLabel.RECOVERED)
+    gaussians = concatenate([scene.select(whole), inner])
+    source = np.concatenate([whole, split])
+    label = np.concatenate([label, np.full(len(split), RowLabel.SPLIT_INSIDE)]).astype(np.uint8)
+    fitted, not_fitted = np.zeros(0, np.int64), None
+    if decision.outline is not None and setup.config.refine == "fit":
+        others = (owner[scope.rows] != number) & ~hidden[scope.rows]
+        around = concatenate([scope.local.select(others), outer])
+        refined = refine(gaussians, around, decision.outline, setup.config.refinement)
+        gaussians, source, not_fitted = refined.object, source[refined.parent], refined.skipped_because
+        label = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
+        fitted = np.flatnonzero(refined.fitted)
+    if decision.refused:
+        LOG.info("not trimmed: %s", decision.refused)
+    LOG.info("%s: %d Gaussians from a selection of %d", rough.name, len(gaussians), len(rough.rows))
+    trimmed = TrimmedObject(
+        id=rough.id,
+        name=rough.name,
+        gaussians=gaussians,
+        source_index=source,
+        label=label,
+        selected_rows=rough.rows,
+        up=decision.up,
+        bounds=scope.bounds,
+        views=decision.views,
+        refused=decision.refused,
+        warnings=decision.warnings,
+        floaters=len(rough.rows) - int(scope.selected.sum()) if decision.views else 0,
+        lost=int(np.count_nonzero(owner[decision.rows] != number)),
+        fitted=fitted,
+        not_fitted=not_fitted,
+        not_filled=removal.not_filled if removal else None,
+        seconds=decision.seconds,
+    )
+    return trimmed, outer, split[: len(outer)]
+
+
+def _split_rows(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[IntArray, Gaussians, Gaussians]:
+    """Scene rows of an object's split Gaussians, and their parts inside and outside, without those it lost."""
+    none = scene.select(slice(0))
+    if decision.parts is None or decision.parts.inner is None:
+        return np.zeros(0, np.int64), none, none
+    split = decision.scope.rows[decision.parts.split]
+    kept, outer = np.isin(split, rows), decision.parts.outer
+    return split[kept], decision.parts.inner.select(kept), none if outer is None else outer.select(kept)
+
+
+def assemble_result(
+    setup: Setup,
+    assembled: Sequence[tuple[TrimmedObject, Gaussians, IntArray]],
+    owner: LabelArray,
+    hidden: BoolArray,
+    removals: Sequence[tuple[IntArray, Removal]],
+    contested: int,
+    seconds: dict[str, float],
+) -> TrimResult:
+    """Put the scene without the objects together, and all in one result.
+
+    Args:
+        setup: what all objects have in common.
+        assembled: what `assemble_object` returns for each.
+        owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
+        hidden: what only objects hid, (N,).
+        removals: the scene without each object that was removed, and the scene rows that this is about.
+        contested: number of Gaussians that several objects claimed.
+        seconds: time taken by each stage.
+    """
+    scene, (objects, outer, split) = setup.scene, zip(*assembled, strict=True)
+    dropped, selected, gain = hidden.copy(), np.zeros(len(scene), np.bool_), np.ones(len(scene), np.float32)
+    for part in objects:
+        selected[part.selected_rows] = True
+    for rows, removal in removals:
+        dropped[rows[removal.replaced]] = True
+        gain[rows] = np.maximum(gain[rows], removal.gain)
+    unowned = owner == 0
+    dropped &= unowned
+    relit = np.flatnonzero(unowned & ~dropped & (gain > 1))
+    whole = np.flatnonzero(unowned & ~dropped & (gain == 1))
+    filled = concatenate([scene.select(slice(0)), *(removal.filled for _, removal in removals)])
     labels = [
-        np.where(selection[inside], RowLabel.KEPT, RowLabel.RECOVERED),
-        np.full(len(split), RowLabel.SPLIT_INSIDE),
-        np.where(selection[outside], RowLabel.REMOVED, RowLabel.KEPT),
-        np.full(len(outer), RowLabel.SPLIT_OUTSIDE),
+        np.where(selected[whole], RowLabel.REMOVED, RowLabel.KEPT),
+        np.full(sum(map(len, outer)), RowLabel.SPLIT_OUTSIDE),
+        np.full(len(relit), RowLabel.RELIT),
+        np.full(len(filled), RowLabel.FILLED),
     ]
-    return Assembly(
-        object=concatenate([scene.select(inside), inner]),
-        outside_parts=outer,
-        source_index=np.concatenate([inside, split, outside, split[: len(outer)]]),
-        label=np.concatenate(labels).astype(np.uint8),
-        dropped=dropped,
+    return TrimResult(
+        scene=scene,
+        objects=objects,
+        appended=concatenate([*outer, brightened(scene.select(relit), gain[relit]), filled]),
+        background_source=np.concatenate([whole, *split, relit, np.full(len(filled), -1, np.int64)]),
+        background_label=np.concatenate(labels).astype(np.uint8),
+        dropped=np.flatnonzero(dropped),
+        contested=contested,
+        config=setup.config,
+        renderer=name_of(setup.renderer),
+        segmenter=str(setup.segmenter.describe()) if hasattr(setup.segmenter, "describe") else name_of(setup.segmenter),
+        used_renderer=setup.renderer,
+        cameras=tuple(training_cameras(setup.cameras)),
+        seconds=seconds,
     )

@@ -1,105 +1,92 @@
-"""Shapes and types of what renderers and segmenters give back, so that a plug-in's mistake is a sentence naming it."""
+"""Answers of renderers and segmenters of a caller's own, so that a mistake in one is a sentence naming it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.rendering import Renderer, Rendering, is_thread_safe
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.views import HALF_COVERAGE, View
 
+_PIXELS = 16
 
-class CheckedRenderer:
-    """A renderer whose answers are checked each time before they are used; their values are not changed."""
 
-    def __init__(self, renderer: Renderer) -> None:
-        self.name = _name_of(renderer)
-        self.thread_safe = is_thread_safe(renderer)
-        self._renderer = renderer
+def check_renderer(renderer: Renderer) -> None:
+    """Have a renderer that is not one of this package's draw two Gaussians, and check the answers of all its methods.
 
-    def render(
-        self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
-    ) -> Rendering:
-        """See `rendering.Renderer.render`."""
-        rendering = self._renderer.render(gaussians, camera, background, weights)
-        shape = (camera.height, camera.width)
-        self._check("render(...).rgb", getattr(rendering, "rgb", None), (*shape, 3))
-        self._check("render(...).alpha", getattr(rendering, "alpha", None), shape)
-        self._check("render(...).depth", getattr(rendering, "depth", None), shape)
-        if weights:
-            self._check("render(..., weights=True).weights", getattr(rendering, "weights", None), (len(gaussians),))
-        return rendering
+    Raises:
+        InputError: an answer is not a NumPy array of the shape and type that `rendering.Renderer` asks for.
+    """
+    if type(renderer).__module__.startswith("gaussian_trimmer."):
+        return
+    name, shape = name_of(renderer), (_PIXELS, _PIXELS)
 
-    def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
-        """See `rendering.Renderer.blend_values`."""
-        blended = self._renderer.blend_values(gaussians, camera, values)
-        self._check("blend_values", blended, (camera.height, camera.width, values.shape[1]))
-        return blended
-
-    def blend_weights(
-        self, gaussians: Gaussians, camera: Camera, labels: NDArray[np.uint8], n_labels: int
-    ) -> FloatArray:
-        """See `rendering.Renderer.blend_weights`."""
-        weights = self._renderer.blend_weights(gaussians, camera, labels, n_labels)
-        self._check("blend_weights", weights, (len(gaussians), n_labels))
-        return weights
-
-    def top_contributors(
-        self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
-    ) -> tuple[IntArray, FloatArray]:
-        """See `rendering.Renderer.top_contributors`."""
-        found = self._renderer.top_contributors(gaussians, camera, pixels, k)
-        rows, weights = found if isinstance(found, tuple) and len(found) == 2 else (found, None)
-        self._check("top_contributors (rows)", rows, (len(pixels), k), np.integer)
-        self._check("top_contributors (weights)", weights, (len(pixels), k))
-        return rows, weights
-
-    def _check(self, what: str, array: Any, shape: tuple[int, ...], kind: type[Any] = np.floating) -> None:
+    def check(what: str, array: Any, shape: tuple[int, ...], kind: type[Any] = np.floating) -> None:
         if not isinstance(array, np.ndarray) or array.shape != shape or not np.issubdtype(array.dtype, kind):
             given = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             raise InputError(
-                f"The renderer '{self.name}' gave {given} from {what}; a NumPy array of {kind.__name__} {shape} is "
-                "needed."
+                f"The renderer '{name}' gave {given} from {what}; a NumPy array of {kind.__name__} {shape} is needed."
             )
 
+    gaussians, camera = _two_gaussians()
+    drawn = renderer.render(gaussians, camera, None, True)
+    check("render(...).rgb", getattr(drawn, "rgb", None), (*shape, 3))
+    check("render(...).alpha", getattr(drawn, "alpha", None), shape)
+    check("render(...).depth", getattr(drawn, "depth", None), shape)
+    check("render(..., weights=True).weights", getattr(drawn, "weights", None), (2,))
+    check("blend_values", renderer.blend_values(gaussians, camera, np.ones((2, 4), np.float32)), (*shape, 4))
+    check("blend_weights", renderer.blend_weights(gaussians, camera, np.zeros(shape, np.uint8), 3), (2, 3))
+    pixels = np.array([[_PIXELS // 2] * 2] * 5)
+    found: Any = renderer.top_contributors(gaussians, camera, pixels, 3)
+    rows, weights = found if isinstance(found, tuple) and len(found) == 2 else (found, None)
+    check("top_contributors (rows)", rows, (5, 3), np.integer)
+    check("top_contributors (weights)", weights, (5, 3))
 
-class CheckedSegmenter:
-    """A segmenter whose masks are checked and become booleans before they are used.
+
+def _two_gaussians() -> tuple[Gaussians, Camera]:
+    """Two Gaussians, and a camera that sees them."""
+    means = np.array([[0, 0, 2], [0.1, 0, 3]], np.float32)
+    rotation = np.array([[1, 0, 0, 0]] * 2, np.float32)
+    grey, no_rest = np.zeros((2, 3), np.float32), np.zeros((2, 3, 0), np.float32)
+    gaussians = Gaussians(means, np.full((2, 3), -1, np.float32), rotation, np.zeros(2, np.float32), grey, no_rest)
+    K = np.array([[_PIXELS, 0, _PIXELS / 2], [0, _PIXELS, _PIXELS / 2], [0, 0, 1.0]])
+    return gaussians, Camera(np.eye(4), K, _PIXELS, _PIXELS)
+
+
+def segment(
+    segmenter: Segmenter,
+    views: Sequence[View],
+    gaussians: Gaussians,
+    renderer: Renderer,
+    report: Callable[[str], None],
+) -> list[BoolArray]:
+    """Return a segmenter's mask of each view as booleans, (H, W), by `segment_together` if it has that.
 
     Booleans are taken as they are. Of whole numbers, 0 and 1 mean what they say, and 0 to 255 is coverage, cut at
     half: OpenCV's masks of 0 and 255 are such. Other types, floats among them, are refused: whether they are
     probabilities, logits or distances cannot be told.
+
+    Args:
+        segmenter: what segments.
+        views: the views.
+        gaussians: what the views show.
+        renderer: draws them.
+        report: called with the view that the segmenter is at, if it says so.
+
+    Raises:
+        InputError: there is not one mask for each view, of its size, of booleans or such whole numbers.
     """
-
-    def __init__(self, segmenter: Segmenter) -> None:
-        self.name = _name_of(segmenter)
-        self._segmenter = segmenter
-
-    def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view, see `segmenters.Segmenter.segment`.
-
-        Raises:
-            InputError: there is not one mask for each view, of its size, of booleans or such whole numbers.
-        """
-        return _checked_masks(self.name, views, self._segmenter.segment(views))
-
-    def segment_with(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
-        """The same by the segmenter's `segment_together`, if it has this method.
-
-        Raises:
-            InputError: as above.
-        """
-        together = getattr(self._segmenter, "segment_together", None)
-        if together is None:
-            return self.segment(views)
-        return _checked_masks(self.name, views, together(views, gaussians, renderer))
+    if hasattr(segmenter, "report_to"):
+        segmenter.report_to(report)
+    together = getattr(segmenter, "segment_together", None)
+    masks = segmenter.segment(views) if together is None else together(views, gaussians, renderer)
+    return _checked_masks(name_of(segmenter), views, masks)
 
 
 def _checked_masks(name: str, views: Sequence[View], masks: Any) -> list[BoolArray]:
@@ -129,6 +116,6 @@ def _checked_masks(name: str, views: Sequence[View], masks: Any) -> list[BoolArr
     return [array if array.dtype == np.bool_ else np.asarray(array > threshold) for array in arrays]
 
 
-def _name_of(plug_in: Any) -> str:
-    """The name that a plug-in states, or that of its class."""
+def name_of(plug_in: Any) -> str:
+    """Return the name that a plug-in states, or that of its class."""
     return str(getattr(plug_in, "name", None) or type(plug_in).__name__)

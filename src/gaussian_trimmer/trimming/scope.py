@@ -14,7 +14,7 @@ from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
 from gaussian_trimmer.scope import Scope
-from gaussian_trimmer.trimming.task import Task
+from gaussian_trimmer.trimming.setup import Setup
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the
@@ -23,25 +23,30 @@ _SEEN_DEVIATIONS = 3.0
 """Standard deviations from its centre up to which a Gaussian may show in a picture."""
 
 
-def plan_scope(task: Task, up: Float64Array) -> Scope:
-    """The cameras of a task, and its object with the Gaussians around it; `up` is a vector (3,)."""
-    scene, selection, config = task.scene, task.selection, task.config
-    known = training_cameras(task.cameras)
+def plan_scope(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Float64Array) -> Scope:
+    """Plan the views of an object, and find the Gaussians around it.
+
+    Args:
+        setup: the scene, settings and cameras.
+        selection: the selected object, (N,).
+        excluded: which Gaussians may not join it unless they are selected, (N,).
+        up: the up vector, (3,).
+    """
+    scene, config = setup.scene, setup.config
+    known = training_cameras(setup.cameras)
     planned, bounds = plan_cameras(scene.select(selection), up, config.plan, known)
     rows, selected = _surroundings(scene, selection, bounds, config.context_radius)
-    local = scene.select(rows)
-    if task.view_cameras:
-        planned = list(task.view_cameras)
+    if setup.view_cameras:
+        planned = list(setup.view_cameras)
     elif not cameras_that_see(known, bounds):
         plan = limit_yaw_to_observed(scene, selection, bounds, config.plan)
         if plan is not config.plan:
-            planned, bounds = plan_cameras(local.select(selected), up, plan)
+            planned, bounds = plan_cameras(scene.select(rows[selected]), up, plan)
     occluding = np.zeros(len(scene), np.bool_)
-    if task.view_cameras and config.context_radius > 0:
-        occluding = _before(scene, task.view_cameras, bounds)
+    if setup.view_cameras and config.context_radius > 0:
+        occluding = _before(scene, setup.view_cameras, bounds)
         occluding[rows] = False
-    excluded = (task.excluded & ~selection)[rows]
-    return Scope(bounds, planned, rows, local, selected, excluded, scene.select(occluding))
+    return Scope(scene, bounds, planned, rows, selected, (excluded & ~selection)[rows], scene.select(occluding))
 
 
 def _surroundings(

@@ -1,69 +1,58 @@
-"""The trimmer: plan cameras, render views, correct labels, segment, weigh the evidence, split, fit, and remove."""
+"""The trimmer: decide what belongs to each object, share out what several ask for, remove, fit, and put together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
-from gaussian_trimmer.config import (
-    TrimConfig,
-)
-from gaussian_trimmer.decomposition.coverage import OutlineViews
-from gaussian_trimmer.decomposition.evidence import vote
-from gaussian_trimmer.decomposition.isolation import prune_halo
-from gaussian_trimmer.decomposition.splitting import Decomposition, split_straddlers
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.gaussians import Gaussians, LabelArray
+from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
+from gaussian_trimmer.planning.diagnosis import up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
-from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.removal.continuation import brightened
+from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.removal import Removal, remove
-from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
-from gaussian_trimmer.result import TrimResult
-from gaussian_trimmer.scope import Scope
-from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
-from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, description_of, mask_source_of
-from gaussian_trimmer.segmentation.view_rendering import complete_views, render_scope
-from gaussian_trimmer.trimming.arguments import check_scene, mask_of_excluded, mask_of_selection, settings
-from gaussian_trimmer.trimming.assembly import Assembly, assemble, left_as_it_was
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
+from gaussian_trimmer.trimming.arguments import RoughObject, check_scene, mask_of_excluded, rough_objects, settings
+from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
-from gaussian_trimmer.trimming.outline import fit_outline, outline_views
-from gaussian_trimmer.trimming.scope import plan_scope
-from gaussian_trimmer.trimming.task import PlugIns, Task
-from gaussian_trimmer.views import HALF, TrimmedView
+from gaussian_trimmer.trimming.decision import Decision, decide
+from gaussian_trimmer.trimming.overlaps import resolve_overlaps
+from gaussian_trimmer.trimming.plugin_checks import check_renderer
+from gaussian_trimmer.trimming.setup import Setup
 
 
-@dataclass(frozen=True, eq=False)
-class Decision:
-    """What belongs to the object, before anything is fitted and put together."""
+def trim(
+    scene: Gaussians, selection: ArrayLike, *, progress: Progress = lambda stage: None, **options: Any
+) -> TrimResult:
+    """Sharpen a rough selection of one object: `trim_objects` of one.
 
-    scope: Scope
-    up: UpVector
-    warnings: tuple[str, ...]
-    views: tuple[TrimmedView, ...] = ()
-    """All views, accepted or not; none if an input was found wrong."""
-    visible: FloatArray | None = None
-    """Blend weight of each Gaussian of the scope in the views, (L,)."""
-    outline: OutlineViews | None = None
-    """Small views of what belongs to the object; None if that was not found out."""
-    parts: Decomposition | None = None
-    """What the object gets; None if the selection is left as it was."""
-    refused: str | None = None
-    """Why it is left as it was."""
-    given_up: BoolArray | None = None
-    """Gaussians of the scene that other objects got, (N,)."""
+    Args:
+        scene: all N Gaussians; the object alone also works, without background augmentation.
+        selection: the object, roughly: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
+            the object's rows, from 0, each once.
+        progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
+            one they are at, as in "segment 2 of 5".
+        options: as those of `trim_objects`.
+
+    Raises:
+        InputError: as `trim_objects`.
+    """
+    return trim_objects(scene, {THE_OBJECT: selection}, progress=progress, **options)
 
 
 # More arguments than a function of this package has elsewhere: callers give all but two by name, and most give none.
-def trim(
+def trim_objects(
     scene: Gaussians,
-    selection: ArrayLike,
+    objects: Mapping[Any, ArrayLike] | Sequence[ArrayLike] | NDArray[np.integer[Any]],
     *,
     config: TrimConfig | None = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
@@ -75,161 +64,115 @@ def trim(
     excluded: ArrayLike | None = None,
     progress: Progress = lambda stage: None,
 ) -> TrimResult:
-    """Sharpen a rough selection of one object. Each stage is also logged to "gaussian_trimmer" when it begins.
+    """Sharpen rough selections of objects of one scene, which share no Gaussian afterwards.
+
+    Each stage is also logged to "gaussian_trimmer" when it begins.
 
     Args:
-        scene: all N Gaussians; the object alone also works, without background augmentation.
-        selection: the object, roughly: booleans (N,), N whole numbers that are 0 and 1 or 0 and 255, or the numbers of
-            the object's rows, from 0, each once.
+        scene: all N Gaussians.
+        objects: the selections, each as `trim` takes it, by the objects' ids or names, or in a list. They may
+            overlap. What marks removed from one stays out of that one. Or the id of each Gaussian's object, integers
+            (N,), 0 for none, such as `find_objects(scene).labels`.
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
         cameras: the cameras that the scene was trained with, if known: they give the up vector and the range of
-            angles from which the object was observed.
-        views: number of virtual views, in place of `config.plan.views`.
+            angles from which an object was observed.
+        views: number of virtual views of each object, in place of `config.plan.views`.
         view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
             given masks.
         up: the up vector in the scene's coordinates, in place of `config.up`: three numbers, or an axis, "z" or "-y".
-        excluded: booleans (N,), which Gaussians never become part of the object unless they are selected; by default
-            what marks removed, if the selection was made by `select`.
-        progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
-            one they are at, as in "segment 2 of 5".
+        excluded: booleans (N,), which Gaussians become part of no object unless they are selected.
+        progress: called with the name of each stage when it begins, or with "object ID" when an object's turn comes.
 
     Raises:
-        InputError: the selection does not fit the scene, is empty or can be understood in two ways; a setting is out
-            of its range; the scene holds numbers with which nothing can be computed; or a renderer or segmenter of the
-            caller's gives something else than its contract says.
+        InputError: there is no object; a selection does not fit the scene, is empty or can be understood in two ways;
+            a setting is out of its range; the scene holds numbers with which nothing can be computed; or a renderer or
+            segmenter of the caller's gives something else than its contract says.
     """
     check_scene(scene, cameras)
-    task = Task(
-        scene,
-        mask_of_selection(selection, len(scene)),
-        mask_of_excluded(selection, excluded, len(scene)),
-        settings(config, views, up, view_cameras),
-        PlugIns.of(renderer, segmenter),
-        cameras,
-        view_cameras,
+    rough, clock = rough_objects(objects, len(scene)), Clock(progress)
+    setup = Setup(
+        scene=scene,
+        config=settings(config, views, up, view_cameras),
+        renderer=get_renderer(renderer) if isinstance(renderer, str) else renderer,
+        segmenter=get_segmenter(segmenter) if isinstance(segmenter, str) else segmenter,
+        cameras=cameras,
+        view_cameras=view_cameras,
+        excluded=mask_of_excluded(excluded, len(scene)),
     )
-    clock = Clock(progress)
-    decision, removal = decide(task, clock), None
-    if decision.parts is not None and task.config.background != "exact":
+    check_renderer(setup.renderer)
+    numbers = range(1, len(rough) + 1)
+    decisions = _decide_all(setup, rough, clock)
+    with clock("share out"):
+        owner, contested = resolve_overlaps(scene, [d.rows for d in decisions], [part.rows for part in rough])
+    removals, hidden = list[Removal | None]([None] * len(rough)), np.zeros(len(scene), np.bool_)
+    if setup.config.background != "exact":
         with clock("remove"):
-            decision, removal = removed(task, decision)
-    return finish(task, decision, removal, clock)
-
-
-def decide(task: Task, clock: Clock) -> Decision:
-    """Decide which Gaussians belong to the object: the stages up to splitting."""
-    config, renderer = task.config, task.renderer
-    with clock("plan"):
-        plan = _plan(task)
-    scope = plan.scope
-    if plan.refused:
-        return plan
-    with clock("render"):
-        renderings = render_scope(scope, renderer)
-    with clock("correct"):
-        probability = correct_labels(scope.local, scope.selected, renderings.visible, scope.bounds, config.label_crf)
-        probability[scope.excluded] = 0
-    with clock("render"):
-        unsegmented = complete_views(scope, renderings, probability, renderer)
-    task.plug_ins.report_parts_to(lambda part: clock.part(f"segment {part}"))
-    with clock("segment"):
-        judged = mask_source_of(task.plug_ins.given_segmenter) != "labels"
-        masks = task.plug_ins.segmenter.segment_with(unsegmented, scope.shown, renderer)
-        views = check_masks(unsegmented, masks, config.acceptance, judged)
-    plan = replace(plan, views=tuple(views), visible=renderings.visible)
-    refused = rejection(views, config.acceptance)
-    if refused:
-        return replace(plan, refused=refused)
-    accepted = [view for view in views if not view.rejected]
-    with clock("split"):
-        candidates = scope.selected | (probability > HALF)
-        parts = split_straddlers(scope.shown, candidates, accepted, renderer, config.boundary, config.split)
-    with clock("weigh"):
-        parts = vote(scope.shown, parts, scope.selected, probability, views, renderer, config.evidence)
-    with clock("prune"):
-        plane = scope.support_plane(parts.members, renderings.visible, config.label_crf.support_plane)
-        outline = outline_views(task, scope, accepted, plane)
-        if config.evidence.min_in_place > 0:
-            parts = prune_halo(scope.local, parts, outline, config.evidence.min_in_place)
-    refused = excessive_loss(
-        scope.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
-    )
-    return replace(plan, outline=outline, refused=refused, parts=None if refused else parts)
-
-
-def _plan(task: Task) -> Decision:
-    """Where to look from; refused if an input is wrong."""
-    up = task.known_up.up if task.known_up else find_up(task.scene, task.cameras, task.config.up, task.selection)
-    scope = plan_scope(task, up.direction)
-    wrong = find_wrong_input(task.scene, task.selection, scope.bounds, training_cameras(task.cameras))
-    if task.known_up:
-        doubt = task.known_up.warning
-    else:
-        doubt = None if wrong else up_warning(task.scene, task.selection, up)
-    found = (selection_warning(task.scene, task.selection), doubt)
-    return Decision(scope, up, tuple(warning for warning in found if warning), refused=wrong)
-
-
-def removed(task: Task, decision: Decision) -> tuple[Decision, Removal]:
-    """The decision with what else belongs to the object, and the scene without it."""
-    scope, parts = decision.scope, decision.parts
-    assert parts is not None
-    cameras = views_of_place(scope.bounds, task.config.refinement.size)
-    place = Place(scope.local, parts.members, parts.members, scope.bounds, cameras, task.renderer)
-    removal = remove(place, fill=task.config.background == "filled")
-    joins = removal.to_object & ~scope.excluded & (scope.selected | task.config.evidence.recover)
-    return replace(decision, parts=replace(parts, members=parts.members | joins)), removal
-
-
-def finish(task: Task, decision: Decision, removal: Removal | None, clock: Clock) -> TrimResult:
-    """Put object and background together, with the object's outline fitted and the surfaces that it hid continued."""
-    config, scope, parts = task.config, decision.scope, decision.parts
-    if parts is None:
-        LOG.info("not trimmed: %s", decision.refused)
-        kept = task.selection if decision.given_up is None else task.selection & ~decision.given_up
-        return _result(task, decision, left_as_it_was(task.scene, task.selection, kept), clock)
+            removals = list(setup.map(partial(_remove, setup, owner), _light(decisions), numbers))
+            owner = _with_fragments(setup, decisions, owner, removals)
+            for decision, removal in zip(decisions, removals, strict=True):
+                if removal is not None:
+                    hidden[decision.scope.rows[removal.ghosts]] = True
+            hidden &= owner == 0
+    with clock("refine"):
+        fitted = partial(assemble_object, setup, owner, hidden)
+        assembled = list(setup.map(fitted, _light(decisions), removals, numbers))
     with clock("assemble"):
-        nobodys = scope.rows[removal.ghosts & ~parts.members] if removal else np.zeros(0, np.int64)
-        assembly = assemble(task.scene, task.selection, scope.rows, parts, nobodys)
-    if config.refine == "fit":
-        with clock("refine"):
-            assert decision.outline is not None
-            assembly = fit_outline(task, scope, assembly, decision.outline)
-        LOG.info("fitted %d of the object's rows (%s)", len(assembly.fitted), assembly.not_fitted or "done")
-    if removal:
-        assembly = _with_surfaces(assembly, scope, removal)
-    LOG.info("object of %d Gaussians from a selection of %d", len(assembly.object), task.selection.sum())
-    return _result(task, decision, assembly, clock)
+        placed = [(d.scope.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
+        return assemble_result(setup, assembled, owner, hidden, placed, contested, clock.seconds)
 
 
-def _with_surfaces(assembly: Assembly, scope: Scope, removal: Removal) -> Assembly:
+def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:
+    """Decide what belongs to each object; what several have in common is found once."""
+    if len(rough) == 1:
+        return [decide(setup, rough[0], clock)]
+    selected = np.zeros(len(setup.scene), np.bool_)
+    for part in rough:
+        selected[part.rows] = True
+    up = find_up(setup.scene, setup.cameras, setup.config.up, selected)
+    if up.source in KNOWN_SOURCES:
+        setup = replace(setup, up=up, up_warning=up_warning(setup.scene, selected, up))
+
+    def decided(part: RoughObject) -> Decision:
+        own_clock = Clock(lambda stage: None)
+        decision = decide(setup, part, own_clock).without_pictures()
+        return replace(decision, seconds=own_clock.seconds)
+
+    decisions, found = [], setup.map(decided, rough)
+    for part in rough:
+        with clock(f"object {part.id}"):
+            decisions.append(next(found))
+    return decisions
+
+
+def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
+    """Decisions one after the other, of several each without the Gaussians that an earlier stage has looked up."""
+    return iter(decisions) if len(decisions) == 1 else (decision.without_pictures() for decision in decisions)
+
+
+def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> Removal | None:
+    """Return what the Gaussians around an object are without it; None if it is left as it was, or has nothing left."""
+    scope, of_scope = decision.scope, owner[decision.scope.rows]
+    if decision.parts is None or not (of_scope == number).any():
+        return None
+    cameras = views_of_place(scope.bounds, setup.config.refinement.size)
+    place = Place(scope.local, of_scope == number, of_scope > 0, scope.bounds, cameras, setup.renderer)
+    removal = remove(place, fill=setup.config.background == "filled")
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
-        return replace(assembly, not_filled=removal.not_filled)
-    relit = np.flatnonzero(removal.gain > 1)
-    brighter = brightened(scope.local.select(relit), removal.gain[relit])
-    return assembly.with_surfaces(brighter, scope.rows[relit], scope.rows[removal.replaced], removal.filled)
+    return removal
 
 
-def _result(task: Task, decision: Decision, assembly: Assembly, clock: Clock) -> TrimResult:
-    plug_ins, n_floaters = task.plug_ins, int(task.selection.sum() - decision.scope.selected.sum())
-    return TrimResult(
-        scene=task.scene,
-        **vars(assembly),
-        up=decision.up,
-        bounds=decision.scope.bounds,
-        views=decision.views,
-        floaters=n_floaters if decision.views else 0,
-        refused=decision.refused,
-        seconds=clock.seconds,
-        renderer=task.renderer.name,
-        segmenter=plug_ins.segmenter.name,
-        segmenter_description=description_of(plug_ins.given_segmenter),
-        selection=task.selection,
-        config=task.config,
-        used_renderer=plug_ins.given_renderer,
-        cameras=tuple(training_cameras(task.cameras)),
-        warnings=decision.warnings,
-    )
+def _with_fragments(
+    setup: Setup, decisions: Sequence[Decision], owner: LabelArray, removals: Sequence[Removal | None]
+) -> LabelArray:
+    """Return `owner` (N,) with the fragments of objects that were found when these were removed."""
+    claims = []
+    for number, (decision, removal) in enumerate(zip(decisions, removals, strict=True), 1):
+        scope, rows = decision.scope, decision.owned(owner, number)
+        if removal is not None:
+            joins = removal.to_object & ~scope.excluded & (scope.selected | setup.config.evidence.recover)
+            rows = np.union1d(rows, scope.rows[joins])
+        claims.append(rows)
+    return resolve_overlaps(setup.scene, claims, [decision.rough.rows for decision in decisions])[0]

@@ -3,38 +3,15 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import cv2
 
 from gaussian_trimmer.output.html.document import text
+from gaussian_trimmer.output.html.figures import Figure, Pairing
 from gaussian_trimmer.output.pictures import Picture
 
 _JPEG_QUALITY = 85
-
-
-@dataclass(frozen=True, eq=False)
-class Figure:
-    """One point of view, drawn in several ways."""
-
-    caption: str
-    pictures: Mapping[str, Picture]
-    """By what they show; all of one size."""
-    doubt: str = ""
-    """What is wrong with this view; empty if nothing is."""
-
-
-@dataclass(frozen=True)
-class Pairing:
-    """Two pictures to compare in each figure."""
-
-    title: str
-    left: str
-    """What the picture on the left shows: a key of `Figure.pictures`."""
-    right: str
-    note: str = ""
-    """What to look for."""
 
 
 def comparison(name: str, figures: Sequence[Figure], pairings: Sequence[Pairing]) -> str:

@@ -16,7 +16,7 @@ from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
-from gaussian_trimmer.result import TrimResult
+from gaussian_trimmer.output.result import TrimResult
 
 MOST_GAUSSIANS = 1_000_000
 """Gaussians that a page holds at most: 43 MB, opened in some five seconds and sorted in under half of one."""
@@ -61,7 +61,7 @@ def first_angles(result: TrimResult) -> tuple[float, float]:
 
     The report's turntable begins there, too. If the whole circle was observed, or nothing, they are the usual ones.
     """
-    sides = checked_sides(result)
+    sides = checked_sides(result.only, result.cameras)
     if not 0 < sides.degrees < 360:
         return _FIRST_ANGLES
     return float(np.radians(sides.middle)), float(np.radians(np.median(sides.pitches)))

@@ -1,0 +1,105 @@
+"""One object is one of several: whatever way a selection takes, object and background are the same to the byte."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+
+import gaussian_trimmer as gt
+from gaussian_trimmer.config import RefineConfig, SplitConfig
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.selecting.select import SelectionResult
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+BALL, TRUTH = toy.ball_on_floor()
+_RNG = np.random.default_rng(1)
+_DARK = toy.gaussians(toy.CENTRE + 0.3 * _RNG.normal(size=(60, 3)), (0.05,) * 3, (0.05,) * 3)
+SCENE = concatenate([BALL, _DARK])
+"""A ball with what only it hides."""
+ROUGH = np.append(toy.dilated(BALL, TRUTH), np.zeros(len(_DARK), np.bool_))
+ERODED = np.append(TRUTH & (BALL.means[:, 0] < toy.CENTRE[0] + 0.6 * toy.RADIUS), np.zeros(len(_DARK), np.bool_))
+BESIDE = (SCENE.means[:, 0] > toy.CENTRE[0] + 0.6 * toy.RADIUS) & ~ERODED
+STAGES = {
+    "exact": {"background": "exact"},
+    "clean": {"background": "clean"},
+    "filled": {"background": "filled"},
+    "fitted": {"background": "filled", "refine": "fit", "refinement": RefineConfig(steps=2)},
+    "split": {"split": SplitConfig("plane")},
+}
+COLUMNS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
+
+
+def check_same(result, expected):
+    """Both have the same object and the same background, from the same rows and with the same labels."""
+    for part, other in ((result.object, expected.object), (result.background, expected.background)):
+        for name in COLUMNS:
+            assert getattr(part, name).tobytes() == getattr(other, name).tobytes()
+    assert result.refused == expected.refused
+    assert result.warnings == expected.warnings
+    for name in ("source_index", "label", "fitted", "selected_rows"):
+        assert np.array_equal(getattr(result.only, name), getattr(expected.only, name))
+    for name in ("background_source", "background_label", "dropped"):
+        assert np.array_equal(getattr(result, name), getattr(expected, name))
+
+
+def as_marked(mask, excluded):
+    """A selection as marks make it, which removed some Gaussians."""
+    return SelectionResult(mask, gt.marks.Marks((), None, None), (), excluded)
+
+
+@pytest.mark.parametrize("stages", STAGES.values(), ids=STAGES)
+@pytest.mark.parametrize("selection", [ROUGH, ERODED], ids=["dilated", "eroded"])
+def test_one_object_is_one_of_several(selection, stages):
+    config = toy.small_config(**stages)
+    expected = gt.trim(SCENE, selection, config=config)
+    assert expected.refused is None
+    for objects in ({1: selection}, {"mug": selection}, [selection], np.where(selection, 5, 0)):
+        check_same(gt.trim_objects(SCENE, objects, config=config), expected)
+
+
+@pytest.mark.parametrize("background", ["exact", "clean", "filled"])
+def test_what_marks_removed_stays_out_whatever_the_way(background):
+    config = toy.small_config(background=background)
+    free = gt.trim(SCENE, ERODED, config=config)
+    assert free.object_mask[BESIDE].any(), "nothing would be kept out"
+    expected = gt.trim(SCENE, ERODED, excluded=BESIDE, config=config)
+    assert not expected.object_mask[BESIDE].any()
+    check_same(gt.trim_objects(SCENE, {1: ERODED}, excluded=BESIDE, config=config), expected)
+    marked = as_marked(ERODED, BESIDE)
+    check_same(gt.trim(SCENE, marked, config=config), expected)
+    check_same(gt.trim_objects(SCENE, {1: marked}, config=config), expected)
+
+
+def test_a_selection_that_is_refused_is_returned_as_it_was_whatever_the_way():
+    config = toy.small_config(background="filled")
+    expected = gt.trim(SCENE, ROUGH, config=config, segmenter=toy.EmptyMasks())
+    assert expected.refused
+    check_same(gt.trim_objects(SCENE, [ROUGH], config=config, segmenter=toy.EmptyMasks()), expected)
+
+
+def test_fragments_join_the_object_that_they_hang_on_and_never_two():
+    """Two objects far apart are each as if they were alone, fragments and all; no Gaussian is in both."""
+    shift = np.float32([2.4, 0, 0])
+    scene, *truths = toy.two_balls(shift)
+    config = toy.small_config(background="clean")
+    result = gt.trim_objects(scene, truths, config=config)
+    for part, truth in zip(result.objects, truths, strict=True):
+        alone = gt.trim(scene, truth, config=replace(config))
+        assert toy.jaccard(result.labels == part.id, alone.object_mask) > 0.99
+    owners = np.concatenate([np.unique(part.source_index) for part in result.objects])
+    assert len(np.unique(owners)) == len(owners)
+
+
+def test_ten_thousand_ids_fit():
+    """What is kept of each object is what it has, and not a mask of the scene."""
+    from gaussian_trimmer.trimming.arguments import rough_objects
+    from gaussian_trimmer.trimming.overlaps import resolve_overlaps
+
+    labels = np.arange(200_000) % 10_001
+    rough = rough_objects(labels.astype(np.int32), len(labels))
+    assert sum(part.rows.nbytes for part in rough) == 8 * np.count_nonzero(labels)
+    rows = [part.rows for part in rough]
+    small = toy.gaussians(np.zeros((len(labels), 3)), (0.1,) * 3, (0.1,) * 3)
+    owner, contested = resolve_overlaps(small, rows, rows)
+    assert (owner == labels).all() and not contested and owner.dtype == np.int32
