@@ -316,7 +316,7 @@ def test_wrong_documents(document: Any, message: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe\x00", b"[" * 100_000])
 def test_no_json(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "c.json").write_bytes(content)
-    with pytest.raises(InputError, match="not valid JSON"):
+    with pytest.raises(InputError, match="cannot be read as JSON"):
         read_camera_set(tmp_path / "c.json")
 
 

@@ -60,7 +60,7 @@ def test_without_harmonics_colours_are_logits(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"scales": None}, "0 of its models"),
-        ({"scales": np.zeros((20, 2), np.float32)}, "log_scales has shape"),
+        ({"scales": np.zeros((20, 1), np.float32)}, "log_scales has shape"),
         ({"opacities": np.zeros((7, 1), np.float32)}, "cannot reshape"),
         ({"features_rest": np.zeros((20, 7, 3), np.float32)}, "sh_rest has shape"),
         ({"means": np.full((20, 3), np.nan, np.float32)}, "means that cannot be used"),

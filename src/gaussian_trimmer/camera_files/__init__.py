@@ -32,7 +32,7 @@ __all__ = ["DISTORTION_TOLERANCE", "read_camera_set", "read_cameras_of"]
 def read_cameras_of(
     scene: Path, path: str | Path, *, trust_paths: bool = False, say: Callable[[str], None] = lambda note: None
 ) -> CameraSet:
-    """The cameras that a scene was trained with, in its coordinates; otherwise as `read_camera_set`.
+    """Return the cameras that a scene was trained with, in its coordinates; otherwise as `read_camera_set`.
 
     Args:
         scene: file or folder of the scene. In the folder of a nerfstudio training, the cameras of the dataset are
@@ -53,7 +53,7 @@ def read_cameras_of(
 
 
 def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet:
-    """Cameras, split and up vector of a COLMAP folder or of a JSON file; the kind is found by content.
+    """Return cameras, split and up vector of a COLMAP folder or of a JSON file; the kind is found by content.
 
     Arguments:
         trust_paths: open a picture that a transforms.json names outside its own folder, should its size be needed.
@@ -72,15 +72,15 @@ def read_camera_set(path: str | Path, *, trust_paths: bool = False) -> CameraSet
     if not frames:
         raise InputError(f"'{found}' holds no posed images; give the cameras of a finished reconstruction.")
     cameras = tuple(
-        Camera(frame.world_to_camera, frame.lens.K, frame.lens.width, frame.lens.height, name)
+        Camera(frame.world_to_camera, frame.intrinsics.K, frame.intrinsics.width, frame.intrinsics.height, name)
         for frame, name in zip(frames, _image_names([frame.path for frame in frames]), strict=True)
     )
-    train, distorted = tuple(frame.train for frame in frames), any(frame.lens.distorted for frame in frames)
+    train, distorted = tuple(frame.train for frame in frames), any(frame.intrinsics.distorted for frame in frames)
     return CameraSet(cameras, up, train, distorted)
 
 
 def _camera_file(path: Path) -> Path:
-    """The JSON file, or the COLMAP images file, that a path stands for."""
+    """Return the JSON file, or the COLMAP images file, that a path stands for."""
     if is_file(path):
         if path.suffix.lower() == ".json":
             return path
@@ -112,7 +112,7 @@ def _camera_file(path: Path) -> Path:
 
 
 def _image_names(paths: Sequence[str]) -> list[str]:
-    """File names of images; where two would be equal, paths without steps that lead out of a folder."""
+    """Return file names of images; where two would be equal, paths without steps that lead out of a folder."""
     parts = [[part for part in path.replace("\\", "/").split("/") if part not in ("", ".", "..")] for path in paths]
     last = [part[-1] if part else "" for part in parts]
     repeated = {name for name, count in Counter(last).items() if count > 1}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.camera_files.frames import make_lens, rigid_transforms
+from gaussian_trimmer.camera_files.frames import make_intrinsics, rigid_transforms
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 
@@ -41,7 +41,9 @@ def cameras_from_arrays(world_to_camera: Any, K: Any, sizes: Any, names: Sequenc
     cameras = []
     for i in range(n):
         matrix, (width, height) = np.broadcast_to(matrices, (n, 3, 3))[i], np.broadcast_to(pixels, (n, 2))[i]
-        lens = make_lens((matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]), width, height, False, f"Camera {i}")
+        lens = make_intrinsics(
+            (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]), width, height, False, f"Camera {i}"
+        )
         cameras.append(Camera(transforms[i], lens.K, lens.width, lens.height, names[i] if names else str(i)))
     return CameraSet(tuple(cameras), None, (True,) * n, distorted=False)
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from gaussian_trimmer.camera_files.frames import (
     DISTORTION_TOLERANCE,
-    Frame,
-    Lens,
+    Intrinsics,
+    PosedImage,
     floats,
-    make_lens,
+    make_intrinsics,
     rigid_transforms,
 )
 from gaussian_trimmer.errors import InputError, clip_name
@@ -51,8 +51,8 @@ class _Image:
     """Quaternion (w, x, y, z) and translation, (7,)."""
 
 
-def read_colmap_frames(path: Path) -> list[Frame]:
-    """The frames of an images file and of the cameras file beside it.
+def read_colmap_frames(path: Path) -> list[PosedImage]:
+    """Return the images of an images file and of the cameras file beside it.
 
     Raises:
         InputError: a file is damaged, the two do not fit each other, or a camera is not possible.
@@ -79,17 +79,19 @@ def read_colmap_frames(path: Path) -> list[Frame]:
         poses[:, :, :3] = rotation_matrices(cast(FloatArray, numbers[:, :4]))
     poses[:, :, 3] = numbers[:, 4:]
     transforms = rigid_transforms(list(poses), lambda i: images[i].where)
-    return [Frame(image.name, pose, lenses[image.camera_id]) for image, pose in zip(images, transforms, strict=True)]
+    return [
+        PosedImage(image.name, pose, lenses[image.camera_id]) for image, pose in zip(images, transforms, strict=True)
+    ]
 
 
-def _binary_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
+def _binary_lenses(path: Path) -> Iterator[tuple[int, Intrinsics]]:
     with path.open("rb") as file:
         for _ in range(_values(file, "Q")[0]):
             camera_id, model_id, width, height = _values(file, "IiQQ")
             where = f"'{path}', camera {camera_id}"
             name = list(_MODELS)[model_id] if 0 <= model_id < len(_MODELS) else str(model_id)
             count, _ = _MODELS.get(name, (0, 0))
-            yield camera_id, _lens(name, _values(file, f"{count}d"), width, height, where)
+            yield camera_id, _intrinsics(name, _values(file, f"{count}d"), width, height, where)
 
 
 def _binary_images(path: Path) -> Iterator[_Image]:
@@ -104,11 +106,11 @@ def _binary_images(path: Path) -> Iterator[_Image]:
 
 
 def _values(file: BinaryIO, layout: str) -> tuple[Any, ...]:
-    """Little-endian values in a layout of `struct`; struct.error where the file ends too early."""
+    """Return little-endian values in a layout of `struct`; struct.error where the file ends too early."""
     return struct.unpack(f"<{layout}", file.read(struct.calcsize(f"<{layout}")))
 
 
-def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
+def _text_lenses(path: Path) -> Iterator[tuple[int, Intrinsics]]:
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in _lines(file):
             where = f"'{path}', line '{clip_name(line)}'"
@@ -116,7 +118,7 @@ def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
             if len(words) < 5:
                 raise InputError(f"{where}: a camera needs more than four entries; is the file damaged?")
             camera_id, name, width, height, *parameters = words
-            yield _integer(camera_id, where), _lens(name, parameters, width, height, where)
+            yield _integer(camera_id, where), _intrinsics(name, parameters, width, height, where)
 
 
 def _text_images(path: Path) -> Iterator[_Image]:
@@ -130,7 +132,7 @@ def _text_images(path: Path) -> Iterator[_Image]:
 
 
 def _lines(file: TextIO) -> Iterator[str]:
-    """The lines that are neither empty nor comments."""
+    """Return the lines that are neither empty nor comments."""
     return (line.strip() for line in file if line.strip() and not line.lstrip().startswith("#"))
 
 
@@ -146,11 +148,11 @@ def _image(path: Path, camera_id: int, name: str, pose: Sequence[Any]) -> _Image
     return _Image(camera_id, name, where, floats(pose, (7,), f"{where}: quaternion and translation"))
 
 
-def _lens(name: str, parameters: Sequence[Any], width: Any, height: Any, where: str) -> Lens:
+def _intrinsics(name: str, parameters: Sequence[Any], width: Any, height: Any, where: str) -> Intrinsics:
     if name not in _MODELS:
         raise InputError(f"{where}: unknown camera model '{clip_name(name)}'; undistort to PINHOLE with COLMAP first.")
     count, focals = _MODELS[name]
     p = floats(parameters, (count,), f"{where}: the parameters of {name}").tolist()
     fx, fy, (cx, cy) = p[0], p[focals - 1], p[focals : focals + 2]
     distorted = "FISHEYE" in name or any(abs(coefficient) > DISTORTION_TOLERANCE for coefficient in p[focals + 2 :])
-    return make_lens((fx, fy, cx, cy), width, height, distorted, where)
+    return make_intrinsics((fx, fy, cx, cy), width, height, distorted, where)

@@ -23,7 +23,7 @@ focal lengths, in parts of it, at least. Fields of view end at 0.006 and 179.99 
 
 
 @dataclass(frozen=True, eq=False)
-class Lens:
+class Intrinsics:
     """Intrinsics that several images may share."""
 
     K: Float64Array
@@ -37,21 +37,21 @@ class Lens:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class PosedImage:
     """One image as read, before its name is settled."""
 
     path: str
     """The image's name or path, as the file gives it."""
     world_to_camera: Float64Array
     """Rigid transform from world to camera coordinates, OpenCV axes, (4, 4)."""
-    lens: Lens
+    intrinsics: Intrinsics
     """The lens that took the image."""
     train: bool = True
     """Whether it is a training image."""
 
 
-def make_lens(pinhole: Sequence[Any], width: Any, height: Any, distorted: bool, where: str) -> Lens:
-    """Intrinsics from fx, fy, cx, cy and the image size.
+def make_intrinsics(pinhole: Sequence[Any], width: Any, height: Any, distorted: bool, where: str) -> Intrinsics:
+    """Return intrinsics from fx, fy, cx, cy and the image size.
 
     Raises:
         InputError: they are not possible; the message begins with `where`.
@@ -68,11 +68,11 @@ def make_lens(pinhole: Sequence[Any], width: Any, height: Any, distorted: bool, 
             f"{where}: the focal lengths {fx:g} and {fy:g} with the principal point ({cx:g}, {cy:g}) are not possible "
             f"for an image of {size[0]:g} x {size[1]:g} pixels."
         )
-    return Lens(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), int(size[0]), int(size[1]), distorted)
+    return Intrinsics(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), int(size[0]), int(size[1]), distorted)
 
 
 def rigid_transforms(poses: Sequence[Any], where: Callable[[int], str]) -> Float64Array:
-    """Rigid transforms (V, 4, 4) of poses of three or four rows each; rotations become exactly orthonormal.
+    """Return rigid transforms (V, 4, 4) of poses of three or four rows each; rotations become exactly orthonormal.
 
     Arguments:
         where: what the message on a pose begins with, by its number.
@@ -98,13 +98,13 @@ def rigid_transforms(poses: Sequence[Any], where: Callable[[int], str]) -> Float
 
 
 def rigid_transform(pose: Any, where: str) -> Float64Array:
-    """A rigid transform (4, 4); otherwise as `rigid_transforms`."""
+    """Return a rigid transform (4, 4); otherwise as `rigid_transforms`."""
     transform: Float64Array = rigid_transforms([pose], lambda _: where)[0]
     return transform
 
 
 def inverse(transform: Float64Array) -> Float64Array:
-    """The inverse of a rigid transform (4, 4)."""
+    """Return the inverse of a rigid transform (4, 4)."""
     result = np.eye(4)
     result[:3, :3] = transform[:3, :3].T
     result[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
@@ -118,7 +118,7 @@ def _four_rows(pose: Any, what: str) -> Float64Array:
 
 
 def floats(values: Any, shape: tuple[int, ...], what: str) -> Float64Array:
-    """Numbers of a given shape, which may be text, neither NaN nor extreme; () is a single one.
+    """Return numbers of a given shape, which may be text, neither NaN nor extreme; () is a single one.
 
     Raises:
         InputError: the values are not such numbers; the message begins with `what`.

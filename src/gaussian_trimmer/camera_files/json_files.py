@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -12,46 +11,33 @@ import numpy as np
 
 from gaussian_trimmer.camera_files.frames import (
     DISTORTION_TOLERANCE,
-    Frame,
-    Lens,
+    Intrinsics,
+    PosedImage,
     floats,
     inverse,
-    make_lens,
+    make_intrinsics,
     rigid_transform,
 )
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.images import picture_header
-from gaussian_trimmer.io.reading import file_bytes, is_file
+from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
 
-_MAX_JSON_BYTES, _MAX_PICTURE_BYTES = 1 << 26, 1 << 28
+MAX_BYTES = 1 << 26
+"""Of a JSON file of cameras."""
+_MAX_PICTURE_BYTES = 1 << 28
 _OPENGL_TO_OPENCV = np.array([1.0, -1.0, -1.0])
 _DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _SHARED_KEYS = (
-    "w",
-    "h",
-    "fl_x",
-    "fl_y",
-    "camera_angle_x",
-    "camera_angle_y",
-    "cx",
-    "cy",
-    "camera_model",
-    "is_fisheye",
-    "width",
-    "height",
-    "fx",
-    "fy",
-    "K",
-    "split",
-    *_DISTORTION_KEYS,
-)
+    "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy", "camera_model", "is_fisheye", "width",
+    "height", "fx", "fy", "K", "split", *_DISTORTION_KEYS,
+)  # fmt: skip
 """What may be given once for all frames."""
 
 
-def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[Frame], Float64Array | None]:
-    """The frames of a file, and the unit up vector (3,) that it states, or None.
+def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[PosedImage], Float64Array | None]:
+    """Return the images of a file, and the unit up vector (3,) that it states, or None.
 
     Arguments:
         trust_paths: open pictures outside the file's folder, should their size be needed.
@@ -59,10 +45,7 @@ def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[Fra
     Raises:
         InputError: the file is too large or damaged, or a camera or the up vector is not possible.
     """
-    try:
-        document = json.loads(file_bytes(path, _MAX_JSON_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"'{path}' is not valid JSON; export the cameras again.") from error
+    document = read_json(path, MAX_BYTES)
     if not isinstance(document, dict):
         document = {"frames": document}
     given, up = document.get("frames"), document.get("up")
@@ -88,15 +71,15 @@ def read_json_frames(path: Path, *, trust_paths: bool = False) -> tuple[list[Fra
     return frames, None if up is None else unit_up(up, f"'{path}': the up vector")
 
 
-def _transforms_frame(settings: Mapping[str, Any], train: bool, where: str) -> Frame:
-    """A frame of nerfstudio, Instant-NGP or Blender."""
+def _transforms_frame(settings: Mapping[str, Any], train: bool, where: str) -> PosedImage:
+    """Return a frame of nerfstudio, Instant-NGP or Blender."""
     to_world = rigid_transform(settings["transform_matrix"], where)
     to_world[:3, :3] *= _OPENGL_TO_OPENCV
-    return Frame(_name(settings.get("file_path")), inverse(to_world), _transforms_lens(settings, where), train)
+    return PosedImage(_name(settings.get("file_path")), inverse(to_world), _transforms_lens(settings, where), train)
 
 
-def _transforms_lens(settings: Mapping[str, Any], where: str) -> Lens:
-    """The lens of a frame; focal lengths in pixels go before fields of view in radians."""
+def _transforms_lens(settings: Mapping[str, Any], where: str) -> Intrinsics:
+    """Return the intrinsics of a frame; focal lengths in pixels go before fields of view in radians."""
     width, height = floats([settings["w"], settings["h"]], (2,), f"{where}: the image size").tolist()
     model = str(settings.get("camera_model", "PINHOLE")).upper()
     if model in ("EQUIRECTANGULAR", "ORTHOPHOTO"):
@@ -109,11 +92,11 @@ def _transforms_lens(settings: Mapping[str, Any], where: str) -> Lens:
     coefficients = floats([settings.get(key, 0.0) for key in _DISTORTION_KEYS], (8,), f"{where}: the distortion")
     fisheye = bool(settings.get("is_fisheye")) or "FISHEYE" in model
     distorted = fisheye or bool((np.abs(coefficients) > DISTORTION_TOLERANCE).any())
-    return make_lens(pinhole, width, height, distorted, where)
+    return make_intrinsics(pinhole, width, height, distorted, where)
 
 
 def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: str) -> float | None:
-    """Focal length in pixels along one image axis, or None where neither fl_ nor camera_angle_ is given."""
+    """Return the focal length in pixels along one image axis, or None where neither fl_ nor camera_angle_ is given."""
     if settings.get(f"fl_{axis}") is not None:
         return float(floats(settings[f"fl_{axis}"], (), f"{where}: fl_{axis}"))
     if settings.get(f"camera_angle_{axis}") is None:
@@ -124,26 +107,26 @@ def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: st
     return size / (2 * math.tan(angle / 2))
 
 
-def _inria_frame(settings: Mapping[str, Any], where: str) -> Frame:
-    """An entry of the cameras.json that 3D Gaussian Splatting writes; the principal point is central."""
+def _inria_frame(settings: Mapping[str, Any], where: str) -> PosedImage:
+    """Return an entry of the cameras.json that 3D Gaussian Splatting writes; the principal point is central."""
     _require(settings, ("width", "height", "fx", "fy"), where)
     width, height = floats([settings["width"], settings["height"]], (2,), f"{where}: the image size").tolist()
-    lens = make_lens((settings["fx"], settings["fy"], width / 2, height / 2), width, height, False, where)
+    lens = make_intrinsics((settings["fx"], settings["fy"], width / 2, height / 2), width, height, False, where)
     rotation = floats(settings["rotation"], (3, 3), f"{where}: the rotation")
     position = floats(settings["position"], (3,), f"{where}: the position")
     to_world = rigid_transform(np.column_stack([rotation, position]), where)
-    return Frame(_name(settings.get("img_name")), inverse(to_world), lens)
+    return PosedImage(_name(settings.get("img_name")), inverse(to_world), lens)
 
 
-def _matrix_frame(settings: Mapping[str, Any], where: str) -> Frame:
-    """A frame of OpenCV matrices; its split, if any, is train or another word."""
+def _matrix_frame(settings: Mapping[str, Any], where: str) -> PosedImage:
+    """Return a frame of OpenCV matrices; its split, if any, is train or another word."""
     _require(settings, ("K", "width", "height"), where)
     K = floats(settings["K"], (3, 3), f"{where}: K")
     if K[0, 1] != 0 or K[1, 0] != 0 or (K[2] != [0, 0, 1]).any():
         raise InputError(f"{where}: K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
-    lens = make_lens((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), settings["width"], settings["height"], False, where)
+    lens = make_intrinsics((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), settings["width"], settings["height"], False, where)
     name = _name(settings.get("file", settings.get("file_path")))
-    return Frame(
+    return PosedImage(
         name, rigid_transform(settings["world_to_camera"], where), lens, settings.get("split", "train") == "train"
     )
 
@@ -159,7 +142,7 @@ def _name(given: Any) -> str:
 
 
 def _size_of_image(folder: Path, name: str, where: str, trust_paths: bool) -> dict[str, int]:
-    """Width and height of a frame's image beside the file, as `w` and `h`; Blender's paths have no suffix."""
+    """Return width and height of a frame's image beside the file, as `w` and `h`; Blender's paths have no suffix."""
     relative = PurePosixPath(name.replace("\\", "/"))
     for image in (folder / relative, folder / f"{relative}.png", folder / f"{relative}.jpg"):
         if not is_file(image):
@@ -167,8 +150,7 @@ def _size_of_image(folder: Path, name: str, where: str, trust_paths: bool) -> di
         if not (trust_paths or image.resolve().is_relative_to(folder.resolve())):
             raise InputError(
                 f"{where}: its image '{clip_name(name)}' lies outside the folder of the camera file, so it is not "
-                "opened "
-                "to find its size; give w and h, or allow it with --trust-paths."
+                "opened to find its size; give w and h, or allow it with --trust-paths."
             )
         if header := picture_header(file_bytes(image, _MAX_PICTURE_BYTES)):
             return {"w": header.width, "h": header.height}

@@ -7,7 +7,6 @@ already, and perhaps an `applied_scale` a: then its points become s / a (T inver
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,25 +14,26 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.camera_files.frames import floats, inverse, rigid_transform
+from gaussian_trimmer.camera_files.json_files import MAX_BYTES
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array
-from gaussian_trimmer.io.reading import file_bytes, is_file, reading
+from gaussian_trimmer.io.reading import is_file, read_json
 
 NAME = "dataparser_transforms.json"
 _CHECKPOINTS = "nerfstudio_models"
-_MAX_BYTES, _MAX_DATASET_BYTES = 1 << 16, 1 << 26
+_MAX_BYTES = 1 << 16
 
 
 def dataparser_file(scene: Path) -> Path | None:
-    """The `dataparser_transforms.json` of the training that a scene's file or folder is of, or None."""
+    """Return the `dataparser_transforms.json` of the training that a scene's file or folder is of, or None."""
     folder = scene if scene.is_dir() else scene.parent
     folder = folder.parent if folder.name == _CHECKPOINTS else folder
     return folder / NAME if is_file(folder / NAME) else None
 
 
 def in_training_world(cameras: CameraSet, dataparser: Path, source: Path) -> CameraSet:
-    """Cameras of a dataset in the coordinates of the training that was made from it.
+    """Return the cameras of a dataset in the coordinates of the training that was made from it.
 
     Args:
         cameras: as their file has them.
@@ -59,11 +59,11 @@ def in_training_world(cameras: CameraSet, dataparser: Path, source: Path) -> Cam
 
 
 def _applied(source: Path) -> tuple[Float64Array, float]:
-    """What is applied to the matrices of a transforms.json already, (4, 4), and the scale; nothing for other files."""
+    """Return what a transforms.json has applied to its matrices, (4, 4), and the scale; nothing for other files."""
     path = source / "transforms.json" if source.is_dir() else source
     if path.suffix.lower() != ".json" or not is_file(path):
         return np.eye(4), 1.0
-    document = _document(path, _MAX_DATASET_BYTES)
+    document = _document(path, MAX_BYTES)
     given, scale = document.get("applied_transform"), document.get("applied_scale", 1.0)
     applied = np.eye(4) if given is None else rigid_transform(given, f"'{path}': applied_transform")
     return applied, _positive(scale, f"'{path}': applied_scale")
@@ -77,10 +77,5 @@ def _positive(value: Any, what: str) -> float:
 
 
 def _document(path: Path, limit: int) -> dict[str, Any]:
-    with reading(path):
-        data = file_bytes(path, limit)
-    try:
-        document = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"'{path}' is not valid JSON; it should be as the training wrote it.") from error
+    document = read_json(path, limit)
     return document if isinstance(document, dict) else {}

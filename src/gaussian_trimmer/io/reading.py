@@ -82,8 +82,8 @@ def file_bytes(path: Path, limit: int | None = None) -> bytes:
         raise InputError(f"Cannot read '{path}': {error.strerror or error}.") from error
 
 
-def read_json(path: Path) -> Any:
-    """Return what a JSON file of at most 16 MiB holds.
+def read_json(path: Path, limit: int = _MAX_JSON_BYTES) -> Any:
+    """Return what a JSON file of at most `limit` bytes holds.
 
     Raises:
         InputError: there is no file, or it cannot be read as JSON.
@@ -91,7 +91,7 @@ def read_json(path: Path) -> Any:
     if not is_file(path):
         raise InputError(f"There is no file '{path}'.")
     with reading(path):
-        data = file_bytes(path, _MAX_JSON_BYTES)
+        data = file_bytes(path, limit)
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:

@@ -5,7 +5,6 @@ A checksum says whether the .npy is still what the marks made, and so whether wh
 
 from __future__ import annotations
 
-import base64
 import zlib
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,10 +20,11 @@ from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
 from gaussian_trimmer.io.writing import atomic_file, write_json, write_whole
 from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, relative_to
+from gaussian_trimmer.selecting.row_packing import pack_rows, unpack_rows
+from gaussian_trimmer.settings import from_plain, to_plain
 
 if TYPE_CHECKING:  # most that read a selection need no kernels
     from gaussian_trimmer.selecting.select import SelectionResult
-from gaussian_trimmer.settings import from_plain, to_plain
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,8 @@ def save_selection(selection: SelectionResult, path: Path, scene: Path | None = 
     Raises:
         InputError: a file cannot be written.
     """
-    rows = _as_npy(selection.mask)
-    packed = base64.b64encode(zlib.compress(np.packbits(selection.excluded).tobytes(), 9)).decode()
-    note = SelectionNote(zlib.crc32(rows), int(np.count_nonzero(selection.mask)), packed, path.name, scene)
+    rows, removed = _as_npy(selection.mask), pack_rows(selection.excluded)
+    note = SelectionNote(zlib.crc32(rows), int(np.count_nonzero(selection.mask)), removed, path.name, scene)
     document = marks_as_json(selection.marks, path.parent)
     document["selection"] = to_plain(note, {Path: lambda place: relative_to(place, path.parent)})
     with atomic_file(path) as part:  # both are on the disk before either takes its place
@@ -105,10 +104,7 @@ def excluded_from(path: Path, n: int) -> BoolArray | None:
 
     None if the selection was not made by marks, was changed since, or is of another scene.
     """
-    note, size = note_on(path), -(-n // 8)
-    with suppress(ValueError, zlib.error):
-        packed = base64.b64decode(note.excluded if note else "", validate=True)
-        bits = zlib.decompressobj().decompress(packed, size + 1)
-        if len(bits) == size:
-            return np.unpackbits(np.frombuffer(bits, np.uint8), count=n).view(np.bool_)
+    note = note_on(path)
+    with suppress(InputError):
+        return None if note is None else unpack_rows(note.excluded, n)
     return None
