@@ -44,7 +44,7 @@ _USES_BY_KIND = {
 
 
 def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = False) -> str:
-    """Several lines on a splat file, a selection file, or a file or folder of cameras.
+    """Return several lines on a splat file, a selection file, or a file or folder of cameras.
 
     Arguments:
         path: the file or folder.
@@ -74,7 +74,7 @@ def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = F
 
 
 def describe_folder(path: Path, *, level: int | None = None, trust_paths: bool = False) -> Iterator[str]:
-    """Lines on the results of a trim or the scene of a training that a folder holds, or else on its cameras.
+    """Give lines on the results of a trim or the scene of a training that a folder holds, or else on its cameras.
 
     Raises:
         InputError: it holds nothing of these.
@@ -100,7 +100,7 @@ def describe_folder(path: Path, *, level: int | None = None, trust_paths: bool =
 
 
 def describe_results(folder: Path) -> Iterator[str]:
-    """Lines on a folder that a trim wrote."""
+    """Give lines on a folder that a trim wrote."""
     report = read_json(folder / "report.json")
     inputs = report.get("inputs") if isinstance(report, dict) else None
     scene = inputs.get("scene") if isinstance(inputs, dict) else None
@@ -114,7 +114,7 @@ def describe_results(folder: Path) -> Iterator[str]:
 
 
 def uses_of_folder(folder: Path, scene: Path | None) -> Iterator[str]:
-    """Lines on the selections that segmentation methods left in a folder, with the commands that use them.
+    """Give lines on the selections that segmentation methods left in a folder, with the commands that use them.
 
     Args:
         folder: the folder.
@@ -172,7 +172,7 @@ def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
 
 
 def describe_marks(marks: Marks) -> Iterator[str]:
-    """Lines on marks that were saved."""
+    """Give lines on marks that were saved."""
     names = {kind: name for name, kind in KINDS.items()}
     yield f"marks: {len(marks.marks)}, in a scene of {marks.scene_size or 'unknown'} Gaussians"
     for number, mark in enumerate(marks.marks[:_MAX_LISTED], 1):
@@ -184,7 +184,7 @@ def describe_marks(marks: Marks) -> Iterator[str]:
 
 
 def describe_selection(file: SelectionFile) -> Iterator[str]:
-    """Lines on what the arrays or the checkpoint of a selection file hold, and how they can be used."""
+    """Give lines on what the arrays or the checkpoint of a selection file hold, and how they can be used."""
     if file.checkpoint is not None:
         yield from _checkpoint_lines(file.checkpoint)
         return
@@ -210,7 +210,7 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
 
 
 def describe_cameras(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
-    """Lines on the number of cameras, their images, split and up vector."""
+    """Give lines on the number of cameras, their images, split and up vector."""
     found = read_camera_set(path, trust_paths=trust_paths)
     source = "JSON file" if path.suffix.lower() == ".json" else "COLMAP model or folder"
     yield f"cameras: {len(found.cameras)} views ({sum(found.train)} for training) in a {source}"

@@ -42,7 +42,7 @@ _ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".txt", ".csv", ".json")
 
 
 def format_suffix(path: str | Path) -> str:
-    """The known suffix that a file's name ends with, of a format that can be read.
+    """Return the known suffix that a file's name ends with, of a format that can be read.
 
     Raises:
         InputError: the name ends with no known suffix.
@@ -58,7 +58,7 @@ def format_suffix(path: str | Path) -> str:
 
 
 def is_named(name: str, suffix: str) -> bool:
-    """Whether a file's name ends with a suffix, or is equal to one that does not begin with a dot.
+    """Return whether a file's name ends with a suffix, or is equal to one that does not begin with a dot.
 
     >>> is_named("a.SOG", ".sog"), is_named("Meta.json", "meta.json"), is_named("lod-meta.json", "meta.json")
     (True, True, False)
@@ -67,7 +67,7 @@ def is_named(name: str, suffix: str) -> bool:
 
 
 def has_splats(path: Path) -> bool:
-    """Whether a file is, by its name, one of splats."""
+    """Return whether a file is, by its name, one of splats."""
     return _known_suffix(path.name) is not None
 
 
@@ -76,7 +76,7 @@ def _known_suffix(name: str) -> str | None:
 
 
 def written_suffix(path: str | Path) -> str:
-    """The suffix in which results of a scene file are written: its own, or the nearest that can be.
+    """Return the suffix in which results of a scene file are written: its own, or the nearest that can be.
 
     Raises:
         InputError: the name ends with no known suffix.
@@ -89,7 +89,7 @@ def written_suffix(path: str | Path) -> str:
 
 
 def find_scene(path: Path) -> Path:
-    """The splat file that a path means: itself, or in the folder of a training that of the latest iteration.
+    """Return the splat file that a path means: itself, or in the folder of a training that of the latest iteration.
 
     Raises:
         InputError: the folder holds no splat file, or several that could be meant.
@@ -221,7 +221,7 @@ def _module(suffix: str) -> Any:
 
 
 def _writable(path: str | Path) -> str:
-    """The suffix of a file that can be written.
+    """Return the suffix of a file that can be written.
 
     Raises:
         InputError: no format has that name, or it can only be read.

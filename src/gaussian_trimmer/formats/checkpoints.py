@@ -72,7 +72,7 @@ def read(path: Path) -> Gaussians:
 
 
 def is_checkpoint(value: Any) -> bool:
-    """Whether what a torch file holds looks like a checkpoint rather than like tensors of another use."""
+    """Return whether what a torch file holds looks like a checkpoint rather than like tensors of another use."""
     state = _state(value)
     return _splats(value) is not None or (state is not None and len(state) in (_PLAIN_LENGTH, _EXTENDED_LENGTH))
 
@@ -101,7 +101,7 @@ def parse_checkpoint(file: TorchFile) -> Checkpoint:
 
 
 def _splats(value: Any) -> dict[str, Any] | None:
-    """The tensors of gsplat's checkpoint by name, or of its splats alone."""
+    """Return the tensors of gsplat's checkpoint by name, or of its splats alone."""
     splats = value.get("splats", value) if isinstance(value, dict) else None
     named = isinstance(splats, dict) and all(torch_files.is_tensor(splats.get(name)) for name in _GSPLAT_ENTRIES)
     return splats if named else None

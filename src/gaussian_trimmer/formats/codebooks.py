@@ -13,7 +13,7 @@ _LLOYD_STEPS = 20
 
 
 def scalar_codebook(values: FloatArray, size: int = 256) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """A rising codebook (size,) for values of any shape, and the index of the nearest entry for each value.
+    """Return a rising codebook (size,) for values of any shape, and the index of the nearest entry for each value.
 
     Lloyd's algorithm in one dimension on the sorted values. No more distinct values than entries are held exactly.
 

@@ -41,13 +41,13 @@ Words = NDArray[Any]
 
 
 def is_compressed(header: Header) -> bool:
-    """Whether a PLY header is that of a compressed PLY."""
+    """Return whether a PLY header is that of a compressed PLY."""
     properties = {element.name: {name for name, _ in element.properties} for element in header.elements}
     return "chunk" in properties and "packed_position" in properties.get("vertex", set())
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a compressed PLY, rows in file order.
+    """Return the Gaussians of a compressed PLY, rows in file order.
 
     Raises:
         InputError: the file cannot be read, is not a compressed PLY, is truncated, or holds non-finite values.
@@ -120,7 +120,7 @@ def _extremes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _spread(per_chunk: NDArray[Any], n: int) -> NDArray[Any]:
-    """Rows of the chunks (C, ...) repeated for the chunks' Gaussians, (N, ...)."""
+    """Return rows of the chunks (C, ...) repeated for the chunks' Gaussians, (N, ...)."""
     return np.repeat(per_chunk, _ROWS_IN_A_CHUNK, axis=0)[:n]
 
 
@@ -162,7 +162,7 @@ def _unpack_rotations(words: Words) -> FloatArray:
 
 
 def _unpack_colours(words: Words, chunks: dict[str, NDArray[Any]]) -> Float64Array:
-    """Colours (N, 3); files of older writers have no extremes for them and mean 0 to 1."""
+    """Return colours (N, 3); files of older writers have no extremes for them and mean 0 to 1."""
     levels = words >> 24, words >> 16 & 0xFF, words >> 8 & 0xFF
     if all(f"{end}_{name}" in chunks for end in ("min", "max") for name in _COLOUR_NAMES):
         return _between_extremes(levels, (8, 8, 8), chunks, _COLOUR_NAMES)
@@ -176,7 +176,7 @@ def _pack_sh(sh_rest: FloatArray) -> NDArray[np.uint8]:
 
 
 def _read_sh(path: Path, header: Header, n: int) -> FloatArray:
-    """Coefficients (N, 3, K): bin centres, but the range's ends for the first and the last bin."""
+    """Return coefficients (N, 3, K): bin centres, but the range's ends for the first and the last bin."""
     element = next((element for element in header.elements if element.name == "sh"), None)
     if element is None:
         return np.zeros((n, 3, 0), np.float32)

@@ -49,7 +49,7 @@ class _Glb:
     binary: memoryview
 
     def view(self, number: int) -> memoryview:
-        """The bytes of a buffer view."""
+        """Return the bytes of a buffer view."""
         view = self.document["bufferViews"][number]
         start, size = view.get("byteOffset", 0), view["byteLength"]
         if view.get("buffer", 0) != 0 or not 0 <= start <= start + size <= len(self.binary):
@@ -57,7 +57,7 @@ class _Glb:
         return self.binary[start : start + size]
 
     def values(self, attributes: dict[str, Any], name: str, width: int) -> FloatArray:
-        """The values of an attribute, (N, width)."""
+        """Return the values of an attribute, (N, width)."""
         if name not in attributes:
             raise ValueError(f"{name} is missing")
         accessor = self.document["accessors"][attributes[name]]
@@ -74,7 +74,7 @@ class _Glb:
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of the first primitive with the extension, rows in file order.
+    """Return the Gaussians of the first primitive with the extension, rows in file order.
 
     Raises:
         InputError: the file cannot be read, is not a .glb file, is damaged, holds no Gaussians, or has them compressed
@@ -126,7 +126,7 @@ def _decode(file: _Glb) -> Gaussians:
 
 
 def _from_attributes(file: _Glb, attributes: dict[str, Any]) -> Gaussians:
-    """The Gaussians of a primitive's attributes, in its own axes."""
+    """Return the Gaussians of a primitive's attributes, in its own axes."""
     means = file.values(attributes, "POSITION", 3)
     if len(means) == 0:
         raise InputError(f"'{file.path}' holds zero Gaussians.")

@@ -24,7 +24,7 @@ SH_SIGNS = {
 
 
 def half_turn(gaussians: Gaussians, axis: Literal["x", "z"]) -> Gaussians:
-    """The Gaussians after half a turn about an axis through the origin, seen as before from the turned side."""
+    """Return the Gaussians after half a turn about an axis through the origin, seen as before from the turned side."""
     signs, coefficients = AXIS_SIGNS[axis], gaussians.sh_rest.shape[2]
     return replace(
         gaussians,

@@ -50,7 +50,7 @@ class _Ksplat:
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a .ksplat file, section by section, rows in file order.
+    """Return the Gaussians of a .ksplat file, section by section, rows in file order.
 
     Raises:
         InputError: the file cannot be read, is not a .ksplat file, is damaged or truncated, or holds non-finite values.
@@ -99,7 +99,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
 
 
 def _row_type(level: int, n_coefficients: int) -> np.dtype[np.void]:
-    """Layout of one Gaussian."""
+    """Return layout of one Gaussian."""
     number, centre = ("<f4", "<f4") if level == 0 else ("<f2", "<u2")
     sh = ("<f4", "<f2", "u1")[level]
     fields = [("mean", centre, 3), ("scale", number, 3), ("rotation", number, 4), ("rgba", "u1", 4)]
@@ -107,7 +107,7 @@ def _row_type(level: int, n_coefficients: int) -> np.dtype[np.void]:
 
 
 def _read_section(file: _Ksplat, header_start: int, start: int) -> tuple[Gaussians, int]:
-    """The Gaussians of the section whose data begin at `start`, and where the next section's data begin."""
+    """Return the Gaussians of the section whose data begin at `start`, and where the next section's data begin."""
     n, max_n, bucket_size, n_buckets, block_size, bucket_bytes, scale_range, _, n_full, n_partial, degree = (
         _SECTION.unpack_from(file.data, header_start)
     )
@@ -140,7 +140,7 @@ def _read_section(file: _Ksplat, header_start: int, start: int) -> tuple[Gaussia
 
 
 def _bucket_of_each(n: int, n_full: int, bucket_size: int, sizes: NDArray[np.uint32]) -> NDArray[np.int64]:
-    """The bucket of each of n rows, (n,): full buckets come first, then those of the given sizes."""
+    """Return the bucket of each of n rows, (n,): full buckets come first, then those of the given sizes."""
     ends = np.cumsum(sizes, dtype=np.int64) + n_full * bucket_size
     rows = np.arange(n)
     partial = n_full + np.searchsorted(ends, rows, side="right")
@@ -148,7 +148,7 @@ def _bucket_of_each(n: int, n_full: int, bucket_size: int, sizes: NDArray[np.uin
 
 
 def _decode_sh(file: _Ksplat, values: NDArray[Any]) -> FloatArray:
-    """Coefficients (N, 3, K): each band's three channels lie together."""
+    """Return coefficients (N, 3, K): each band's three channels lie together."""
     floats = from_levels(values, *file.sh_range, 8) if file.level == 2 else values
     bands = [floats[:, 3 * band.start : 3 * band.stop] for band in _BANDS if 3 * band.stop <= values.shape[1]]
     parts = [band.reshape(len(values), 3, band.shape[1] // 3) for band in bands]
@@ -156,6 +156,6 @@ def _decode_sh(file: _Ksplat, values: NDArray[Any]) -> FloatArray:
 
 
 def _padded(gaussians: Gaussians, n_coefficients: int) -> Gaussians:
-    """The same with zeros for the coefficients of higher degrees."""
+    """Return the same with zeros for the coefficients of higher degrees."""
     missing = n_coefficients - gaussians.sh_rest.shape[2]
     return gaussians.replace(sh_rest=np.pad(gaussians.sh_rest, ((0, 0), (0, 0), (0, missing))))

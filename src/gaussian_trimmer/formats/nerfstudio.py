@@ -20,7 +20,7 @@ _EXPECTED = "checkpoint of nerfstudio's splatfacto"
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a checkpoint, rows in the order of the training.
+    """Return the Gaussians of a checkpoint, rows in the order of the training.
 
     `ns-export` leaves out Gaussians whose numbers are not finite or that are nearly invisible; here every row counts.
 
@@ -35,7 +35,7 @@ def read(path: Path) -> Gaussians:
 
 
 def _gaussian_tensors(value: Any, path: Path) -> dict[str, Any]:
-    """The model's tensors by the names of `_ATTRIBUTES`."""
+    """Return the model's tensors by the names of `_ATTRIBUTES`."""
     state = value.get("pipeline") if isinstance(value, dict) else None
     if not isinstance(state, dict):
         raise InputError(f"'{path}' is not a {_EXPECTED}: it has no 'pipeline'.")

@@ -33,7 +33,7 @@ def to_levels(values: NDArray[Any], low: Any, high: Any, bits: int) -> NDArray[n
 
 
 def from_levels(levels: NDArray[Any], low: Any, high: Any, bits: int) -> Float64Array:
-    """The values of levels; the first and the last level give `low` and `high` exactly."""
+    """Return the values of levels; the first and the last level give `low` and `high` exactly."""
     share = levels / np.float64((1 << bits) - 1)
     return np.asarray(low * (1.0 - share) + high * share)
 
@@ -44,22 +44,22 @@ def colours_of(sh_dc: FloatArray) -> FloatArray:
 
 
 def sh_dc_of(colours: NDArray[Any]) -> FloatArray:
-    """Degree-0 coefficients of colours."""
+    """Return degree-0 coefficients of colours."""
     return np.asarray((colours - 0.5) / SH_C0, np.float32)
 
 
 def opacity_bytes(gaussians: Gaussians) -> ByteArray:
-    """Opacities in 1/255, (N,)."""
+    """Return opacities in 1/255, (N,)."""
     return to_levels(gaussians.opacities, 0.0, 1.0, 8).astype(np.uint8)
 
 
 def opacity_logits_of(opacities: ByteArray) -> FloatArray:
-    """Logits of opacities in 1/255; 0 and 255, whose logits would be infinite, give -16.1 and +16.1."""
+    """Return logits of opacities in 1/255; 0 and 255, whose logits would be infinite, give -16.1 and +16.1."""
     return logit(opacities / 255.0).astype(np.float32)
 
 
 def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
-    """Logarithms of linear scales, none below that of `SMALLEST_SCALE`.
+    """Return logarithms of linear scales, none below that of `SMALLEST_SCALE`.
 
     Raises:
         InputError: a scale is negative.
@@ -114,7 +114,7 @@ def linear_scales(gaussians: Gaussians) -> FloatArray:
 
 
 def drop_largest(quaternions: FloatArray) -> tuple[IntArray, Float64Array]:
-    """Which component of each unit quaternion is the largest (N,), and the other three in order (N, 3).
+    """Return which component of each unit quaternion is the largest (N,), and the other three in order (N, 3).
 
     The sign is chosen so that the largest is positive, hence the three suffice; each lies within +-sqrt(1/2).
     """
@@ -127,7 +127,7 @@ def drop_largest(quaternions: FloatArray) -> tuple[IntArray, Float64Array]:
 
 
 def restore_largest(largest: NDArray[Any], others: Float64Array) -> FloatArray:
-    """Unit quaternions (N, 4) of the index of the largest component (N,) and the other three (N, 3).
+    """Return unit quaternions (N, 4) of the index of the largest component (N,) and the other three (N, 3).
 
     >>> restore_largest(np.array([2]), np.array([[0.0, 0.6, 0.0]])).tolist()
     [[0.0, 0.6000000238418579, 0.800000011920929, 0.0]]

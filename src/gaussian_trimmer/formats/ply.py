@@ -42,7 +42,7 @@ _ROWS_PER_WRITE = 1 << 12
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a splat PLY, rows in file order.
+    """Return the Gaussians of a splat PLY, rows in file order.
 
     Opacity logits of plus or minus infinity and log scales of minus infinity, which converters write for opacities of
     0 and 1 and for scales of 0, become the finite values that stand for these in all formats. Discs of 2D Gaussian

@@ -120,7 +120,7 @@ def _parse_header(file: BinaryIO, path: Path) -> Header:
 
 
 def property_line(name: str, kind: str) -> str:
-    """The header's line for a column of a NumPy type such as '<f4'.
+    """Return the header's line for a column of a NumPy type such as '<f4'.
 
     Raises:
         ValueError: a PLY has no such type, or cannot hold the name.

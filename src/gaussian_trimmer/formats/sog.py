@@ -93,7 +93,7 @@ def _opened(path: Path) -> Iterator[tuple[SogMeta, Callable[[str], bytes]]]:
 
 
 def _beside(path: Path, name: str) -> Path:
-    """A texture in the folder of a meta.json, and nowhere else."""
+    """Return a texture in the folder of a meta.json, and nowhere else."""
     texture = path.parent / name
     if name != texture.name or not is_file(texture):
         raise InputError(
@@ -103,7 +103,7 @@ def _beside(path: Path, name: str) -> Path:
 
 
 def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaussians:
-    """The Gaussians of a meta.json and of textures, whose files' contents are given by name."""
+    """Return the Gaussians of a meta.json and of textures, whose files' contents are given by name."""
     n = meta.count
 
     def texture(attribute: str, place: int) -> ByteArray:
@@ -143,7 +143,7 @@ def _decode(contents: Callable[[str], bytes], meta: SogMeta, path: Path) -> Gaus
 
 
 def _decode_sh(centroids: ByteArray, label_pixels: ByteArray, values: FloatArray, path: Path) -> FloatArray:
-    """Coefficients (N, 3, K) of the palette's texture (H, W, 4) and of each Gaussian's row in it (N, 4)."""
+    """Return coefficients (N, 3, K) of the palette's texture (H, W, 4) and of each Gaussian's row in it (N, 4)."""
     k, remainder = divmod(centroids.shape[1], _PALETTE_COLUMNS)
     if k not in _COEFFICIENTS or remainder:
         raise InputError(f"'{path}' is damaged: its palette of coefficients is {centroids.shape[1]} pixels wide.")
@@ -211,7 +211,7 @@ def _encode(gaussians: Gaussians) -> tuple[dict[str, ByteArray], dict[str, Any]]
 
 
 def _texture(values: NDArray[Any]) -> ByteArray:
-    """A nearly square texture (H, W, 4), sides multiples of four, of one pixel a row of bytes (N, 3 or 4)."""
+    """Return a nearly square texture (H, W, 4), sides multiples of four, of one pixel a row of bytes (N, 3 or 4)."""
     n = len(values)
     width = 4 * int(np.ceil(np.sqrt(n) / 4))
     height = 4 * -(-n // (4 * width))
@@ -222,7 +222,7 @@ def _texture(values: NDArray[Any]) -> ByteArray:
 
 
 def _palette_texture(entries: ByteArray) -> ByteArray:
-    """The palette (P, 3, K) as a texture: 64 rows of it beside each other, each K pixels wide."""
+    """Return the palette (P, 3, K) as a texture: 64 rows of it beside each other, each K pixels wide."""
     n, _, k = entries.shape
     texture = np.full((-(-n // _PALETTE_COLUMNS) * _PALETTE_COLUMNS, k, 4), 255, np.uint8)
     texture[:n, :, :3] = entries.transpose(0, 2, 1)

@@ -43,7 +43,7 @@ class SogMeta:
 
 
 def parse_meta(data: bytes, path: Path) -> SogMeta:
-    """What the meta.json of a SOG file of version 1 or 2 says.
+    """Return what the meta.json of a SOG file of version 1 or 2 says.
 
     Raises:
         InputError: it is not that of a SOG.
@@ -78,13 +78,13 @@ def _tables(meta: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray, F
 
 
 def _range(entry: dict[str, Any], width: int) -> FloatArray:
-    """The values (256, width) that bytes of version 1 mean."""
+    """Return the values (256, width) that bytes of version 1 mean."""
     low, high = (np.array(entry[end], np.float64).reshape(width) for end in ("mins", "maxs"))
     return from_levels(np.arange(256)[:, None], low, high, 8).astype(np.float32)
 
 
 def _codebook(entry: dict[str, Any]) -> FloatArray:
-    """A codebook (256,) of version 2; entries that are not there are NaN, so that their use is found."""
+    """Return a codebook (256,) of version 2; entries that are not there are NaN, so that their use is found."""
     values = np.array(entry["codebook"], np.float32).reshape(-1)[:256]
     if len(values) == 256 and np.isnan(values[0]):
         values[0] = values[1] + (values[1] - values[255]) / 255  # an early writer left null here; viewers mend it so

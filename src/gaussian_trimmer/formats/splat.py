@@ -27,7 +27,7 @@ ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("ro
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of a .splat file, rows in file order; a rotation of four zeros is read as none.
+    """Return the Gaussians of a .splat file, rows in file order; a rotation of four zeros is read as none.
 
     Raises:
         InputError: the file cannot be read, is not whole rows, is empty, or holds negative or non-finite values.
@@ -59,7 +59,7 @@ def write(gaussians: Gaussians, path: Path) -> None:
 
 
 def rows_of(gaussians: Gaussians) -> NDArray[Any]:
-    """What a .splat file holds of Gaussians, (N,) of `ROW`."""
+    """Return what a .splat file holds of Gaussians, (N,) of `ROW`."""
     unit = gaussians.quaternions / np.linalg.norm(gaussians.quaternions, axis=1, keepdims=True)
     rows = np.empty(len(gaussians), ROW)
     rows["mean"] = gaussians.means

@@ -57,7 +57,7 @@ class _Header:
 
 
 def read(path: Path) -> Gaussians:
-    """The Gaussians of an .spz file of version 2, 3 or 4, rows in file order; degree 4 is cut to degree 3.
+    """Return the Gaussians of an .spz file of version 2, 3 or 4, rows in file order; degree 4 is cut to degree 3.
 
     Version 4 needs zstd: Python 3.14, or the package backports.zstd.
 
@@ -68,7 +68,7 @@ def read(path: Path) -> Gaussians:
 
 
 def decode(data: bytes, path: Path) -> Gaussians:
-    """The Gaussians of the contents of an .spz file.
+    """Return the Gaussians of the contents of an .spz file.
 
     Args:
         data: what begins with 'NGSP' or is compressed by gzip.
@@ -202,7 +202,7 @@ def _decode(header: _Header, parts: list[ByteArray]) -> Gaussians:
 
 
 def _encode(gaussians: Gaussians, fractional_bits: int) -> list[NDArray[Any]]:
-    """The attributes' bytes in the order of the file."""
+    """Return the attributes' bytes in the order of the file."""
     fixed = np.rint(np.ldexp(gaussians.means.astype(np.float64), fractional_bits)).astype("<i4")
     return [
         np.ascontiguousarray(fixed).view(np.uint8).reshape(len(fixed), 3, 4)[..., :3],

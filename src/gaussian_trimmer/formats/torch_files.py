@@ -63,7 +63,7 @@ class Placeholder(_Note):
     name: str
 
     def __call__(self, *arguments: Any) -> Any:
-        """The dict, tensor or parameter that a call stands for; all else stays a placeholder."""
+        """Return the dict, tensor or parameter that a call stands for; all else stays a placeholder."""
         match self.name:
             case "OrderedDict":
                 return OrderedDict()
@@ -109,7 +109,7 @@ class TorchFile:
 
 
 def load(path: Path) -> TorchFile:
-    """The structure of a torch file.
+    """Return the structure of a torch file.
 
     Raises:
         InputError: the file is damaged, of the old format, compressed, or holds other objects.
@@ -157,7 +157,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _tensor(storage: Any, offset: Any, shape: Any, strides: Any, *rest: Any) -> Tensor | Placeholder:
-    """What `torch._utils._rebuild_tensor_v2` makes of these arguments."""
+    """Return what `torch._utils._rebuild_tensor_v2` makes of these arguments."""
     if len(rest) > 2 and rest[2]:  # negated or conjugated when it is used
         return Placeholder("_rebuild_tensor")
     numbers = [offset, *shape, *strides]
@@ -169,17 +169,17 @@ def _tensor(storage: Any, offset: Any, shape: Any, strides: Any, *rest: Any) -> 
 
 
 def is_tensor(value: Any) -> bool:
-    """Whether a loaded value is a tensor or parameter, of whatever kind."""
+    """Return whether a loaded value is a tensor or parameter, of whatever kind."""
     return isinstance(value, Tensor) or (isinstance(value, Placeholder) and value.name.startswith("_rebuild"))
 
 
 def type_name(value: Any) -> str:
-    """What a loaded value is called in messages."""
+    """Return what a loaded value is called in messages."""
     return value.name if isinstance(value, Placeholder) else type(value).__name__
 
 
 def as_arrays(file: TorchFile, tensors: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """Dense tensors as arrays; bfloat16 becomes float32.
+    """Return dense tensors as arrays; bfloat16 becomes float32.
 
     Raises:
         InputError: a tensor is sparse or quantised, of no number type, or not whole in the file; or the tensors
@@ -197,12 +197,12 @@ def as_arrays(file: TorchFile, tensors: dict[str, Any]) -> dict[str, NDArray[Any
 
 
 def as_array(file: TorchFile, tensor: Any) -> NDArray[Any]:
-    """A dense tensor as an array; otherwise as `as_arrays`."""
+    """Return a dense tensor as an array; otherwise as `as_arrays`."""
     return as_arrays(file, {"": tensor})[""]
 
 
 def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gaussians:
-    """The Gaussians of a training.
+    """Return the Gaussians of a training.
 
     Args:
         file: where the tensors are.
@@ -231,7 +231,7 @@ def as_gaussians(file: TorchFile, tensors: dict[str, Any], expected: str) -> Gau
 
 
 def _number_type(file: TorchFile, tensor: Any) -> np.dtype[Any]:
-    """How a tensor's numbers lie in the file.
+    """Return how a tensor's numbers lie in the file.
 
     Raises:
         InputError: it is not a dense tensor of numbers.

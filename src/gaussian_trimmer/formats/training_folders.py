@@ -21,7 +21,7 @@ _CHECKPOINT_NAME = re.compile(r"(?:step-|chkpnt|ckpt_)(\d{1,12})(?:_rank0)?\.(?:
 
 
 def latest_splats(folder: Path) -> Path:
-    """The splat file of the latest iteration in a training's folder, or the only one that a folder holds.
+    """Return the splat file of the latest iteration in a training's folder, or the only one that a folder holds.
 
     Raises:
         InputError: there is none, or there are several.

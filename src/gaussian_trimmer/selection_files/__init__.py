@@ -29,7 +29,7 @@ def load_selection(
     options: SelectionOptions | None = None,
     say: Callable[[str], None] = lambda note: None,
 ) -> BoolArray:
-    """Which Gaussians of the scene a selection file means, (N,); at least one.
+    """Return which Gaussians of the scene a selection file means, (N,); at least one.
 
     Args:
         path: the file, or a folder in which a method left one.

@@ -30,7 +30,7 @@ _LARGEST_WEIGHT = 1e30
 
 
 def is_two_valued(values: NDArray[Any]) -> bool:
-    """Whether all values are 0 or 1, or all 0 or 255.
+    """Return whether all values are 0 or 1, or all 0 or 255.
 
     >>> is_two_valued(np.array([0, 255, 0])), is_two_valued(np.array([0, 1, 255]))
     (True, False)
@@ -39,7 +39,7 @@ def is_two_valued(values: NDArray[Any]) -> bool:
 
 
 def select_mask(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The mask, (N,): booleans, 0/1, 0/255, or scores above the threshold.
+    """Return the mask, (N,): booleans, 0/1, 0/255, or scores above the threshold.
 
     Raises:
         InputError: there is no such array, its length is not N, or scores come without a threshold.
@@ -62,7 +62,7 @@ def select_mask(file: SelectionFile, gaussians: Gaussians, options: SelectionOpt
 
 
 def select_labels(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians of the chosen ids, (N,).
+    """Return the Gaussians of the chosen ids, (N,).
 
     Raises:
         InputError: there is no such array, its length is not N, or the ids are not chosen or do not occur.
@@ -72,7 +72,7 @@ def select_labels(file: SelectionFile, gaussians: Gaussians, options: SelectionO
 
 
 def select_indices(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The rows whose numbers, from 0, are listed, (N,).
+    """Return the rows whose numbers, from 0, are listed, (N,).
 
     Raises:
         InputError: there is no such array, or it names a row twice or one that the scene does not have.
@@ -97,7 +97,7 @@ def select_indices(file: SelectionFile, gaussians: Gaussians, options: Selection
 
 
 def select_flashsplat(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
+    """Return the Gaussians of the chosen objects, (N,); if there is only one object, it need not be chosen.
 
     FlashSplat's `view_num_*_objnum_*.pth` holds the blend weights of every Gaussian, summed by the label of the pixel;
     row 0 is the background.
@@ -119,7 +119,7 @@ def select_flashsplat(file: SelectionFile, gaussians: Gaussians, options: Select
 
 
 def _one_each(file: SelectionFile, values: NDArray[Any] | None, gaussians: Gaussians, what: str) -> NDArray[Any]:
-    """The values, if they are one for each Gaussian of the scene."""
+    """Return the values, if they are one for each Gaussian of the scene."""
     if values is None:
         raise InputError(f"'{file.path.name}' holds no one-dimensional array that could be a {what}.")
     if len(values) != len(gaussians):
@@ -131,7 +131,7 @@ def _one_each(file: SelectionFile, values: NDArray[Any] | None, gaussians: Gauss
 
 
 def flashsplat_weights(file: SelectionFile) -> NDArray[Any] | None:
-    """The weights (L, M) that FlashSplat saves, if the file holds such an array."""
+    """Return the weights (L, M) that FlashSplat saves, if the file holds such an array."""
     if len(file.arrays) != 1:
         return None
     weights = next(iter(file.arrays.values()))

@@ -43,7 +43,7 @@ class LinearClassifier:
 
 @np.errstate(over="ignore", invalid="ignore")  # what becomes infinite is found where it is used
 def classifier_of(file: SelectionFile) -> LinearClassifier | None:
-    """The classifier that a file holds, or None if it holds something else."""
+    """Return the classifier that a file holds, or None if it holds something else."""
     if "weight" in file.arrays:
         weight, bias = file.arrays["weight"], file.arrays.get("bias")
     elif len(file.arrays) == 1:
@@ -95,7 +95,7 @@ def select_classifier(file: SelectionFile, gaussians: Gaussians, options: Select
 
 
 def select_similarity(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians for which (cos + 1) / 2 of their and the query's features is above the threshold, (N,).
+    """Return the Gaussians for which (cos + 1) / 2 of their and the query's features is above the threshold, (N,).
 
     A feature of length zero has the cosine 0 with every other.
 
@@ -118,7 +118,7 @@ def select_similarity(file: SelectionFile, gaussians: Gaussians, options: Select
 
 
 def select_checkpoint(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The Gaussians whose foreground probability is above the threshold, (N,).
+    """Return the Gaussians whose foreground probability is above the threshold, (N,).
 
     Raises:
         InputError: the checkpoint holds no logits, or its Gaussians are not the scene's.

@@ -17,7 +17,7 @@ _ROWS_PER_CHUNK = 1 << 16
 
 
 def assign_labels(weights: NDArray[Any], gamma: float = 0.0) -> IntArray:
-    """Label of the largest weight in each row of (N, L), after rows are scaled to unit length, as (N,).
+    """Return label of the largest weight in each row of (N, L), after rows are scaled to unit length, as (N,).
 
     Args:
         weights: blend weight of each Gaussian, summed over the pixels of each label; label 0 is the background.

@@ -53,14 +53,14 @@ METHOD_FILES = (
 
 
 def method_files_in(folder: Path) -> Iterator[tuple[Path, MethodFile]]:
-    """The files that methods left in a folder, with what they are; of a method's checkpoints the latest."""
+    """Give the files that methods left in a folder, with what they are; of a method's checkpoints the latest."""
     for kind in METHOD_FILES:
         found = [path for path in sorted(folder.glob(kind.pattern.replace("{object}", "*"))) if path.is_file()]
         yield from ((path, kind) for path in (_latest(found) if kind.own_scene else found))
 
 
 def selection_in(folder: Path) -> Path:
-    """The one file in a folder that a method left as its selection.
+    """Return the one file in a folder that a method left as its selection.
 
     Raises:
         InputError: there is none, or there are several.

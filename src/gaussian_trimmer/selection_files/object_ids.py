@@ -18,7 +18,7 @@ _LISTED = 24
 
 
 def list_ids(ids: Sequence[int], counts: Sequence[int]) -> str:
-    """Ids with their numbers of Gaussians, the most frequent ones if there are many.
+    """Return ids with their numbers of Gaussians, the most frequent ones if there are many.
 
     >>> list_ids([0, 3], [90, 10])
     '0 (90), 3 (10)'
@@ -45,13 +45,13 @@ def list_names(names: Iterable[str]) -> str:
 
 
 def count_ids(labels: NDArray[Any]) -> tuple[list[int], list[int]]:
-    """The ids among labels (N,) and how many entries have each."""
+    """Return the ids among labels (N,) and how many entries have each."""
     ids, counts = np.unique(labels, return_counts=True)
     return ids.tolist(), counts.tolist()
 
 
 def select_ids(labels: NDArray[Any], wanted: Sequence[int], path: Path) -> BoolArray:
-    """Which labels (M,) are among the wanted ids.
+    """Return which labels (M,) are among the wanted ids.
 
     Raises:
         InputError: no id is wanted, or one does not occur.

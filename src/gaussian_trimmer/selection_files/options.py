@@ -37,13 +37,13 @@ class SelectionOptions:
     """FlashSplat's background bias: positive values select less, negative ones more; -1 to 1 is useful."""
 
     def given(self) -> frozenset[str]:
-        """Names of the options other than `kind` that differ from their defaults."""
+        """Return names of the options other than `kind` that differ from their defaults."""
         changed = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
         return frozenset(changed) - {"kind"}
 
 
 def flag(option: str) -> str:
-    """How an option is spelt on the command line.
+    """Return how an option is spelt on the command line.
 
     >>> flag("object_id")
     '--selection.object-id'

@@ -50,7 +50,7 @@ class SelectionFile:
 
     @property
     def has_features(self) -> bool:
-        """Whether the file's own Gaussians have identity features; cheaper than reading them."""
+        """Return whether the file's own Gaussians have identity features; cheaper than reading them."""
         if self.rows is not None:
             return has_identity_features(self.rows.columns)
         return self.checkpoint is not None and self.checkpoint.features is not None
@@ -74,7 +74,7 @@ class SelectionFile:
         return match_rows(self.rows.attributes, gaussians, self.path)
 
     def vector(self, options: SelectionOptions, *names: str) -> NDArray[Any] | None:
-        """The one-dimensional array that may be the selection, (M,), or None.
+        """Return the one-dimensional array that may be the selection, (M,), or None.
 
         That is the array that `options.property` names, else the file's only array, else the only one with one of
         the given names. Shapes (M, 1) and (1, M) count as one-dimensional.
@@ -92,7 +92,7 @@ class SelectionFile:
 
     @property
     def content(self) -> str:
-        """What the file holds, for messages."""
+        """Return what the file holds, for messages."""
         if not self.arrays:
             return "splats" if self.rows is not None else "a checkpoint"
         listed = [f"{clip_name(name) or 'one'}: {array.dtype} {array.shape}" for name, array in self.arrays.items()]
@@ -101,7 +101,7 @@ class SelectionFile:
 
 
 def mask_of_rows(rows: IntArray, n: int) -> BoolArray:
-    """A mask (n,) of row numbers."""
+    """Return a mask (n,) of row numbers."""
     mask = np.zeros(n, np.bool_)
     mask[rows] = True
     return mask

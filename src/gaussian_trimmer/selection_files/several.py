@@ -21,7 +21,7 @@ _MAX_OBJECTS = 10_000
 def load_objects(
     path: str | Path, gaussians: Gaussians, ids: Sequence[int] = (), options: SelectionOptions | None = None
 ) -> dict[int, BoolArray]:
-    """The selection (N,) of each object in a file, by its id.
+    """Return the selection (N,) of each object in a file, by its id.
 
     Args:
         path: one id a Gaussian in an array, `labels.npz` of a trim, or what a method with several objects saved.

@@ -23,7 +23,7 @@ _LARGEST_ID = 2**53
 
 
 def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The scene rows that the file holds, (N,).
+    """Return the scene rows that the file holds, (N,).
 
     Raises:
         InputError: the file holds no splats, as many as the scene or more, or mostly rows that are not in the scene.
@@ -42,7 +42,7 @@ def select_subset(file: SelectionFile, gaussians: Gaussians, options: SelectionO
 
 
 def select_property(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The scene rows whose property is above the threshold (default 0), or one of the chosen ids, (N,).
+    """Return the scene rows whose property is above the threshold (default 0), or one of the chosen ids, (N,).
 
     Raises:
         InputError: the file has no such property, rows that are not the scene's, or no Gaussians of an id.

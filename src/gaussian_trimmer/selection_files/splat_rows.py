@@ -38,7 +38,7 @@ class SplatRows:
 
 
 def read_splat_rows(path: Path) -> SplatRows:
-    """Rows of a PLY with at least x, y and z, or of any other splat file.
+    """Return rows of a PLY with at least x, y and z, or of any other splat file.
 
     Raises:
         InputError: the file cannot be read, or has no positions.
@@ -57,7 +57,7 @@ def read_splat_rows(path: Path) -> SplatRows:
 
 
 def gaussian_columns(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
-    """The attributes of Gaussians as named columns, each a view (N,)."""
+    """Return the attributes of Gaussians as named columns, each a view (N,)."""
     columns = {"xyz"[i]: gaussians.means[:, i] for i in range(3)}
     columns |= {f"f_dc_{i}": gaussians.sh_dc[:, i] for i in range(3)}
     columns |= {"opacity": gaussians.opacity_logits}
@@ -69,12 +69,12 @@ def gaussian_columns(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
 
 
 def has_identity_features(columns: Container[str]) -> bool:
-    """Whether the columns are those of a method that adds identity features."""
+    """Return whether the columns are those of a method that adds identity features."""
     return "obj_dc_0" in columns
 
 
 def identity_features(columns: Columns) -> FloatArray | None:
-    """The columns obj_dc_0, obj_dc_1, ... side by side, (M, D), or None if there are none."""
+    """Return the columns obj_dc_0, obj_dc_1, ... side by side, (M, D), or None if there are none."""
     if not has_identity_features(columns):
         return None
     names = takewhile(columns.__contains__, (f"obj_dc_{i}" for i in count()))
@@ -82,7 +82,7 @@ def identity_features(columns: Columns) -> FloatArray | None:
 
 
 def _attributes(columns: Columns) -> dict[str, NDArray[Any]]:
-    """The attributes among PLY columns; f_rest is channel-major, so its numbering depends on the degree."""
+    """Return the attributes among PLY columns; f_rest is channel-major, so its numbering depends on the degree."""
     renamed = dict(columns)
     n_rest = sum(name.startswith("f_rest_") for name in columns)
     if n_rest % 3 == 0 and all(f"f_rest_{i}" in columns for i in range(n_rest)):

@@ -20,12 +20,12 @@ IDS, ROWS, SCENE_SIZE = "object_ids", "object_rows", "n_scene"
 
 
 def is_trimmed(file: SelectionFile) -> bool:
-    """Whether a file has the arrays that every trim writes."""
+    """Return whether a file has the arrays that every trim writes."""
     return {SOURCE, LABEL, OBJECTS} <= file.arrays.keys()
 
 
 def select_trimmed(file: SelectionFile, gaussians: Gaussians, options: SelectionOptions) -> BoolArray:
-    """The scene's Gaussians that the object has, whole or in part, (N,).
+    """Return the scene's Gaussians that the object has, whole or in part, (N,).
 
     Raises:
         InputError: as for `rows_of_objects`, or there are several objects and none is chosen, or not the one that is.
