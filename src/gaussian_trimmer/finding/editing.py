@@ -9,8 +9,9 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.found import FoundObjects
 from gaussian_trimmer.finding.regions import split_region
-from gaussian_trimmer.finding.visible_surface import with_hidden
+from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of, with_hidden
 from gaussian_trimmer.gaussians import BoolArray, IntArray
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, get_renderer
 
 
 def chosen_objects(
@@ -60,7 +61,14 @@ def chosen_objects(
 
 
 def _parts(found: FoundObjects, mask: BoolArray) -> list[BoolArray]:
-    """The main parts of an object (N,)."""
-    numbers: IntArray = split_region(found.surface, mask[found.surface.rows])
-    labels = with_hidden(found.surface, found.scene, numbers + 1, np.inf)
+    """Return the main parts of an object, (N,) each; an object of a large capture is looked at by itself for that."""
+    surface, scene, rows = found.surface, found.scene, np.arange(len(mask))
+    if surface is None:
+        rows = np.flatnonzero(mask)
+        scene = found.scene.select(rows)
+        up = found.up.direction
+        surface = find_visible_surface(scene, views_of(scene, None, up), up, get_renderer(DEFAULT_RENDERER))
+    numbers: IntArray = split_region(surface, mask[rows[surface.rows]])
+    labels = np.zeros(len(mask), np.int64)
+    labels[rows] = with_hidden(surface, scene, numbers + 1, np.inf)
     return [mask & (labels == number) for number in range(1, int(numbers.max()) + 2)]

@@ -3,27 +3,50 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.finding.contacts import one_thing
-from gaussian_trimmer.finding.found import FoundObject, FoundObjects
+from gaussian_trimmer.finding.agreement import Candidate, agree
+from gaussian_trimmer.finding.contacts import Colours, one_thing
+from gaussian_trimmer.finding.found import SURE, FoundObject, FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge, judge_surface
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
-from gaussian_trimmer.finding.visible_surface import VisibleSurface, find_visible_surface, views_of, with_hidden
-from gaussian_trimmer.gaussians import SH_C0, Gaussians, IntArray
-from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.finding.storey import find_storey
+from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile, plan_tiles
+from gaussian_trimmer.finding.visible_surface import (
+    NothingShowsError,
+    VisibleSurface,
+    find_visible_surface,
+    views_of,
+    with_hidden,
+)
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
+from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.model_masks import PromptableModel
 
+LARGEST_LOOK = 200_000
+"""Captures of more Gaussians are looked at in tiles."""
+LEVELS = (1.0, 3.0)
+"""Log-odds that regions of a tile which touch must have to be joined, once more and once less easily."""
 _HIDDEN_REACH = 0.05
 """Distance, in units, up to which what does not show belongs to the visible Gaussian next to it."""
+_MIN_GAUSSIANS = 5
+"""Smallest number of Gaussians of an object in a tile."""
+_END_PERCENTILES = (2, 98)
+"""Percentiles of an object's centres that are taken for its ends."""
+_CUT_SHARE = 0.1
+"""An object that ends nearer than this share of its height to where the ceiling was cut off may go on above."""
 
 
 def find_objects(
@@ -36,25 +59,31 @@ def find_objects(
     segmenter: PromptableModel | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> FoundObjects:
-    """Every object of a scene: what stands on its surfaces, hangs from them or leans against them.
+    """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
+
+    A capture of more than 200,000 Gaussians, as of a flat or a garden, is divided into tiles that are looked at one by
+    one from above, without its ceiling; an object is what several tiles agree on.
 
     Args:
         scene: all N Gaussians.
-        cameras: the cameras that the scene was trained with, if known.
+        cameras: the cameras that the scene was trained with, if known. Large captures are looked at without them.
         up: the scene's up vector, (3,), if known.
         config: what counts as an object; the usual, if not given.
         renderer: a renderer, or the name of one.
         segmenter: a model that draws masks for clicks, such as `SamSegmenter`. Things that touch are likelier one where
             its masks take both; without it their contact, colours and size alone tell.
-        progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views,
-            `surfaces`, `regions`.
+        progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views or
+            tiles, `surfaces`, `regions`, `agree`.
 
     Raises:
-        InputError: the up vector is none, hardly anything shows in the views, or the model cannot be run.
+        InputError: the up vector is not valid, hardly anything shows in the views, or the model cannot be run.
     """
     steps, config = _Steps(progress), config or FindConfig()
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     found_up = find_up(scene, cameras, up)
+    look = _Look(found_up.direction, config, renderer, segmenter)
+    if len(scene) > LARGEST_LOOK:
+        return _find_in_tiles(scene, found_up, look, steps)
     with steps("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
@@ -63,20 +92,123 @@ def find_objects(
     with steps("surfaces"):
         room = find_room(surface)
     with steps("regions"):
-        asked = AskedModel(scene, surface, views, segmenter, renderer) if segmenter is not None else None
-        regions = find_regions(surface, room, asked or one_thing)
-        labels, objects = name_objects(scene, surface, room, regions, config)
-    return FoundObjects(scene, labels, objects, tuple(views), surface, found_up, steps.seconds)
+        [(verdicts, numbers)] = look.judged(scene, surface, views, room, (0.0,))
+        labels = with_hidden(surface, scene, numbers, _HIDDEN_REACH)
+    objects = tuple(
+        _described(scene, labels, number, verdict, *_box_in_scene(surface, verdict))
+        for number, verdict in enumerate(verdicts, 1)
+    )
+    looked_at = np.ones(len(scene), np.bool_)
+    return FoundObjects(scene, labels, objects, tuple(views), looked_at, found_up, steps.seconds, surface)
 
 
-def name_objects(
-    scene: Gaussians, surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig
-) -> tuple[IntArray, tuple[FoundObject, ...]]:
-    """Number of the object that each Gaussian of the scene belongs to, 0 for none, (N,), and the objects.
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """How scenes and tiles are looked at."""
+
+    up: Float64Array
+    config: FindConfig
+    renderer: Renderer
+    segmenter: PromptableModel | None
+
+    def judged(
+        self, scene: Gaussians, surface: VisibleSurface, views: Sequence[Viewpoint], room: Room, levels: Sequence[float]
+    ) -> list[tuple[list[Verdict], IntArray]]:
+        """Find what may be an object at each level, and the number (S,) of that of each Gaussian of the surface.
+
+        Args:
+            scene: the N Gaussians.
+            surface: what shows of them, S Gaussians.
+            views: where they are looked at from.
+            room: the flat surfaces.
+            levels: log-odds that regions which touch must have to be joined.
+        """
+        asked = AskedModel(scene, surface, views, self.segmenter, self.renderer) if self.segmenter else None
+        odds, colours = asked or one_thing, Colours(surface)
+        found = []
+        for level in levels:
+            regions = find_regions(surface, room, odds, colours, level)
+            found.append(name_objects(surface, room, regions, self.config))
+        return found
+
+    def tile(
+        self, scene: Gaussians, tile: Tile, axes: Float64Array, top: float
+    ) -> tuple[list[Viewpoint], list[Candidate]]:
+        """Find the objects that lie whole within a tile; none where hardly anything shows.
+
+        Args:
+            scene: the N Gaussians below the ceiling.
+            tile: which of them are looked at.
+            axes: two horizontal axes, and up, (3, 3).
+            top: height at which the capture was cut.
+        """
+        part = scene.select(tile.rows)
+        try:
+            views = views_of(part, None, self.up)
+            surface = find_visible_surface(part, views, self.up, self.renderer)
+        except NothingShowsError:
+            return [], []
+        points = part.means.astype(np.float64) @ axes.T
+        candidates = []
+        for verdicts, numbers in self.judged(part, surface, views, find_room(surface), LEVELS):
+            labels = with_hidden(surface, part, numbers, _HIDDEN_REACH)
+            for number, verdict in enumerate(verdicts, 1):
+                rows = np.flatnonzero(labels == number)
+                if len(rows) < _MIN_GAUSSIANS or verdict.region is None:
+                    continue
+                low, high = np.percentile(points[rows], _END_PERCENTILES, axis=0)
+                if tile.holds(low[:2], high[:2]):
+                    centre, size = _box_in_scene(surface, verdict)
+                    cut = bool(high[2] > top - _CUT_SHARE * (high[2] - low[2]))
+                    candidates.append(Candidate(tile.rows[rows], verdict, centre, size, cut))
+        return views, candidates
+
+
+def _find_in_tiles(scene: Gaussians, up: UpVector, look: _Look, steps: _Steps) -> FoundObjects:
+    """Find the objects of a large capture, tile by tile.
 
     Args:
         scene: all N Gaussians.
-        surface: what shows of it, S Gaussians.
+        up: the up vector.
+        look: how tiles are looked at.
+        steps: told what is done.
+    """
+    storey = find_storey(scene, up.direction)
+    below = scene.means.astype(np.float64) @ up.direction < storey.head_height  # (N,)
+    shown_rows, axes = np.flatnonzero(below), up_frame(up.direction)
+    shown = scene.select(shown_rows)
+    plan = shown.means.astype(np.float64) @ axes[:2].T
+    tiles = [tile for count in GAUSSIANS_IN_A_TILE for tile in plan_tiles(plan, count)]
+    views, candidates = list[Viewpoint](), list[Candidate]()
+    with steps("look"):
+        looked = parallel_map(
+            lambda tile: look.tile(shown, tile, axes, storey.head_height), tiles, using=[look.renderer]
+        )
+        for number, (seen_from, found) in enumerate(looked, 1):
+            steps.part(f"look {number}/{len(tiles)}")
+            for candidate in found:
+                verdict = replace(candidate.verdict, view=len(views) + candidate.verdict.view)
+                candidates.append(replace(candidate, verdict=verdict))
+            views += seen_from
+    with steps("agree"):
+        agreed = sorted(agree(candidates, len(shown)), key=lambda one: (one.confidence < SURE, -one.shown))
+        labels = np.zeros(len(scene), np.int64)
+        for number, one in enumerate(agreed, 1):
+            labels[shown_rows[one.rows]] = number
+    objects = tuple(
+        _described(scene, labels, number, one.verdict, one.candidate.centre, one.candidate.size)
+        for number, one in enumerate(agreed, 1)
+    )
+    return FoundObjects(scene, labels, objects, tuple(views), below, up, steps.seconds)
+
+
+def name_objects(
+    surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig
+) -> tuple[list[Verdict], IntArray]:
+    """Choose the objects among the regions; return them and the number of that of each Gaussian, from 1, 0: none, (S,).
+
+    Args:
+        surface: what shows of the scene, S Gaussians.
         room: its flat surfaces.
         regions: as `find_regions` gives them, (S,).
         config: what counts as an object.
@@ -91,23 +223,26 @@ def name_objects(
             if rows.any():
                 verdicts.append(judge_surface(surface, one, rows))
                 numbers[rows] = len(verdicts)
-    labels = with_hidden(surface, scene, numbers, _HIDDEN_REACH)
-    return labels, tuple(
-        _described(scene, surface, labels, number, verdict) for number, verdict in enumerate(verdicts, 1)
-    )
+    return verdicts, numbers
+
+
+def _box_in_scene(surface: VisibleSurface, verdict: Verdict) -> tuple[Float64Array, Float64Array]:
+    """Return the middle of a region's box in the scene, (3,), and its size along the surface's axes, (3,)."""
+    low, high = verdict.box
+    return surface.centre + surface.unit * (low + high) / 2 @ surface.axes, surface.unit * (high - low)
 
 
 def _described(
-    scene: Gaussians, surface: VisibleSurface, labels: IntArray, number: int, verdict: Verdict
+    scene: Gaussians, labels: IntArray, number: int, verdict: Verdict, centre: Float64Array, size: Float64Array
 ) -> FoundObject:
-    """One object as users know it."""
-    (low, high), rows = verdict.box, np.flatnonzero(labels == number)
+    """Describe one object as users know it."""
+    rows = np.flatnonzero(labels == number)
     colour = np.clip(0.5 + SH_C0 * scene.sh_dc[rows].mean(axis=0, dtype=np.float64), 0, 1)
     return FoundObject(
         id=number,
         kind="object" if verdict.region is not None else "surface",
-        centre=surface.centre + surface.unit * (low + high) / 2 @ surface.axes,
-        size=surface.unit * (high - low),
+        centre=centre,
+        size=size,
         colour=np.asarray(colour, np.float64),
         gaussians=len(rows),
         shown=verdict.shown,
@@ -124,9 +259,15 @@ class _Steps:
     def __init__(self, progress: Callable[[str], None]) -> None:
         self._progress, self.seconds = progress, dict[str, float]()
 
+    def part(self, name: str) -> None:
+        """Say that a part of a step begins."""
+        self._progress(name)
+
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         self._progress(name)
         start = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - start
+        try:
+            yield
+        finally:
+            self.seconds[name] = time.perf_counter() - start

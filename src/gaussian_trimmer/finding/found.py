@@ -60,11 +60,13 @@ class FoundObjects:
     objects: tuple[FoundObject, ...]
     views: tuple[Viewpoint, ...]
     """Where the scene was looked at from."""
-    surface: VisibleSurface
-    """What shows of the scene."""
+    looked_at: BoolArray
+    """Which Gaussians were looked at, (N,): all but the ceiling and what is above head height below one."""
     up: UpVector
     seconds: Mapping[str, float]
     """Time taken by each step."""
+    surface: VisibleSurface | None = None
+    """What shows of the scene; None if it was looked at in tiles."""
 
     def __len__(self) -> int:
         return len(self.objects)

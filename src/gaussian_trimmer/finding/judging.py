@@ -16,7 +16,7 @@ from gaussian_trimmer.settings import Range, Share
 
 _MIN_SHARE_AT_ALL = 0.1
 """What shows less than this, relative to a sure object, is not named."""
-_DOUBTFUL = 0.4
+DOUBTFUL = 0.4
 """Confidence in what rests on nothing that was found, or carries a surface of the room, at most."""
 _MIN_INSIDE = 0.95
 """Share of a region that must lie within the pictures, in scenes that fill them and have no floor."""
@@ -90,11 +90,11 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         doubts = [name for name, ratio in ratios.items() if ratio < 1]
         rests = _rests_on(surface, room, rows)
         if surface.areas[rows[room.under[rows]]].sum() > _CARRYING * surface.areas[rows].sum():
-            confidence, doubts = min(confidence, _DOUBTFUL), ["is under a surface", *doubts]
+            confidence, doubts = min(confidence, DOUBTFUL), ["is under a surface", *doubts]
         if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
-            confidence, doubts = min(confidence, _DOUBTFUL), ["goes on beyond the pictures", *doubts]
+            confidence, doubts = min(confidence, DOUBTFUL), ["goes on beyond the pictures", *doubts]
         if rests is None:
-            confidence, doubts = min(confidence, _DOUBTFUL), ["rests on nothing that was found", *doubts]
+            confidence, doubts = min(confidence, DOUBTFUL), ["rests on nothing that was found", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])
         view = int(np.argmax(by_view[number]))
         found.append(Verdict(number, float(shown[number]), seen[number], view, (low, high), confidence, why))

@@ -69,7 +69,9 @@ class _Links:
         return np.asarray(np.sqrt(np.maximum(variance[:, 0], 0)))
 
 
-def find_regions(surface: VisibleSurface, room: Room, odds: Odds = one_thing) -> IntArray:
+def find_regions(
+    surface: VisibleSurface, room: Room, odds: Odds = one_thing, colours: Colours | None = None, level: float = 0.0
+) -> IntArray:
     """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces.
 
     Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself, and colours
@@ -79,8 +81,10 @@ def find_regions(surface: VisibleSurface, room: Room, odds: Odds = one_thing) ->
         surface: the visible surface.
         room: its flat surfaces.
         odds: says of regions that touch and stand which are one thing.
+        colours: what is known of the colours of this surface; found anew if not given.
+        level: log-odds from which on such regions are joined.
     """
-    free, colours = ~room.own, Colours(surface)
+    free, colours = ~room.own, colours or Colours(surface)
     by_itself = not room.has_floor and surface.filled > FILLED
 
     def joins(links: _Links, regions: IntArray, areas: Float64Array) -> Float64Array:
@@ -101,7 +105,7 @@ def find_regions(surface: VisibleSurface, room: Room, odds: Odds = one_thing) ->
             np.square(size[asked]),
             colours.accuracy(regions, pairs),
         )
-        likely[asked] = _OTHER_COLOURS - contacts.accuracy if by_itself else odds(contacts)
+        likely[asked] = _OTHER_COLOURS - contacts.accuracy if by_itself else odds(contacts) - level
         return np.maximum(likely, 0.0)
 
     regions = _joined(surface, free, joins)

@@ -18,7 +18,7 @@ from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.selecting.overview import drawn_part
+from gaussian_trimmer.selecting.overview import drawn_rows
 from gaussian_trimmer.selecting.saved_selection import save_array
 from gaussian_trimmer.views import HALF, bounding_box, box_slices
 
@@ -95,7 +95,9 @@ def described(one: FoundObject, name: str = "") -> dict[str, Any]:
 def draw_found(found: FoundObjects, one: FoundObject, renderer: Renderer) -> Picture:
     """An object in the view that shows it best, with what is around it dimmed."""
     view = found.views[one.view]
-    scene, rows = drawn_part(found.scene, view)
+    rows = np.flatnonzero(found.looked_at)
+    rows = rows[drawn_rows(found.scene.means[rows], view)]
+    scene = found.scene.select(rows)
     camera = view.camera.resized(min(1.0, _VIEW_PIXELS / max(view.camera.width, view.camera.height)))
     mine = (found.labels[rows] == one.id).astype(np.float32)
     share = renderer.blend_values(scene, camera, mine[:, None])

@@ -38,6 +38,10 @@ _MIN_NODES = 50
 _EDGES_AT_ONCE = 1 << 19
 
 
+class NothingShowsError(InputError):
+    """Hardly anything shows in the views."""
+
+
 @dataclass(frozen=True, eq=False)
 class VisibleSurface:
     """The S visible Gaussians of a scene of N, seen in V views, and the E edges between neighbours."""
@@ -120,7 +124,7 @@ def find_visible_surface(
         looked: called before each view with its number, from 1.
 
     Raises:
-        InputError: hardly anything shows.
+        NothingShowsError: hardly anything shows.
     """
     views = [replace(view, camera=_small(view.camera)) for view in views]
     shown = np.zeros((len(views), len(scene)), np.float32)
@@ -135,7 +139,7 @@ def find_visible_surface(
     total = shown.sum(axis=0)
     rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
     if len(rows) < _MIN_NODES:
-        raise InputError("Hardly anything shows in the views; check that the cameras belong to this scene.")
+        raise NothingShowsError("Hardly anything shows in the views; check that the cameras belong to this scene.")
     unit = _unit(scene.means[rows].astype(np.float64), shown[:, rows], [view.camera for view in views])
     centre = np.median(scene.means[rows].astype(np.float64), axis=0)
     rows = rows[np.linalg.norm(scene.means[rows] - centre, axis=1) < _REACH * unit]

@@ -1,0 +1,89 @@
+"""The floor of a capture and, indoors, the height at which the ceiling is cut away to look in from above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, rotation_matrices
+from gaussian_trimmer.geometry.bounds import up_frame
+
+_MAX_TILT_COSINE, _MAX_THICKNESS = 0.9, 0.5
+"""Cosine of the tilt of a horizontal Gaussian, and its largest thickness relative to its width."""
+_END_PERCENTILES = (0.5, 99.5)
+"""Heights beyond these percentiles are not looked at."""
+_BINS, _CELLS = 200, 150
+"""Number of layers between the ends, and of cells along the longer side of the plan."""
+_LAYER_BINS = 3
+"""Thickness of a layer, in bins."""
+_MIN_STOREY = 0.05
+"""Smallest height of a storey, relative to that of the capture."""
+_CEILING_SHARE = 0.5
+"""Share of the floor's cells that a ceiling covers at least."""
+
+
+@dataclass(frozen=True)
+class Storey:
+    """Heights along the up vector."""
+
+    floor: float
+    ceiling: float | None
+    """None outdoors, and where the ceiling was not captured."""
+
+    @property
+    def head_height(self) -> float:
+        """Height at which the capture is cut to look in from above: half way to the ceiling; infinite without one."""
+        return np.inf if self.ceiling is None else (self.floor + self.ceiling) / 2
+
+
+def find_storey(scene: Gaussians, up: Float64Array) -> Storey:
+    """Find floor and ceiling: the two horizontal layers that cover most cells of the plan.
+
+    Args:
+        scene: all N Gaussians.
+        up: the up vector, (3,).
+    """
+    axes = up_frame(up)
+    points = scene.means.astype(np.float64) @ axes.T  # (N, 3), heights last
+    rows = np.flatnonzero(_is_horizontal(scene, axes[2]))
+    if not len(rows):
+        return Storey(float(np.percentile(points[:, 2], _END_PERCENTILES[0])), None)
+    low, high = np.percentile(points[:, 2], _END_PERCENTILES)
+    bin_height = max(float(high - low), 1e-9) / _BINS
+    covered = _covered_cells(points[rows], float(low), bin_height)
+    first = int(np.argmax(covered))
+    others = covered.copy()
+    margin = int(_MIN_STOREY * _BINS)
+    others[max(0, first - margin) : first + margin + 1] = 0
+    second = int(np.argmax(others))
+    heights = [float(low + (place + 0.5) * bin_height) for place in sorted((first, second))]
+    if others[second] < _CEILING_SHARE * covered[first]:
+        return Storey(float(low + (first + 0.5) * bin_height), None)
+    return Storey(heights[0], heights[1])
+
+
+def _is_horizontal(scene: Gaussians, up: Float64Array) -> BoolArray:
+    """Find flat Gaussians that lie horizontally, (N,)."""
+    scales = np.sort(scene.log_scales, axis=1)
+    thinnest = np.argmin(scene.log_scales, axis=1)
+    normals = rotation_matrices(scene.quaternions)[np.arange(len(scene)), :, thinnest]
+    is_flat = scales[:, 0] < scales[:, 1] + np.log(_MAX_THICKNESS)
+    return np.asarray(is_flat & (np.abs(normals @ up) > _MAX_TILT_COSINE))
+
+
+def _covered_cells(points: Float64Array, low: float, bin_height: float) -> IntArray:
+    """Count the cells of the plan that each layer covers, (bins,)."""
+    bins = np.floor((points[:, 2] - low) / bin_height).astype(np.int64)
+    left, right = np.percentile(points[:, :2], [2, 98], axis=0)
+    cell = max(float((right - left).max()), 1e-9) / _CELLS
+    cells = np.floor((points[:, :2] - left) / cell).astype(np.int64)
+    kept = (bins >= 0) & (bins < _BINS) & (cells >= 0).all(axis=1) & (cells < _CELLS).all(axis=1)
+    filled = np.zeros((_BINS, _CELLS, _CELLS), np.bool_)
+    filled[bins[kept], cells[kept, 0], cells[kept, 1]] = True
+    half = _LAYER_BINS // 2
+    layers = filled.copy()
+    for shift in range(1, half + 1):
+        layers[shift:] |= filled[:-shift]
+        layers[:-shift] |= filled[shift:]
+    return np.asarray(layers.sum(axis=(1, 2)))

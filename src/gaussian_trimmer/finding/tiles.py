@@ -1,0 +1,69 @@
+"""Squares of the plan, overlapped by half, into which a large capture is divided to be looked at closely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import Float64Array, IntArray
+
+GAUSSIANS_IN_A_TILE = (60_000, 18_000)
+"""How many Gaussians the tiles of each size hold in the mean: things as large as a sofa, and as small as a chair."""
+_MIN_GAUSSIANS = 500
+"""Tiles with fewer Gaussians are left out."""
+_MARGIN = 0.03
+"""Width of the border of a tile, relative to its side, in which nothing whole ends."""
+_ROUNDS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """A square of the plan."""
+
+    low: Float64Array
+    """Its corner, (2,)."""
+    side: float
+    rows: IntArray
+    """Which of the Gaussians lie in it, (T,)."""
+
+    def holds(self, low: Float64Array, high: Float64Array) -> bool:
+        """Tell whether a box lies within the square and does not touch its border."""
+        margin = _MARGIN * self.side
+        return bool((low > self.low + margin).all() and (high < self.low + self.side - margin).all())
+
+
+def plan_tiles(plan: Float64Array, count: int) -> Iterator[Tile]:
+    """Divide a plan into tiles that hold so many Gaussians in the mean, each overlapped by half with the next.
+
+    Args:
+        plan: horizontal coordinates of N Gaussians, (N, 2).
+        count: mean number of Gaussians in a tile, as seen from a Gaussian.
+    """
+    side = _side(plan, count)
+    origin = plan.min(axis=0) - side / 2
+    cells, place = np.unique(np.floor((plan - origin) / (side / 2)).astype(np.int64), axis=0, return_inverse=True)
+    order = np.argsort(place, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(place, minlength=len(cells)))[:-1])
+    rows_of = {(int(x), int(y)): rows for (x, y), rows in zip(cells, groups, strict=True)}
+    corners = {(x - i, y - j) for x, y in rows_of for i in (0, 1) for j in (0, 1)}
+    for x, y in sorted(corners):
+        parts = [rows_of[cell] for i in (0, 1) for j in (0, 1) if (cell := (x + i, y + j)) in rows_of]
+        rows = np.sort(np.concatenate(parts))
+        if len(rows) >= _MIN_GAUSSIANS:
+            yield Tile(origin + np.array([x, y]) * side / 2, side, rows)
+
+
+def _side(plan: Float64Array, count: int) -> float:
+    """Find the side of the squares that hold so many Gaussians in the mean over the Gaussians, by bisection."""
+    low, high = 0.0, float(np.ptp(plan, axis=0).max()) + 1e-9
+    origin = plan.min(axis=0)
+    for _ in range(_ROUNDS):
+        side = (low + high) / 2
+        cells = np.unique(np.floor((plan - origin) / side).astype(np.int64), axis=0, return_counts=True)[1]
+        mean = float(np.square(cells.astype(np.float64)).sum() / len(plan))
+        low, high = (side, high) if mean < count else (low, side)
+        if high - low < 1e-2 * high:
+            break
+    return high
