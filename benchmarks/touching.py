@@ -105,6 +105,7 @@ def _shift(still: FloatArray, moving: FloatArray, up: Float64Array) -> FloatArra
 
 def _matched(found: FoundObjects, mask: BoolArray) -> tuple[float, int]:
     """Intersection over union of some Gaussians (N,) with the sure object that is most alike, and its number."""
+    assert found.surface is not None  # such scenes are small
     weights, part = found.surface.shown.sum(axis=0), mask[found.surface.rows]
     labels = found.labels[found.surface.rows]
     alike = [(0.0, 0)]

@@ -50,7 +50,8 @@ def find_storey(scene: Gaussians, up: Float64Array) -> Storey:
     if not len(rows):
         return Storey(float(np.percentile(points[:, 2], _END_PERCENTILES[0])), None)
     low, high = np.percentile(points[:, 2], _END_PERCENTILES)
-    bin_height = max(float(high - low), 1e-9) / _BINS
+    bin_height = max(float(high - low), 1e-9) / (_BINS - 2 * _LAYER_BINS)
+    low -= _LAYER_BINS * bin_height  # what lies in the lowest and the highest layer is spread around their heights
     covered = _covered_cells(points[rows], float(low), bin_height)
     first = int(np.argmax(covered))
     others = covered.copy()

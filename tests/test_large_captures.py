@@ -1,0 +1,104 @@
+"""Captures that are walked through: storey, tiles, what tiles agree on, and a furnished room below its ceiling."""
+
+import made_room as room
+import numpy as np
+import pytest
+import toy
+
+from gaussian_trimmer.finding import find
+from gaussian_trimmer.finding.agreement import Candidate, agree
+from gaussian_trimmer.finding.judging import Verdict
+from gaussian_trimmer.finding.storey import find_storey
+from gaussian_trimmer.finding.tiles import plan_tiles
+from gaussian_trimmer.gaussians import concatenate
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def ceiling(height, side=6.0):
+    return room.sheet((-side / 2, -side / 2, height), (side, 0, 0), (0, side, 0), room.GREY, 91)
+
+
+def furniture():
+    return room.box((-1, -1), (0.9, 0.9, 0.8), room.RED, 1), room.box((1, 1), (0.6, 0.6, 0.5), room.BLUE, 5)
+
+
+def test_floor_and_ceiling_are_the_layers_that_cover_most():
+    storey = find_storey(concatenate([room.floor(), ceiling(2.6), *furniture()]), UP)
+    assert storey.floor == pytest.approx(0, abs=0.03)
+    assert storey.ceiling == pytest.approx(2.6, abs=0.03)
+    assert storey.head_height == pytest.approx(1.3, abs=0.03)
+
+
+def test_without_a_ceiling_nothing_is_cut():
+    storey = find_storey(concatenate([room.floor(), *furniture()]), UP)
+    assert storey.ceiling is None
+    assert storey.head_height == np.inf
+
+
+def test_the_storey_turns_and_scales_with_the_scene():
+    scene = concatenate([room.floor(), ceiling(2.6), *furniture()])
+    larger = scene.replace(means=100 * scene.means, log_scales=scene.log_scales + np.float32(np.log(100)))
+    assert find_storey(larger, UP).head_height == pytest.approx(130, abs=3)
+
+
+def test_tiles_overlap_by_half_and_hold_as_many_as_asked():
+    plan = np.random.default_rng(0).uniform(0, 10, (20_000, 2))
+    tiles = list(plan_tiles(plan, 4000))
+    counts = np.bincount(np.concatenate([tile.rows for tile in tiles]), minlength=len(plan))
+    assert counts.max() == 4
+    assert np.mean(counts == 4) > 0.9
+    assert np.median([len(tile.rows) for tile in tiles]) == pytest.approx(4000, rel=0.5)
+    for tile in tiles:
+        assert (plan[tile.rows] >= tile.low - 1e-9).all()
+        assert (plan[tile.rows] <= tile.low + tile.side + 1e-9).all()
+
+
+def test_a_box_at_the_border_of_a_tile_is_not_whole():
+    tile = next(plan_tiles(np.random.default_rng(0).uniform(0, 10, (5000, 2)), 2000))
+    middle = tile.low + tile.side / 2
+    assert tile.holds(middle - 0.1, middle + 0.1)
+    assert not tile.holds(tile.low, middle)
+
+
+def candidate(rows, confidence=0.8, reaches_cut=False):
+    box = np.zeros(3), np.ones(3)
+    verdict = Verdict(1, 0.1, 1.0, 0, box, confidence, "stands on a surface")
+    return Candidate(np.array(rows), verdict, np.zeros(3), np.ones(3), reaches_cut)
+
+
+def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
+    chair, other = range(100), range(100, 180)
+    both = range(180)
+    found = agree([candidate(chair)] * 5 + [candidate(other)] * 4 + [candidate(both)] * 2, 200)
+    assert [len(one.rows) for one in found] == [100, 80]
+    assert all(one.confidence == 0.8 for one in found)
+
+
+def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
+    few, small, cut = (
+        [candidate(range(100))] * 2,
+        [candidate(range(100, 110))] * 4,
+        [candidate(range(120, 200), 0.8, True)] * 4,
+    )
+    found = agree(few + small + cut, 200)
+    assert len(found) == 3
+    assert max(one.confidence for one in found) < 0.5
+    assert {one.verdict.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
+
+
+def test_what_only_one_tile_found_is_not_named():
+    assert agree([candidate(range(100))], 200) == []
+    assert agree([], 200) == []
+
+
+def test_furniture_is_found_below_its_ceiling(monkeypatch):
+    scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
+    monkeypatch.setattr(find, "LARGEST_LOOK", 1000)
+    monkeypatch.setattr(find, "GAUSSIANS_IN_A_TILE", (8000, 5000))
+    found = find.find_objects(scene, up=UP)
+    sure = [one.id for one in found if one.sure]
+    for number in (2, 3):
+        assert max(toy.jaccard(found.mask(one), part == number) for one in sure) > 0.8
+    assert not (found.labels[part == 1] > 0).any()  # the ceiling
+    assert not found.looked_at[part == 1].any()
