@@ -91,7 +91,7 @@ class TestOpenGaussian:
         with pytest.raises(InputError, match="3 clusters, and the code book beside it 6"):
             found(folder)
         np.savez(folder / "cluster_lang.npz", leaf_ind=np.ones(3, int))
-        with pytest.raises(InputError, match=r"no cluster_lang\.npz of OpenGaussian"):
+        with pytest.raises(InputError, match=r"not a cluster_lang\.npz of OpenGaussian"):
             found(folder)
         for path in folder.glob("point_cloud/*/root_code_book/*"):
             path.unlink()
