@@ -123,7 +123,7 @@ def test_projects_of_other_scenes_and_damaged_ones_are_refused(session, tmp_path
         ({"scene_size": 5}, "has 5 Gaussians"),
         ({"active": 3}, "active object"),
         ({"objects": []}, "active object"),
-        ({"content": "else"}, "no project"),
+        ({"content": "else"}, "not a project"),
         ({"objects": [{}]}, "objects"),
         ({"objects": 2 * document["objects"]}, "two objects of the same name"),
     ):

@@ -90,7 +90,7 @@ def compressed(document, how, entry):
         (lambda d: d["meshes"][0]["primitives"][0]["attributes"].pop(f"{NAME}:SCALE"), "SCALE is missing"),
         (lambda d: d["meshes"][0]["primitives"][0].pop("attributes"), "damaged"),
         (lambda d: compressed(d, "spz", {"bufferView": 99}), "damaged"),
-        (lambda d: compressed(d, "spz", {"bufferView": 0}), "no .spz file"),
+        (lambda d: compressed(d, "spz", {"bufferView": 0}), "not an .spz file"),
         (lambda d: compressed(d, "lgsc", {"bufferView": 0}), "compressed by KHR_gaussian_splatting_compression_lgsc"),
     ],
 )

@@ -420,7 +420,7 @@ def test_a_decoder_that_is_an_encoder_is_refused(tmp_path):
 def test_an_encoder_that_is_a_decoder_is_refused(tmp_path):
     save_tiny_sam(tmp_path, "sam")
     (tmp_path / "encoder.onnx").write_bytes((tmp_path / "decoder.onnx").read_bytes())
-    assert "no encoder of a picture" in refused(tmp_path)
+    assert "not an encoder of a picture" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("side", [16, 8192])

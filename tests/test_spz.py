@@ -154,8 +154,8 @@ def test_version_4_without_zstd_names_the_package(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "no .spz file"),
-        (raw(2, 1, 0, b"")[:12], "no .spz file"),
+        (b"", "not an .spz file"),
+        (raw(2, 1, 0, b"")[:12], "not an .spz file"),
         (raw(2, 1, 0, bytes(16))[:-9], "truncated"),
         (raw(2, 1, 0, bytes(19), magic=b"ABCD"), "does not begin with 'NGSP'"),
         (raw(1, 1, 0, bytes(19)), "version 1"),
