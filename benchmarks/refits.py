@@ -22,7 +22,7 @@ from gaussian_trimmer.gaussians import (
     logit,
     rotation_matrices,
 )
-from gaussian_trimmer.rendering.gradients import Drawing, draw, gradients, slopes_towards
+from gaussian_trimmer.rendering.gradients import Drawing, draw, gradients, loss_gradient
 
 VIEWS_PER_STEP = 2
 HUBER_WIDTH = 0.03
@@ -119,7 +119,7 @@ def fit(gaussians: Gaussians, views: Sequence[View], steps: int, rng: np.random.
             drawing = draw(gaussians, view.camera)
             weight = np.ones_like(view.picture)
             weight[3] = ALPHA_WEIGHT
-            slopes = slopes_towards(drawing, view.picture, weight, HUBER_WIDTH)
+            slopes = loss_gradient(drawing, view.picture, weight, HUBER_WIDTH)
             of_view = gradients(drawing, slopes, everything)
             gradient += np.concatenate([of_view, _by_degree_one(gaussians, view.camera, of_view[:, 10:])], axis=1)
         gradient *= rates  # so that all parameters are measured in their steps

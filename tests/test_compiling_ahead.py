@@ -7,10 +7,10 @@ from scenes import front_camera, random_scene
 
 from gaussian_trimmer.rendering import gradient_kernels
 from gaussian_trimmer.rendering.compiling_ahead import compile_kernels
-from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
+from gaussian_trimmer.rendering.gradients import draw, gradients, loss_gradient
 
 KERNELS = [
-    gradient_kernels.robust_slopes, gradient_kernels.differentiate_tiles, gradient_kernels.sum_moving_pairs,
+    gradient_kernels.huber_gradient, gradient_kernels.differentiate_tiles, gradient_kernels.sum_moving_pairs,
     gradient_kernels.gather,
 ]  # fmt: skip
 
@@ -22,6 +22,6 @@ def test_every_kernel_is_compiled_for_the_types_that_it_is_called_with():
     scene, camera = random_scene(0, 40), front_camera(48, 32)
     drawing = draw(scene, camera)
     picture = np.zeros((4, 32, 48), np.float32)
-    gradients(drawing, slopes_towards(drawing, picture, picture + 1, 0.1), np.ones(len(scene), np.bool_))
+    gradients(drawing, loss_gradient(drawing, picture, picture + 1, 0.1), np.ones(len(scene), np.bool_))
     assert all(before)
     assert [kernel.signatures for kernel in KERNELS] == before

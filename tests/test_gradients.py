@@ -8,7 +8,7 @@ import pytest
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, quaternions_of, rotation_matrices
 from gaussian_trimmer.rendering import reference
-from gaussian_trimmer.rendering.gradients import draw, draw_with, gradients, slopes_towards
+from gaussian_trimmer.rendering.gradients import draw, draw_with, gradients, loss_gradient
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 _NAMES = (
@@ -110,7 +110,7 @@ def test_slopes_towards_a_picture_are_derivatives_of_the_rounded_difference() ->
     gaussians, camera = _scene()
     drawing, rng = draw(gaussians, camera), np.random.default_rng(0)
     picture, weight = rng.uniform(0, 1, (2, 4, camera.height, camera.width)).astype(np.float32)
-    found = slopes_towards(drawing, picture, weight, 0.1)
+    found = loss_gradient(drawing, picture, weight, 0.1)
     assert found.shape == (4, 48, 48)
     assert not found[:, camera.height :].any() and not found[:, :, camera.width :].any()
     difference = (drawing.image - picture).astype(np.float64)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.decomposition.coverage import OutlineViews, Sight, coverage_target, resized_mask
-from gaussian_trimmer.decomposition.fitting import Parts, Target, fit
+from gaussian_trimmer.decomposition.alpha_targets import ObjectRender, OutlineViews, coverage_target, resized_mask
+from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.refinement import RefineConfig, refine
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.bounds import Bounds
@@ -55,8 +55,8 @@ def _true_masks(cameras: list[Camera]) -> list[np.ndarray]:
     return masks
 
 
-def _look(inner: Gaussians, background: Gaussians, camera: Camera) -> Sight:
-    return OutlineViews([camera], None, 1.0).look(inner, background)[0]
+def _rendered(inner: Gaussians, background: Gaussians, camera: Camera) -> ObjectRender:
+    return OutlineViews([camera], None, 1.0).render(inner, background)[0]
 
 
 def _error(ball: Gaussians, cameras: list[Camera], masks: list[np.ndarray]) -> float:
@@ -139,8 +139,8 @@ def test_what_something_nearer_hides_says_nothing_about_coverage() -> None:
     ball, camera = _sphere(150, 0.8, 0.15, 0.5), _views()[0]
     screen = _sphere(1, 1e-9, 0.4, 0.9)
     screen = screen.replace(means=(screen.means + 0.5 * camera.centre).astype(np.float32))
-    target = coverage_target(_look(ball, screen, camera))
-    alone = coverage_target(_look(ball, screen.select(slice(0, 0)), camera))
+    target = coverage_target(_rendered(ball, screen, camera))
+    alone = coverage_target(_rendered(ball, screen.select(slice(0, 0)), camera))
     middle = camera.height // 2, camera.width // 2
     assert target.weight[3][middle] == 0 and alone.weight[3][middle] == 1
     assert alone.picture[3][middle] == 1 and alone.picture[3, 0, 0] == 0
@@ -154,8 +154,8 @@ def test_the_outline_stays_where_the_scene_shows_half_of_the_object(screen_opaci
         means=(screen.means + 0.5 * camera.centre).astype(np.float32),
         opacity_logits=np.float32([np.log(screen_opacity / (1 - screen_opacity))]),
     )
-    sight = _look(ball, screen, camera)
-    alone, target = sight.alone, coverage_target(sight).picture[3]
+    render = _rendered(ball, screen, camera)
+    alone, target = render.alone, coverage_target(render).picture[3]
     silhouette, outline = alone.image[3] > 0.5, (alone.image[3] > 0.01) & (alone.image[3] < 0.99)
     assert np.count_nonzero(outline & silhouette) > 50
     if stays:
@@ -173,10 +173,10 @@ def test_a_fit_turns_a_gaussian_towards_what_it_should_show() -> None:
     cameras = small_views_around(_BOUNDS, 4, (40.0, 70.0), 64)
     weight = np.ones((4, 64, 64), np.float32)
     targets = [Target(camera, draw(turned, camera).image, weight) for camera in cameras]
-    fitted = fit(long, np.array([True]), Parts.whole(1), targets, 60, 0.05)
+    fitted = fit(long, np.array([True]), targets, 60, 0.05)
     axis = rotation_matrices(fitted.quaternions)[0, :, 0]
     assert abs(axis @ [np.cos(angle), np.sin(angle), 0]) > np.cos(0.1)
-    assert fit(long, np.array([False]), Parts.whole(1), targets, 5, 0.05) is long
+    assert fit(long, np.array([False]), targets, 5, 0.05) is long
 
 
 def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.decomposition.coverage import OutlineViews, coverage_target
+from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, logit
 from gaussian_trimmer.geometry.bounds import up_frame

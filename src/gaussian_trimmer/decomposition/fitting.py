@@ -1,4 +1,4 @@
-"""Gaussians fitted to pictures by gradient steps: place, shape, opacity and colour, never far from where they began.
+"""Gaussians fitted to pictures by gradient steps, with a prior towards the start: place, shape, opacity and colour.
 
 The parameters of a Gaussian are what it is changed by, in its own measure: a move in standard deviations along its own
 axes (of the whole Gaussian, if it is a part of one), logarithms of factors of its scales, a turn about its own axes, a
@@ -18,15 +18,16 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, rotation_matrices
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradient_kernels import N_PARAMETERS
-from gaussian_trimmer.rendering.gradients import draw, gradients, slopes_towards
+from gaussian_trimmer.rendering.gradients import draw, gradients, loss_gradient
 
 _VIEWS_PER_STEP = 2
-_HUBER_WIDTH = 0.1
-"""Difference at a pixel from which on it counts in proportion rather than by its square, so that pixels that no
-Gaussian can mend do not govern the fit."""
+_HUBER_DELTA = 0.1
+"""Difference at a pixel beyond which it counts in proportion rather than by its square, so that pixels that no Gaussian
+can mend do not govern the fit."""
 _MEAN_DECAY, _SQUARE_DECAY, _LEAST_LENGTH = 0.9, 0.999, 1e-8
-"""Adam's own: what of the mean gradient, and of its mean square, one step hands on to the next, and what keeps it from
-dividing by zero."""
+"""Decay rates of Adam for the mean gradient and its square, and what keeps it from dividing by zero."""
+_MAX_GRADIENT = np.float32(1e9)
+"""Gradients are clipped here, so that their squares, and with them every step, are finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,46 +41,39 @@ class Target:
     """How much each value of it counts, (4, H, W)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """What N Gaussians are parts of: the measure of their changes."""
-
-    widths: FloatArray
-    """How many times wider the whole of each is, (N,): a part has as far to go as the whole."""
-    counts: IntArray
-    """How many parts the whole of each has, (N,): together they weigh as much as the whole."""
-
-    @classmethod
-    def whole(cls, n: int) -> Parts:
-        """Of n Gaussians that are parts of nothing but themselves."""
-        return cls(np.ones(n, np.float32), np.ones(n, np.int64))
-
-
 def fit(
-    gaussians: Gaussians, moving: BoolArray, parts: Parts, targets: Sequence[Target], steps: int, rate: float
+    gaussians: Gaussians,
+    moving: BoolArray,
+    targets: Sequence[Target],
+    steps: int,
+    rate: float,
+    step_scale: FloatArray | float = 1.0,
+    siblings: IntArray | int = 1,
 ) -> Gaussians:
-    """The Gaussians, of which some are changed so that they show what they should.
+    """Return the Gaussians, of which some are changed so that they show what they should.
 
     Adam (Kingma and Ba, 2015) on the sum over pixels of sqrt(difference^2 + 0.1^2), two views a step. Its steps shrink
-    evenly to nothing, so that hardly a parameter goes farther than half of `steps * rate`, the sum of their lengths.
+    evenly to nothing, so that few parameters move more than half of `steps * rate`, the sum of their lengths.
 
     Args:
         gaussians: all that the views show, N of them.
         moving: which of them may change, (N,).
-        parts: what they are parts of.
         targets: what they should show.
         steps: number of steps.
         rate: length of the first step, in the units of the parameters.
+        step_scale: factor of the steps of each, (N,): how much wider the whole is that it was cut from.
+        siblings: number of parts that this whole has, (N,): together they weigh as much as the whole.
     """
     rows = np.flatnonzero(moving)
     if not len(rows) or not targets:
         return gaussians
     axes = rotation_matrices(gaussians.quaternions[rows]).astype(np.float32)
-    axes *= (parts.widths[rows, None] * np.exp(gaussians.log_scales[rows]))[:, None, :]
-    prior = (1 / parts.counts[rows, None]).astype(np.float32)
+    scale, count = np.broadcast_to(step_scale, len(gaussians)), np.broadcast_to(siblings, len(gaussians))
+    axes *= (scale[rows, None] * np.exp(gaussians.log_scales[rows]))[:, None, :]
+    prior = (1 / count[rows, None]).astype(np.float32)
     change = np.zeros((len(rows), N_PARAMETERS), np.float32)
     mean, square = np.zeros_like(change), np.zeros_like(change)
-    order = _spread(len(targets))
+    order = golden_ratio_order(len(targets))
     current = gaussians
     for step in range(steps):
         seen = [targets[order[(_VIEWS_PER_STEP * step + k) % len(order)]] for k in range(_VIEWS_PER_STEP)]
@@ -88,6 +82,7 @@ def fit(
             gradient += of_view[rows]
         gradient /= _VIEWS_PER_STEP
         gradient[:, :3] = np.einsum("nij,ni->nj", axes, gradient[:, :3])
+        gradient = np.nan_to_num(gradient, nan=0.0).clip(-_MAX_GRADIENT, _MAX_GRADIENT)
         gradient += prior * change
         mean = _MEAN_DECAY * mean + (1 - _MEAN_DECAY) * gradient
         square = _SQUARE_DECAY * square + (1 - _SQUARE_DECAY) * gradient**2
@@ -100,11 +95,11 @@ def fit(
 
 def _gradient(gaussians: Gaussians, moving: BoolArray, target: Target) -> FloatArray:
     drawing = draw(gaussians, target.camera)
-    return gradients(drawing, slopes_towards(drawing, target.picture, target.weight, _HUBER_WIDTH), moving)
+    return gradients(drawing, loss_gradient(drawing, target.picture, target.weight, _HUBER_DELTA), moving)
 
 
 def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: FloatArray) -> Gaussians:
-    """The Gaussians with some rows changed by the parameters (K, 13); `axes` are their scaled axes, (K, 3, 3)."""
+    """Return the Gaussians with some rows changed by parameters (K, 13); `axes` are their scaled axes, (K, 3, 3)."""
     means, log_scales, quaternions = gaussians.means.copy(), gaussians.log_scales.copy(), gaussians.quaternions.copy()
     logits, colours = gaussians.opacity_logits.copy(), gaussians.sh_dc.copy()
     means[rows] += np.einsum("nij,nj->ni", axes, change[:, :3])
@@ -118,7 +113,7 @@ def changed(gaussians: Gaussians, rows: IntArray, change: FloatArray, axes: Floa
 
 
 def _turned(quaternions: FloatArray, turns: FloatArray) -> FloatArray:
-    """Rotations (K, 4) after a turn about their own axes, by rotation vectors (K, 3); of unit length."""
+    """Return rotations (K, 4) after a turn about their own axes, by rotation vectors (K, 3); of unit length."""
     q = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
     angles = np.linalg.norm(turns, axis=1, keepdims=True)
     sines = turns * np.divide(np.sin(angles / 2), angles, out=np.full_like(angles, 0.5), where=angles > 1e-6)
@@ -127,8 +122,8 @@ def _turned(quaternions: FloatArray, turns: FloatArray) -> FloatArray:
     return np.asarray(np.concatenate([real, w * sines + cosines * v + np.cross(v, sines)], axis=1), np.float32)
 
 
-def _spread(n: int) -> list[int]:
-    """All of 0 to n - 1, neighbours far from each other."""
+def golden_ratio_order(n: int) -> list[int]:
+    """Return 0 to n - 1 in steps of the golden ratio, so that neighbours are far from each other."""
     stride = max(1, round(0.618 * n))
     while np.gcd(stride, n) != 1:
         stride += 1

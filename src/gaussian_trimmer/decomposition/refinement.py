@@ -14,8 +14,8 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.decomposition.coverage import OutlineViews, coverage_target, thin_share
-from gaussian_trimmer.decomposition.fitting import Parts, Target, fit
+from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, coverage_target, thin_share
+from gaussian_trimmer.decomposition.fitting import Target, fit
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray, concatenate, rotation_matrices
 from gaussian_trimmer.parallel import parallel_map
@@ -62,7 +62,7 @@ class Refined:
     part: BoolArray
     """Which of them are parts of a Gaussian that was split, (M,)."""
     fitted: BoolArray
-    """Which of them are not as they were, (M,)."""
+    """Which of them changed, (M,)."""
     skipped_because: str | None = None
     """Why nothing was fitted, if the views do not tell enough."""
 
@@ -76,24 +76,24 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
         views: views to fit in.
         config: settings.
     """
-    sights = views.look(inner, background)
-    drawings = [sight.alone for sight in sights]
+    renders = views.render(inner, background)
+    drawings = [render.alone for render in renders]
     thin = thin_share(drawings) if views.masks is None else 0.0
     if thin > config.max_thin:
         return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
-    targets = [coverage_target(sight) for sight in sights]
+    targets = [coverage_target(render) for render in renders]
     wrong = np.sum(list(parallel_map(_wrong_weight, drawings, targets)), axis=0)
-    worth_it = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
+    is_boundary = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
     pieces, parent = inner, np.arange(len(inner))
-    each = np.where(worth_it, wrong[:, 0], 0) / len(targets)
+    each = np.where(is_boundary, wrong[:, 0], 0) / len(targets)
     for _ in range(_MAX_CUTS):
         pieces, parent = _cut(pieces, parent, (each > config.cut_above)[parent])
-        each = np.where(each > config.cut_above, each / 2, 0)  # what each half has of it
-    moving = worth_it[parent]
+        each = np.where(each > config.cut_above, each / 2, 0)  # each half carries half of the error
+    moving = is_boundary[parent]
     widths = np.exp(inner.log_scales.max(axis=1)[parent] - pieces.log_scales.max(axis=1))
-    parts = Parts(widths, np.bincount(parent)[parent])
-    pieces = _sound(fit(pieces, moving, parts, targets, config.steps, _FIRST_STEP), pieces)
-    part = parts.counts > 1
+    siblings = np.bincount(parent)[parent]
+    pieces = fit(pieces, moving, targets, config.steps, _FIRST_STEP, widths, siblings)
+    part = siblings > 1
     order = np.argsort(part, kind="stable")
     return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
 
@@ -104,14 +104,14 @@ def _unchanged(inner: Gaussians, reason: str) -> Refined:
 
 
 def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:
-    """Blend weight of each Gaussian in pixels of a view of 256 x 256: that at wrong pixels, and all of it, (N, 2)."""
+    """Return blend weight at wrong pixels and in all, in pixels of a view of 256 x 256, (N, 2)."""
     wrong = np.abs(alone.image[3] - target.picture[3]) * target.weight[3]
     scale = _REFERENCE_PIXELS / (target.camera.width * target.camera.height)
     return alone.weigh(np.stack([wrong, np.ones_like(wrong)])) * np.float32(scale)
 
 
 def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussians, IntArray]:
-    """The pieces, the coarse ones cut in two across their longest axes, and what each comes from."""
+    """Return the pieces, the coarse ones cut in two across their longest axes, and what each comes from."""
     if not coarse.any():
         return pieces, parent
     large = pieces.select(coarse)
@@ -120,17 +120,3 @@ def _cut(pieces: Gaussians, parent: IntArray, coarse: BoolArray) -> tuple[Gaussi
     halves = split_plane(large, axes, np.zeros(len(large)))
     again = parent[coarse]
     return concatenate([pieces.select(~coarse), *halves]), np.concatenate([parent[~coarse], again, again])
-
-
-def _sound(fitted: Gaussians, before: Gaussians) -> Gaussians:
-    """The fitted Gaussians; those with a number that is none, as they were before."""
-    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc")
-    columns = {name: getattr(fitted, name).copy() for name in names}
-    broken = np.zeros(len(fitted), np.bool_)
-    for column in columns.values():
-        broken |= np.isnan(column).any(axis=tuple(range(1, column.ndim)))
-    if not broken.any():
-        return fitted
-    for name, column in columns.items():
-        column[broken] = getattr(before, name)[broken]
-    return fitted.replace(**columns)

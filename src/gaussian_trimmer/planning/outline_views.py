@@ -10,7 +10,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
-from gaussian_trimmer.planning.observed_angles import FULL_CIRCLE_GAP, MAX_PITCH, cameras_that_see
+from gaussian_trimmer.planning.observed_angles import FULL_CIRCLE_GAP, MAX_PITCH, cameras_that_see, widest_gap
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
 _FOV_DEGREES = 20.0
@@ -33,7 +33,7 @@ _CLOSE_UP_MARGIN = 0.15
 def views_at_heights(
     bounds: Bounds, planned: Sequence[Camera], training: Sequence[Camera], count: int, size: int
 ) -> list[Camera]:
-    """Small views that frame the object, from the part of the circle that the planned views look from.
+    """Return small views that frame the object, from the part of the circle that the planned views look from.
 
     Args:
         bounds: the object's.
@@ -49,10 +49,7 @@ def views_at_heights(
     seen = cameras_that_see(training, bounds)
     if seen:
         lowest, highest = np.degrees(np.percentile(angles_around(seen, bounds)[1], BOUND_PERCENTILES))
-        low, high = (
-            max(lowest - _PITCH_MARGIN, -_MAX_PITCH),
-            min(highest + _PITCH_MARGIN, _MAX_PITCH),
-        )
+        low, high = max(lowest - _PITCH_MARGIN, -_MAX_PITCH), min(highest + _PITCH_MARGIN, _MAX_PITCH)
     heights = np.radians(np.clip(pitch + np.array(_PITCH_STEPS), min(low, pitch), max(high, pitch)))
     # One after the other at the next height, a step of yaw farther: as seen from above they are evenly spread.
     places = first + span * (np.arange(count) + 0.5) / count
@@ -62,7 +59,7 @@ def views_at_heights(
 
 
 def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tuple[slice, slice]]:
-    """The part of a view that holds the object, at most `size` pixels wide and high, and where it is in the image.
+    """Return the part of a view that holds the object, at most `size` pixels wide and high, and its slices.
 
     Args:
         camera: the view.
@@ -82,21 +79,19 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
 
 
 def angles_around(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Float64Array]:
-    """Yaws and pitches of cameras around the object, in radians, (V,) each."""
+    """Return yaws and pitches of cameras around the object, in radians, (V,) each."""
     places = np.array([camera.centre for camera in cameras]).reshape(-1, 3)
     offsets = (places - bounds.centre) @ bounds.axes.T
     return np.arctan2(offsets[:, 1], offsets[:, 0]), np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
 
 
 def observed_arc(yaws: Float64Array) -> tuple[float, float]:
-    """First yaw and span of the arc that evenly spread views stand for, in radians; the full circle if they do."""
+    """Return first yaw and span of the arc that evenly spread views stand for, in radians."""
     if len(yaws) == 1:
         return float(yaws[0]) - _SINGLE_VIEW_SPAN / 2, float(_SINGLE_VIEW_SPAN)
-    ordered = np.sort(yaws)
-    gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
-    widest = int(np.argmax(gaps))
-    if gaps[widest] <= max(FULL_CIRCLE_GAP, 2 * np.pi / len(yaws) + 1e-6):
-        return float(ordered[0]), float(2 * np.pi)
-    between = 2 * np.pi - gaps[widest]
+    first, gap = widest_gap(yaws)
+    if gap <= max(FULL_CIRCLE_GAP, 2 * np.pi / len(yaws) + 1e-6):
+        return float(yaws.min()), float(2 * np.pi)
+    between = 2 * np.pi - gap
     step = between / (len(yaws) - 1)
-    return float(ordered[(widest + 1) % len(yaws)] - step / 2), float(between + step)
+    return float(first - step / 2), float(between + step)

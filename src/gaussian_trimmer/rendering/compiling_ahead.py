@@ -32,7 +32,7 @@ def start_compiling() -> None:
 def compile_kernels() -> None:
     """Compile the derivatives' kernels by the types that they are called with."""
     kernels = gradient_kernels
-    kernels.robust_slopes.compile((_IMAGES, _IMAGES, _IMAGES, float32))
+    kernels.huber_gradient.compile((_IMAGES, _IMAGES, _IMAGES, float32))
     kernels.differentiate_tiles.compile((_TABLE, _TABLE, boolean[::1], _TILES, _SHOWN, _SUMS, types.UniTuple(int64, 2)))
     kernels.sum_moving_pairs.compile((_TABLE, int64[::1], int32[::1], boolean[::1], _TABLE))
     kernels.gather.compile((_ELLIPSOIDS, _PINHOLE, _TABLE, _TABLE, _TABLE, _TABLE))

@@ -147,17 +147,17 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
 
 
 @_jit
-def robust_slopes(image, picture, weight, rounding):  # type: ignore[no-untyped-def]
-    """Derivatives of the sum of weight * sqrt(d^2 + rounding^2) by an image's values, (4, H', W').
+def huber_gradient(image, picture, weight, delta):  # type: ignore[no-untyped-def]
+    """Derivatives of the sum of weight * sqrt(d^2 + delta^2) by an image's values, (4, H', W').
 
     Args:
         image: colour, depth and alpha, (5, H', W').
         picture: the colour and alpha that it should have, (4, H, W); d is the difference.
         weight: of each value, (4, H, W); beside the picture it is zero.
-        rounding: difference from which on the sum grows in proportion.
+        delta: difference beyond which the sum grows in proportion.
     """
     out = np.zeros((4, image.shape[1], image.shape[2]), np.float32)
-    square = rounding * rounding
+    square = delta * delta
     for c in range(4):
         for y in range(picture.shape[1]):
             ours, theirs, weights, slopes = image[c + c // 3, y], picture[c, y], weight[c, y], out[c, y]

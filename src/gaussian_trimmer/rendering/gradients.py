@@ -80,18 +80,18 @@ def draw_with(
     return drawing, blended[4:-1, : camera.height, : camera.width]
 
 
-def slopes_towards(drawing: Drawing, picture: FloatArray, weight: FloatArray, rounding: float) -> FloatArray:
-    """Derivatives of the weighted sum of sqrt(d^2 + rounding^2) by what a view shows, d its difference from a picture.
+def loss_gradient(drawing: Drawing, picture: FloatArray, weight: FloatArray, delta: float) -> FloatArray:
+    """Return derivatives of the weighted sum of sqrt(d^2 + delta^2) by what a view shows, d its error.
 
     Args:
         drawing: the view.
         picture, weight: colour and alpha that it should have, and how much each counts, (4, H, W).
-        rounding: difference from which on it counts in proportion rather than by its square.
+        delta: Huber delta, the difference beyond which it counts in proportion rather than by its square.
 
     Returns:
         For colour and alpha of all pixels of whole tiles, (4, H', W').
     """
-    return np.asarray(kernels.robust_slopes(drawing.padded, picture, weight, np.float32(rounding)))
+    return np.asarray(kernels.huber_gradient(drawing.padded, picture, weight, np.float32(delta)))
 
 
 def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatArray:

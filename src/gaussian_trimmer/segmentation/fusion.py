@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.rendering.lifting import label_weights, share_inside
 from gaussian_trimmer.views import MIN_SEEN_PIXELS, View, mask_overlap
 
 _CONFIDENCE_WEIGHT = 0.32
@@ -128,16 +129,12 @@ def _shares_elsewhere(
     Half for Gaussians that the other views do not show.
     """
 
-    def weighed(view: View, mask: BoolArray, is_trusted: bool) -> FloatArray:
-        return renderer.blend_weights(gaussians, view.camera, mask.astype(np.uint8), 2) * np.float32(is_trusted)
-
-    weights = list(parallel_map(weighed, views, masks, trusted, using=[renderer]))
+    of_views = label_weights(gaussians, [view.camera for view in views], masks, renderer)
+    weights = [of_view * np.float32(is_trusted) for of_view, is_trusted in zip(of_views, trusted, strict=True)]
     total = np.sum(weights, axis=0)
 
     def shown(view: View, own: FloatArray) -> FloatArray:
-        outside, inside = (total - own).T
-        seen = outside + inside
-        share = np.divide(inside, seen, out=np.full_like(seen, 0.5), where=seen > MIN_SEEN_PIXELS)
-        return renderer.blend_values(gaussians, view.camera, share[:, None].astype(np.float32))[..., 0]
+        share = share_inside(total - own, MIN_SEEN_PIXELS)
+        return renderer.blend_values(gaussians, view.camera, share[:, None])[..., 0]
 
     return list(parallel_map(shown, views, weights, using=[renderer]))

@@ -39,7 +39,7 @@ from gaussian_trimmer.views import MIN_SEEN_PIXELS
 _HALF_COUNTED_PIXELS = 1.0
 """Visible weight at which a neighbour counts half."""
 _MAX_DISTANCE = 1.5
-"""Distance from the boundary from which on trust in the given label no longer grows, in standard deviations of the
+"""Distance from the boundary beyond which trust in the given label is constant, in standard deviations of the
 kernel over position."""
 _GROUPS = 5
 """Groups of labels that are wrong equally often: not selected and selected, each against the majority around it and
@@ -81,7 +81,7 @@ class LabelCrfConfig:
 def correct_labels(
     gaussians: Gaussians, selection: BoolArray, visible: FloatArray, bounds: Bounds, config: LabelCrfConfig
 ) -> FloatArray:
-    """Probability that each Gaussian belongs to the object, (N,).
+    """Return the probability that each Gaussian belongs to the object, (N,).
 
     Args:
         gaussians: the selected object and the Gaussians around it.
@@ -90,7 +90,7 @@ def correct_labels(
         bounds: the object's robust bounds.
         config: weights of the terms.
 
-    Gaussians that no view shows follow the visible ones around them, and have no part in anything else. Otherwise what
+    Gaussians that no view shows follow the visible ones around them, and are otherwise ignored. Otherwise what
     lies hidden inside an object would stay behind as a ghost of it, and what lies hidden in the table below would come
     along with it.
     """
@@ -128,19 +128,19 @@ class _Crf:
         squared, self.alike = _others(self.features, config.k_neighbours)
         self.kernel = self._kernel(squared, self.alike)
         self.colour, self.n_colours = _colour_bins(colours, config.colour_sigma)
-        self.sides = np.where(labels, np.float32(1), np.float32(-1))
+        self.label_sign = np.where(labels, np.float32(1), np.float32(-1))
         squared, near = nearest(positions, positions, min(config.k_neighbours // 2 + 1, len(positions)))
-        inside = np.sum(self.sides[near] * self.importance[near], axis=1) > 0
-        self.distance = _distance_to_boundary(positions, inside, _MAX_DISTANCE * config.position_sigma)
+        majority = np.sum(self.label_sign[near] * self.importance[near], axis=1) > 0
+        self.distance = _distance_to_boundary(positions, majority, _MAX_DISTANCE * config.position_sigma)
         self.distance /= config.position_sigma
-        self.agrees = labels == inside
+        self.label_matches_majority = labels == majority
         # Large Gaussians are one piece though their centres lie farther apart than the kernel reaches.
         gap = max(config.position_sigma, float(np.sqrt(np.median(squared[labels, -1]))))
         self.attached, self.in_plane = self._contradicted(gap, bounds)
-        self.group = np.where(self.in_plane, _GROUPS - 1, 2 * labels + self.agrees)
+        self.group = np.where(self.in_plane, _GROUPS - 1, 2 * labels + self.label_matches_majority)
 
     def infer(self, trust: Float64Array, believes_contradicted: bool) -> FloatArray:
-        """The field solved, as probabilities (S,).
+        """Solve the field, as probabilities (S,).
 
         Args:
             trust: weight of a label at the boundary, for each group, (G,).
@@ -148,21 +148,21 @@ class _Crf:
                 none.
         """
         config = self.config
-        at_boundary = trust[self.group]
-        own = at_boundary + config.interior_trust * self.distance**2
+        label_weight = trust[self.group]
+        unary_weight = label_weight + config.interior_trust * self.distance**2
         contradicted = self.attached | self.in_plane
-        unary = np.where(contradicted, at_boundary if believes_contradicted else 0, own) * self.sides
+        unary = np.where(contradicted, label_weight if believes_contradicted else 0, unary_weight) * self.label_sign
         mean = np.sign(unary)
         for _ in range(config.iterations):
             followed = np.einsum("nk,nk->n", self.kernel, mean[self.alike])
-            evidence = config.smoothness * followed + config.colour * self._colour_evidence(0.5 * (mean + 1))
-            mean = np.tanh(0.5 * (unary + evidence)).astype(np.float32)
+            pairwise = config.smoothness * followed + config.colour * self._colour_ratio(0.5 * (mean + 1))
+            mean = np.tanh(0.5 * (unary + pairwise)).astype(np.float32)
         return np.asarray(0.5 * (mean + 1), np.float32)
 
     def estimated_trust(self, probability: FloatArray) -> Float64Array:
         """Log-odds that labels are right, by a solution (S,): of each group, near the boundary, (G,)."""
         wrong = np.where(self.labels, 1 - probability, probability)
-        counts = self.importance * ((self.distance < 1) | ~self.agrees | self.in_plane)
+        counts = self.importance * ((self.distance < 1) | ~self.label_matches_majority | self.in_plane)
         total = np.bincount(self.group, counts, _GROUPS)
         sums = np.bincount(self.group, counts * wrong, _GROUPS)
         error = (sums + 1) / (total + 2)  # by the rule of succession, so that no label is beyond doubt
@@ -184,7 +184,7 @@ class _Crf:
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
     def _contradicted(self, gap: float, bounds: Bounds) -> tuple[BoolArray, BoolArray]:
-        """Labels that the plane contradicts that the object stands on: two masks, (S,).
+        """Return the labels that the support plane contradicts: two masks, (S,).
 
         The first are of Gaussians that are not selected, in pieces above the plane that are partly selected, the second
         of selected ones in the plane. `gap` is the largest step within a piece, in object radii.
@@ -198,7 +198,7 @@ class _Crf:
         attached = attached_to_object(self.positions, self.labels, self.weights, plane, gap, reach, config)
         return attached, plane.on_surface & self.labels
 
-    def _colour_evidence(self, object_share: NDArray[np.floating]) -> Float64Array:
+    def _colour_ratio(self, object_share: NDArray[np.floating]) -> Float64Array:
         """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
 
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even

@@ -25,7 +25,7 @@ class SceneRenderings:
     visible: FloatArray
     """Blend weight of each Gaussian in the pictures, in pixels of five views of 512 x 512, (L,)."""
     visible_alone: FloatArray
-    """The same of each selected one where nothing else is drawn, (S,)."""
+    """Blend weight of each selected Gaussian rendered alone, (S,)."""
 
 
 def render_scope(scope: Scope, renderer: Renderer) -> SceneRenderings:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians
-from gaussian_trimmer.rendering import Renderer, parallel_map
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering.lifting import label_weights
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.views import HALF_COVERAGE
 
@@ -110,11 +111,7 @@ def sum_label_weights(
 ) -> Float64Array:
     """Blend weights of each Gaussian summed over the pixels of each label and all views, (N, n_labels)."""
     weights = np.zeros((len(gaussians), n_labels))
-
-    def weighed(camera: Camera, image: LabelArray) -> FloatArray:
-        return renderer.blend_weights(gaussians, camera, image, n_labels)
-
-    for of_view in parallel_map(weighed, cameras, labels, using=[renderer]):
+    for of_view in label_weights(gaussians, cameras, labels, renderer, n_labels):
         weights += of_view
     return weights
 

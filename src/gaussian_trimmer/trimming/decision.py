@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.coverage import OutlineViews
+from gaussian_trimmer.decomposition.alpha_targets import OutlineViews
 from gaussian_trimmer.decomposition.evidence import vote
-from gaussian_trimmer.decomposition.isolation import prune_halo
+from gaussian_trimmer.decomposition.halo import prune_halo
 from gaussian_trimmer.decomposition.splitting import Decomposition, split_straddlers
 from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning

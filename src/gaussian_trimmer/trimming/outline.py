@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.coverage import Ground, OutlineViews, resized_mask
+from gaussian_trimmer.decomposition.alpha_targets import Ground, OutlineViews, resized_mask
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights

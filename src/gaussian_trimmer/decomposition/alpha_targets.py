@@ -1,4 +1,4 @@
-"""An object alone and in its scene: what of it is in place, and the coverage of pixels that it should show alone.
+"""An object alone and in its scene: what of it the scene confirms, and the alpha that it should show alone.
 
 A photograph's pixel belongs to the object, or it does not; only those on its outline are shared. Gaussians are softer
 than that, and what they show near an outline is a guess that has to be sharpened. Two guesses are at hand, which err to
@@ -41,7 +41,7 @@ class Ground:
     """Points p of the world lie below it where up . p is less than this."""
 
     def hides(self, camera: Camera, depth: FloatArray) -> BoolArray:
-        """Pixels at which what lies at these depths (H, W) is below the plane, (H, W)."""
+        """Return the pixels whose point at these depths (H, W) lies below the plane, (H, W)."""
         x = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
         y = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
         right, down, forward = camera.rotation @ self.up
@@ -49,7 +49,7 @@ class Ground:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class ObjectRender:
     """An object in a view: alone, and in its scene."""
 
     alone: Drawing
@@ -60,7 +60,7 @@ class Sight:
     """Sum of the blend weights that the object's Gaussians have in the scene, S, (H, W)."""
     mask: FloatArray | None
     """Known coverage of what is visible of the object, in place of the labels', (H, W)."""
-    in_place: BoolArray
+    consistent: BoolArray
     """Where the scene shows at least half of what the object shows alone, or where the mask has it, (H, W)."""
     unknown: BoolArray
     """Where something clearly nearer hides the object, so that this view cannot tell what is there, (H, W)."""
@@ -80,48 +80,48 @@ class OutlineViews:
     occluders: Gaussians | None = None
     """What else the views show before the object; None: nothing."""
 
-    def look(self, inner: Gaussians, background: Gaussians) -> list[Sight]:
-        """What each view shows of an object and of the Gaussians around it."""
+    def render(self, inner: Gaussians, background: Gaussians) -> list[ObjectRender]:
+        """Render an object, alone and among the Gaussians around it, in each view."""
         masks: Sequence[FloatArray | None] = [None] * len(self.cameras) if self.masks is None else self.masks
         everything = concatenate([inner, background, *([self.occluders] if self.occluders else [])])
         member = np.zeros((len(everything), 1), np.float32)
         member[: len(inner)] = 1
-        return list(parallel_map(partial(self._look, inner, everything, member), self.cameras, masks))
+        return list(parallel_map(partial(self._render, inner, everything, member), self.cameras, masks))
 
-    def _look(
+    def _render(
         self, inner: Gaussians, everything: Gaussians, member: FloatArray, camera: Camera, mask: FloatArray | None
-    ) -> Sight:
+    ) -> ObjectRender:
         alone = draw(inner, camera)
         # Where the object does not reach, only a mask can ask for something to be shown.
         together, (share,) = draw_with(everything, camera, member, alone.reached if mask is None else None)
         depth = alone.depth
-        in_place = share >= _TRUSTED_SHARE * alone.image[3] if mask is None else mask > HALF
-        unknown = clearly_nearer(together.depth, depth, self.radius) & ~in_place
+        consistent = share >= _TRUSTED_SHARE * alone.image[3] if mask is None else mask > HALF
+        unknown = clearly_nearer(together.depth, depth, self.radius) & ~consistent
         if self.ground is not None:
             unknown &= ~self.ground.hides(camera, depth)
-        return Sight(alone, together.image[:3], share, mask, in_place, unknown)
+        return ObjectRender(alone, together.image[:3], share, mask, consistent, unknown)
 
 
-def coverage_target(sight: Sight) -> Target:
-    """What the object alone should show in a view, with no weight where the view cannot tell."""
-    opacity, coverage = sight.alone.image[3], sight.mask
+def coverage_target(render: ObjectRender) -> Target:
+    """Return what the object alone should show in a view, with no weight where the view cannot tell."""
+    opacity, coverage = render.alone.image[3], render.mask
     if coverage is None:
-        shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * sight.share, 0) / _TRUSTED_SHARE))
+        shown = np.minimum(opacity, np.sqrt(np.maximum(opacity * render.share, 0) / _TRUSTED_SHARE))
         coverage = np.clip(HALF + _SHARPENING_FACTOR * (shown - HALF), 0, 1)
-    picture = np.concatenate([np.clip(sight.picture, 0, 1) * coverage, coverage[None]]).astype(np.float32)
-    counts = np.where(sight.unknown, np.float32(0), np.float32(1))
+    picture = np.concatenate([np.clip(render.picture, 0, 1) * coverage, coverage[None]]).astype(np.float32)
+    counts = np.where(render.unknown, np.float32(0), np.float32(1))
     # The three channels of colour count as much together as coverage does.
-    return Target(sight.alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]))
+    return Target(render.alone.camera, picture, np.stack([counts / 3, counts / 3, counts / 3, counts]))
 
 
 def resized_mask(mask: BoolArray, camera: Camera) -> FloatArray:
-    """Coverage of the pixels of a camera's smaller image by a mask, in [0, 1], (H, W)."""
+    """Return how much of each pixel of a camera's smaller image a mask covers, in [0, 1], (H, W)."""
     size = camera.width, camera.height
     return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def thin_share(drawings: Sequence[Drawing]) -> float:
-    """Share of what an object covers in some views that is less than three pixels wide: leaves, wires, spokes."""
+    """Return how much of what an object covers in some views is less than three pixels wide: leaves, wires, spokes."""
     covered, thick, square = 0, 0, np.ones((3, 3), np.uint8)
     for drawing in drawings:
         mask = (drawing.image[3] > HALF).astype(np.uint8)

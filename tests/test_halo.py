@@ -7,8 +7,8 @@ import pytest
 import toy
 
 from gaussian_trimmer.config import EvidenceConfig
-from gaussian_trimmer.decomposition.coverage import Ground, OutlineViews
-from gaussian_trimmer.decomposition.isolation import prune_halo
+from gaussian_trimmer.decomposition.alpha_targets import Ground, OutlineViews
+from gaussian_trimmer.decomposition.halo import prune_halo
 from gaussian_trimmer.decomposition.splitting import Decomposition
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
