@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from quality import DATA, TaskOptions, table_of
+from quality import DATA, TrialOptions, table_of
 from tyro.conf import Positional, arg
 from variants import VIEW_COUNTS, chosen_variants
 
@@ -25,16 +25,16 @@ from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, dataset_tasks, find_predictions
+from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
 from gaussian_trimmer.evaluation.layouts import LAYOUTS
-from gaussian_trimmer.evaluation.predictions import PredictionPatterns
-from gaussian_trimmer.evaluation.runs import Run, Task, Variant, measure
+from gaussian_trimmer.evaluation.predictions import PredictionPatterns, find_predictions
+from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
 from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.selection_files import SelectionOptions
 
 Rules = Literal["own", "paper"]
-Table = Literal["parts", "views", "splits"]
+Table = Literal["parts", "views", "splits", "stages"]
 TABLES: dict[Table, dict[str, str]] = {
     "parts": {
         "-no-virtual-cameras": "No VCP",
@@ -43,6 +43,21 @@ TABLES: dict[Table, dict[str, str]] = {
         "": "Full GaussianTrimmer",
     },
     "views": {f"-views-{n}": f"{n} views" for n in VIEW_COUNTS},
+    "stages": {
+        "": "default",
+        "-no-label-crf": "labels as given",
+        "-no-plane-rule": "no support plane",
+        "-no-colour-model": "no colour model",
+        "-no-interior-trust": "no trust from the boundary inwards",
+        "-no-vote": "no vote of the views",
+        "-no-recover": "nothing recovered",
+        "-no-in-place": "nothing that the scene hides pruned",
+        "-no-cuts": "fitted without cuts",
+        "-no-steps": "cut and not fitted",
+        "-no-fit": "neither cut nor fitted",
+        "-no-filling": "background not filled",
+        "-no-removal": "background as it was",
+    },
     "splits": {
         "-principal-axis-split": "along the principal axis, eqs. 8 and 9",
         "-sagd-split": "SAGD's single child",
@@ -55,6 +70,7 @@ TITLES: dict[Table, str] = {
     "parts": "Virtual camera planning (VCP) and background augmentation (BA)",
     "views": "Number of virtual views",
     "splits": "Splitting rule",
+    "stages": "Stages of the default",
 }
 WHOSE: dict[Rules, str] = {"own": "by the tool's own rules", "paper": "by the paper's rules"}
 PUBLISHED: dict[Table, tuple[tuple[str, str], dict[str, tuple[float, float]]]] = {
@@ -106,7 +122,7 @@ class Ablations:
     """Let SAM encode the views of every trim anew; otherwise trims of one object share them, and seconds mislead."""
     plot: Annotated[Path | None, arg(metavar="FILE")] = None
     """Picture of gain and latency by number of views."""
-    options: Annotated[TaskOptions, arg(name="")] = field(default_factory=TaskOptions)
+    options: Annotated[TrialOptions, arg(name="")] = field(default_factory=TrialOptions)
     judging: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
     output: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
 
@@ -116,10 +132,10 @@ class Ablations:
     def _measure(self) -> Findings:
         judge, progress = self.judging.judge(), open_console(quiet=self.output.format != "table")
         variants, runs = self._variants(), []
-        for task in self._tasks():
+        for trial in self._trials():
             # A first trim that is not measured compiles and fills caches.
-            next(iter(variants.values())).trim(task, judge.renderer)
-            for run in measure(task, variants, judge, fidelity=False):
+            next(iter(variants.values())).trim(trial, judge.renderer)
+            for run in measure(trial, variants, judge, fidelity=False):
                 runs.append(run)
                 print_run(run, progress)
                 segmenter = variants[run.variant].segmenter
@@ -152,14 +168,14 @@ class Ablations:
             label: [run for run in runs if run.variant == self._name(ending)] for ending, label in TABLES[table].items()
         }
 
-    def _tasks(self) -> Iterator[Task]:
+    def _trials(self) -> Iterator[Trial]:
         if (self.layout == "benchmark") != (self.predictions is None):
             raise InputError("Published data sets, and they alone, need a method's output: --predictions DIR.")
         if self.predictions is None:
-            return self.options.tasks(self.root)
+            return self.options.trials(self.root)
         tasks = chosen_tasks(LAYOUTS[self.layout], self.root, self.tasks)
         found = find_predictions(tasks, self.predictions, PredictionPatterns(), self.root)
-        return dataset_tasks(tasks, found, self.predictions.resolve().name, SelectionOptions())
+        return trials_of(tasks, found, self.predictions.resolve().name, SelectionOptions())
 
 
 def ablation_table(name: Table, rules: Rules, groups: Mapping[str, Sequence[Run]], notes: Sequence[str]) -> ScoreTable:

@@ -19,7 +19,7 @@ from benchmark_scenes import BenchmarkScene, open_scene
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import only_training
 from gaussian_trimmer.evaluation import metrics
-from gaussian_trimmer.evaluation.panoptic import count_common_pixels, counts_of, panoptic_scores
+from gaussian_trimmer.evaluation.panoptic import compare_objects
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.rendering import get_renderer
@@ -58,8 +58,8 @@ def _measure(scene: BenchmarkScene, arguments: Arguments) -> None:
         for camera, far in scene.test_frames
         if not far
     ]
-    scores = panoptic_scores(count_common_pixels(scene.gaussians, list(selections.values()), views, _RENDERER))
-    print(scene.name, ", ".join(f"{name} {value:.4g}" for name, value in counts_of(scores).items()), flush=True)
+    scores = compare_objects(scene.gaussians, list(selections.values()), views, _RENDERER)
+    print(scene.name, ", ".join(f"{name} {value:.4g}" for name, value in scores.counts().items()), flush=True)
     trimmed = (
         trim_objects(scene.gaussians, selections, cameras=cameras).objects if arguments.trim and selections else ()
     )

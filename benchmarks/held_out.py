@@ -18,12 +18,12 @@ from typing import Annotated, Any
 
 import tyro
 from benchmark_scenes import capture_of
-from quality import TaskOptions
+from quality import TrialOptions
 from tyro.conf import Positional, arg
 
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.runs import Run, Task, Variant, measure
+from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
 from gaussian_trimmer.rendering import get_renderer
 
@@ -63,7 +63,7 @@ class HeldOut:
     """Folders with benchmark scenes."""
     settings: tuple[str, ...]
     """What to choose, named as on the command line, and the values beside the default."""
-    options: Annotated[TaskOptions, arg(name="")] = field(default_factory=TaskOptions)
+    options: Annotated[TrialOptions, arg(name="")] = field(default_factory=TrialOptions)
 
     def run(self) -> None:
         choices = [Choice.parse(text) for text in self.settings]
@@ -73,19 +73,19 @@ class HeldOut:
         variants = {DEFAULT: Variant()}
         for choice in choices:
             variants |= choice.variants()
-        runs = [run for task in self._tasks() for run in measure(task, variants, judge, fidelity=False)]
+        runs = [run for trial in self._trials() for run in measure(trial, variants, judge, fidelity=False)]
         groups = scores_by_group(runs)
         for choice in choices:
             print("\n".join(report(groups, [DEFAULT, *choice.variants()])), "\n")
         again = {group: {"held out": Variant(chosen_config(groups, choices, group))} for group in groups}
         runs = [run for run in runs if run.variant == DEFAULT]
-        for task in self._tasks():
-            runs += measure(task, again[capture_of(task.scene)], judge, fidelity=False)
+        for trial in self._trials():
+            runs += measure(trial, again[capture_of(trial.scene)], judge, fidelity=False)
         print("\n".join(comparison(runs)))
 
-    def _tasks(self) -> Iterator[Task]:
+    def _trials(self) -> Iterator[Trial]:
         for root in self.roots:
-            yield from self.options.tasks(root, print)
+            yield from self.options.trials(root, print)
 
 
 def changed(config: Any, setting: str, value: float) -> Any:

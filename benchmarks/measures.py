@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from random_sam2 import RandomSam2Segmenter, save_large_model
 from synthetic_scenes import KERNEL_SIZE, kernel_view
 
 from gaussian_trimmer import formats
@@ -46,7 +45,7 @@ class Case:
     renderer: str
     segmenter: str
     sam2_model: str
-    """Folder or hub name of the model; if empty, a large one with random weights."""
+    """Folder or hub name of the model of `sam2`."""
     runs: int
 
 
@@ -149,11 +148,7 @@ class Recorder:
 def _segmenter(case: Case) -> Segmenter:
     if case.segmenter != "sam2":
         return get_segmenter(case.segmenter)
-    if case.sam2_model:
-        return get_segmenter("sam2", Sam2Config(model=case.sam2_model))
-    with tempfile.TemporaryDirectory() as folder:
-        save_large_model(Path(folder))
-        return RandomSam2Segmenter(Path(folder))
+    return get_segmenter("sam2", Sam2Config(model=case.sam2_model))
 
 
 def measure_kernel(runs: int) -> Record:

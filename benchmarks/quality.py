@@ -25,10 +25,11 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.evaluation.provenance import made_by
 from gaussian_trimmer.evaluation.results import cut_by
-from gaussian_trimmer.evaluation.runs import LOSS, Run, Task, measure
+from gaussian_trimmer.evaluation.runs import LOSS, Run, Trial, measure
 from gaussian_trimmer.evaluation.scoring import RULES, mean_scores
-from gaussian_trimmer.evaluation.statistics import made_by, table_of_statistics
+from gaussian_trimmer.evaluation.statistics import table_of_statistics
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import BoolArray
 from gaussian_trimmer.geometry.bounds import up_frame
@@ -41,7 +42,7 @@ BOX_MARGIN = 0.1
 
 
 @dataclass(frozen=True)
-class TaskOptions:
+class TrialOptions:
     """Which trims are measured."""
 
     objects: tuple[str, ...] = ()
@@ -53,15 +54,15 @@ class TaskOptions:
     all_views: bool = False
     """Count far test views as well."""
 
-    def tasks(self, root: Path, report: Callable[[str], None] = lambda text: None) -> Iterator[Task]:
-        """The tasks of all scenes at or in a folder; `report` is told which selections are left out."""
+    def trials(self, root: Path, report: Callable[[str], None] = lambda text: None) -> Iterator[Trial]:
+        """Yield the trials of all scenes at or in a folder; `report` is told which selections are left out."""
         for folder in find_scenes(root):
             scene = open_scene(folder)
             for name in scene.objects:
                 if not self.objects or name in self.objects:
-                    yield from self._tasks_of(scene, name, report)
+                    yield from self._trials_of(scene, name, report)
 
-    def _tasks_of(self, scene: BenchmarkScene, name: str, report: Callable[[str], None]) -> Iterator[Task]:
+    def _trials_of(self, scene: BenchmarkScene, name: str, report: Callable[[str], None]) -> Iterator[Trial]:
         cameras = None if self.without_cameras else only_training(read_camera_set(scene.cameras_file))
         up = None if scene.up is None or self.without_cameras else tuple(scene.up.tolist())
         views = [view for view in scene.test_views(name) if self.all_views or not view.far]
@@ -71,7 +72,7 @@ class TaskOptions:
                 report(f"left out: {scene.name}/{name} {kind}, {selection.sum()} Gaussians")
                 continue
             before = cut_by(scene.gaussians, selection)
-            yield Task(scene.name, name, kind, scene.gaussians, selection, before, views, cameras, up)
+            yield Trial(scene.name, name, kind, scene.gaussians, selection, before, views, cameras, up)
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Quality:
     """Folder with a model of the SAM family, for variants with `sam` in their names."""
     fidelity: bool = True
     """Also compare object and background together with the untouched scene."""
-    options: Annotated[TaskOptions, arg(name="")] = field(default_factory=TaskOptions)
+    options: Annotated[TrialOptions, arg(name="")] = field(default_factory=TrialOptions)
     rules: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
     tables: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
 
@@ -101,8 +102,8 @@ class Quality:
         progress = open_console(quiet=self.tables.format != "table")
         chosen, judge = chosen_variants(self.variants, self.sam_model), self.rules.judge()
         runs: list[Run] = []
-        for task in self.options.tasks(self.root, progress.print):
-            for run in measure(task, chosen, judge, fidelity=self.fidelity):
+        for trial in self.options.trials(self.root, progress.print):
+            for run in measure(trial, chosen, judge, fidelity=self.fidelity):
                 runs.append(run)
                 print_run(run, progress)
         if not runs:

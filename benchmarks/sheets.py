@@ -23,7 +23,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.ground_truth import TestView, at_size, find_picture, read_picture, views_in
 from gaussian_trimmer.evaluation.results import cut_by, read_result
-from gaussian_trimmer.evaluation.scoring import Cut, Judge, Shown
+from gaussian_trimmer.evaluation.scoring import Cut, Judge, ObjectRender
 from gaussian_trimmer.gaussians import FloatArray
 from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, write_picture
 from gaussian_trimmer.rendering import get_renderer
@@ -100,12 +100,12 @@ class Sheet:
         return np.hstack([captioned(name, as_picture(cut_out(cell, box))) for name, cell in cells.items()])
 
 
-def over_grey(shown: Shown) -> FloatArray:
+def over_grey(shown: ObjectRender) -> FloatArray:
     """The object over grey, (H, W, 3)."""
     return np.asarray(np.clip(shown.rgb + GREY * (1 - np.clip(shown.alpha, 0, 1))[..., None], 0, 1))
 
 
-def outlined(photograph: FloatArray, shown: Mapping[str, Shown]) -> FloatArray:
+def outlined(photograph: FloatArray, shown: Mapping[str, ObjectRender]) -> FloatArray:
     """The photograph with the outlines before (orange) and after (blue)."""
     picture = photograph.copy()
     for name, one in shown.items():

@@ -69,8 +69,7 @@ class Arguments:
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
     """Other sections: what segments the views."""
     sam2_model: str = ""
-    """With `sam2`: a model on the hub or a local folder. Not given: SAM2.1 large with random weights, which costs as
-    much as the trained one; its masks mean nothing, so later stages get those of the default segmenter."""
+    """With `sam2`: a model on the hub or a local folder."""
     output: Path = Path("out/speed")
     """Folder for speed.json."""
 

@@ -13,23 +13,38 @@ from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
 
 VIEW_COUNTS = (1, 2, 3, 5, 7, 10)
 """Numbers of virtual views that the paper compares."""
+LABELS_ALONE, NEVER = 1000.0, 1e6
+"""Weight of labels beside which the views' votes do not count; blend weight that no Gaussian has."""
 REAL_VIEWS = 5
 """Training cameras that stand in for virtual ones where these are ablated."""
 
 
 def variants() -> dict[str, Variant]:
     """All variants that need no trained model, by name; `default` comes first."""
-    base = TrimConfig()
-    named = {
-        "default": Variant(),
-        "grabcut": Variant(segmenter="grabcut"),
-        "no-second-evidence": Variant(replace(base, evidence=replace(base.evidence, min_in_place=0.0))),
-        "no-recover": Variant(replace(base, evidence=replace(base.evidence, recover=False))),
-        "no-label-crf": Variant(replace(base, label_crf=replace(base.label_crf, enabled=False))),
-    }
     paper = Variant(paper_config(), PAPER_SEGMENTER)
-    named["paper-literal"] = _literal(paper)
+    named = {"default": Variant(), "grabcut": Variant(segmenter="grabcut"), "paper-literal": _literal(paper)}
+    named |= {name: Variant(config) for name, config in _stages(TrimConfig()).items()}
     return named | _ablated("", Variant()) | _ablated("paper", paper)
+
+
+def _stages(base: TrimConfig) -> dict[str, TrimConfig]:
+    """The configuration without each stage of the default, or without what a stage goes by."""
+    labels, evidence = base.label_crf, base.evidence
+    plane = replace(labels.support_plane, enabled=False)
+    return {
+        "no-label-crf": replace(base, label_crf=replace(labels, enabled=False)),
+        "no-plane-rule": replace(base, label_crf=replace(labels, support_plane=plane)),
+        "no-colour-model": replace(base, label_crf=replace(labels, colour=0.0)),
+        "no-interior-trust": replace(base, label_crf=replace(labels, interior_trust=0.0)),
+        "no-vote": replace(base, evidence=replace(evidence, prior=LABELS_ALONE)),
+        "no-recover": replace(base, evidence=replace(evidence, recover=False)),
+        "no-in-place": replace(base, evidence=replace(evidence, min_in_place=0.0)),
+        "no-cuts": replace(base, refinement=replace(base.refinement, cut_above=NEVER)),
+        "no-steps": replace(base, refinement=replace(base.refinement, steps=0)),
+        "no-fit": replace(base, refine="off"),
+        "no-filling": replace(base, background="clean"),
+        "no-removal": replace(base, background="exact"),
+    }
 
 
 def sam_variants(model: Path) -> dict[str, Variant]:

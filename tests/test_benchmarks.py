@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ablations import Ablations, ablation_table, draw_views
 from command_line import save_ball
-from quality import Quality, TaskOptions
+from quality import Quality, TrialOptions
 from sheets import CELL, Sheet
 from variants import VIEW_COUNTS, chosen_variants
 
@@ -47,26 +47,26 @@ def run_of(variant="default", gain=1.0, in_scene=1.0, object="ball"):
     return Run("scene", object, "dilated", variant, 2, before, after, 0.5, "", {})
 
 
-def test_tasks_hold_no_ground_truth_for_the_trimmer(root):
+def test_trials_hold_no_ground_truth_for_the_trimmer(root):
     left_out = []
-    tasks = {task.kind: task for task in TaskOptions().tasks(root, left_out.append)}
-    assert set(tasks) == {"dilated", "exact"} and "tiny" in left_out[0]
-    assert [camera.name for camera in tasks["exact"].cameras.cameras] == ["2.png", "3.png", "4.png"]
-    assert [view.camera.name for view in tasks["exact"].views] == ["0.png", "1.png"]
-    assert tasks["exact"].up == (0, 0, 1)
-    (task,) = TaskOptions(kinds=("box",), without_cameras=True).tasks(root)
-    assert task.cameras is None and task.up is None and task.selection.any()
+    trials = {trial.kind: trial for trial in TrialOptions().trials(root, left_out.append)}
+    assert set(trials) == {"dilated", "exact"} and "tiny" in left_out[0]
+    assert [camera.name for camera in trials["exact"].cameras.cameras] == ["2.png", "3.png", "4.png"]
+    assert [view.camera.name for view in trials["exact"].views] == ["0.png", "1.png"]
+    assert trials["exact"].up == (0, 0, 1)
+    (trial,) = TrialOptions(kinds=("box",), without_cameras=True).trials(root)
+    assert trial.cameras is None and trial.up is None and trial.selection.any()
 
 
 def test_quality_counts_losses_by_both_rules(root, capsys):
     out = root.parent / "out"
-    Quality(root, ("views-1",), options=TaskOptions(kinds=("dilated",)), tables=TableOptions(output=out)).run()
+    Quality(root, ("views-1",), options=TrialOptions(kinds=("dilated",)), tables=TableOptions(output=out)).run()
     assert "alpha > 0.5" in capsys.readouterr().out
     row = json.loads((out / "views-1-kinds.json").read_text())["rows"][-1]
-    assert row["IoU (%)"]["after"] > row["IoU (%)"]["before"] + 1
+    assert row["IoU (%) after"] > row["IoU (%) before"] + 1
     assert row["losses alone"] == row["losses in scene"] == 0 and row["worst IoU change in scene"].startswith("+")
     with pytest.raises(InputError, match="Nothing to measure"):
-        Quality(root, options=TaskOptions(objects=("cup",))).run()
+        Quality(root, options=TrialOptions(objects=("cup",))).run()
 
 
 def test_ablations_name_their_rules_and_print_the_papers_figures_beside_no_others():

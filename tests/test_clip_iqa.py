@@ -11,7 +11,7 @@ from command_line import run, save_ball
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.clip_iqa import CROPS, PAIRS, ClipScorer, boundary_boxes, cut_square, whole_box
-from gaussian_trimmer.evaluation.scoring import Shown
+from gaussian_trimmer.evaluation.scoring import ObjectRender
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 SIDE = 30
@@ -47,7 +47,7 @@ def ring(size=120):
     """A red disc with a soft edge over black."""
     y, x = np.mgrid[:size, :size] - size / 2
     alpha = np.clip(35 - np.hypot(x, y), 0, 1).astype(np.float32)
-    return Shown(np.float32([0.8, 0.1, 0.1]) * alpha[..., None], alpha)
+    return ObjectRender(np.float32([0.8, 0.1, 0.1]) * alpha[..., None], alpha)
 
 
 @pytest.mark.needs("torch", "transformers")
@@ -57,7 +57,7 @@ def test_scores_are_probabilities_that_follow_the_picture(clip):
     assert list(scores) == [*PAIRS, *(f"{name}_crops" for name in PAIRS)]
     assert all(0 < value < 100 for value in scores.values())
     assert scorer.score(ring().rgb, ring().alpha, 0.5) == scores
-    blue = Shown(ring().rgb[..., ::-1], ring().alpha)
+    blue = ObjectRender(ring().rgb[..., ::-1], ring().alpha)
     assert all(abs(scorer.score(blue.rgb, blue.alpha, 0.5)[name] - scores[name]) > 1e-3 for name in scores)
     assert "tiny-clip" in scorer.describe()
     blank = np.zeros((50, 50), np.float32)

@@ -88,11 +88,11 @@ def test_masks_bind_to_cameras_by_name_and_ignored_pixels_do_not_count(tmp_path)
     other[:, :5] = 255
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other)
     cameras = [camera("IMG_1.JPG"), camera(), camera("IMG_9.JPG")]
-    found, views = views_in(cameras, tmp_path / "masks", ignored=tmp_path / "others")
+    found, views = views_in(cameras, tmp_path / "masks", ignored=[tmp_path / "others"])
     assert [c.name for c in found] == ["IMG_7.JPG"]
     np.testing.assert_array_equal(next(views).in_scene.counted, other == 0)
     cv2.imwrite(str(tmp_path / "others" / "IMG_7.png"), other[:-1])
-    _, views = views_in([camera()], tmp_path / "masks", ignored=tmp_path / "others")
+    _, views = views_in([camera()], tmp_path / "masks", ignored=[tmp_path / "others"])
     with pytest.raises(InputError, match="different sizes"):
         next(views)
 

@@ -9,12 +9,15 @@ from dataset_layouts import write
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts import LAYOUTS
-from gaussian_trimmer.evaluation.layouts.layout import LayoutTask, Target, camera_of
-from gaussian_trimmer.evaluation.predictions import PredictionPatterns, find_prediction
+from gaussian_trimmer.evaluation.layouts import LAYOUTS, DatasetTask, MaskedPicture, camera_of
+from gaussian_trimmer.evaluation.predictions import PredictionPatterns, find_predictions
 
 BLANK = np.zeros((4, 4), np.uint8)
-TASK = LayoutTask("horns", "horns_left", ())
+TASK = DatasetTask("horns", "horns_left", ())
+
+
+def find_prediction(folder, patterns=None, root=None):
+    return find_predictions([TASK], folder, patterns or PredictionPatterns(), root or folder)[0]
 
 
 def cameras(*names):
@@ -26,9 +29,9 @@ def test_nvos_binds_targets_by_the_names_of_their_masks(tmp_path):
     tasks = {task.name: task for task in LAYOUTS["nvos"].find_tasks(tmp_path / "nvos")}
     assert list(tasks) == ["fern", "horns_center", "horns_left"]
     assert [task.scene for task in tasks.values()] == ["fern", "horns", "horns"]
-    (target,) = tasks["horns_center"].targets
+    (target,) = tasks["horns_center"].pictures
     assert (target.view, target.mask.suffix, target.image.name) == ("DJI_0003", ".jpg", "DJI_0003.png")
-    assert tasks["fern"].targets[0].image is None
+    assert tasks["fern"].pictures[0].image is None
     assert camera_of(target, cameras("DJI_0001.png", "DJI_0003.png"), "x").name == "DJI_0003.png"  # not the first
 
 
@@ -44,14 +47,14 @@ def test_an_nvos_task_without_its_target_is_named(tmp_path, names):
 @pytest.mark.parametrize("names", [["a.png"], ["IMG_1.png", "x/IMG_1.png"]])
 def test_a_target_must_have_one_camera_of_its_name(names):
     with pytest.raises(InputError, match="mask of 'IMG_1'"):
-        camera_of(Target("IMG_1", Path("m.png")), cameras(*names), "x")
+        camera_of(MaskedPicture("IMG_1", Path("m.png")), cameras(*names), "x")
 
 
 def test_lerf_mask_numbers_are_those_of_test_pictures(tmp_path):
     dataset_layouts.save_lerf_mask(tmp_path / "lerf", tmp_path / "method")
     tasks = {task.object: task for task in LAYOUTS["lerf-mask"].find_tasks(tmp_path / "lerf")}
-    assert [target.view for target in tasks["red ball"].targets] == ["frame_00001", "frame_00003"]
-    assert [target.view for target in tasks["ball's rim"].targets] == ["frame_00001"]
+    assert [target.view for target in tasks["red ball"].pictures] == ["frame_00001", "frame_00003"]
+    assert [target.view for target in tasks["ball's rim"].pictures] == ["frame_00001"]
     assert tasks["red ball"].name == "figurines/red ball"
 
 
@@ -59,7 +62,7 @@ def test_lerf_mask_folders_may_be_named_like_pictures(tmp_path):
     write(tmp_path / "ramen" / "images" / "frame_7.jpg", BLANK)
     write(tmp_path / "ramen" / "test_mask" / "frame_7" / "egg.png", BLANK)
     (task,) = LAYOUTS["lerf-mask"].find_tasks(tmp_path)
-    assert task.targets[0].view == "frame_7"
+    assert task.pictures[0].view == "frame_7"
     write(tmp_path / "ramen" / "test_mask" / "3" / "egg.png", BLANK)
     with pytest.raises(InputError, match="belong to no known picture"):  # the training pictures are not known
         LAYOUTS["lerf-mask"].find_tasks(tmp_path)
@@ -86,17 +89,17 @@ def test_files_are_found_in_the_usual_places(tmp_path):
         "horns/segmentation_res/horns_left.pt",
         "horns/segmentation_res/other.pt",
     )
-    found = find_prediction(tmp_path, TASK, PredictionPatterns(), tmp_path)
+    found = find_prediction(tmp_path)
     assert found.scene.parent.name == "iteration_30000"
     assert found.selection.name == "horns_left.pt" and found.cameras.name == "cameras.json"
 
 
 def test_a_file_that_tasks_share_is_no_ones_selection(tmp_path):
     touch(tmp_path, "horns/scene.ply", "horns/cameras.json", "horns/selection.npy", "horns/segmentation_res/a.pt")
-    with pytest.raises(InputError, match=r"no selection of the task 'horns_left'.*--selections"):
-        find_prediction(tmp_path, TASK, PredictionPatterns(), tmp_path)
+    with pytest.raises(InputError, match=r"no selection of the task 'horns_left'.*--selections.*--ids"):
+        find_prediction(tmp_path)
     touch(tmp_path, "horns_left.npy")
-    assert find_prediction(tmp_path, TASK, PredictionPatterns(), tmp_path).selection == tmp_path / "horns_left.npy"
+    assert find_prediction(tmp_path).selection == tmp_path / "horns_left.npy"
 
 
 def test_patterns_name_other_places(tmp_path):
@@ -104,9 +107,9 @@ def test_patterns_name_other_places(tmp_path):
     touch(method, "models/horns/it.ply", "out/horns_left.npy")
     touch(data, "horns/sparse/0/images.bin")
     patterns = PredictionPatterns("models/{scene}/*.ply", str(method / "out").replace("[", "[[]") + "/{object}.npy")
-    found = find_prediction(method, TASK, patterns, data)
+    found = find_prediction(method, patterns, data)
     assert (found.scene.name, found.selection.name) == ("it.ply", "horns_left.npy")
     assert found.cameras == data / "horns" / "sparse" / "0"
     touch(method, "models/horns/other.ply")
     with pytest.raises(InputError, match="2 files that may be its splat file"):
-        find_prediction(method, TASK, patterns, data)
+        find_prediction(method, patterns, data)

@@ -1,25 +1,23 @@
-"""Tables of scores in four forms."""
+"""Tables of scores in four forms, and how sure their means are."""
 
 import csv
 import io
 import json
 
-from gaussian_trimmer.evaluation.tables import (
-    FORMATS,
-    Change,
-    Interval,
-    ScoreTable,
-    heading,
-    known_metrics,
-    score_cells,
-)
+import numpy as np
+import pytest
+
+from gaussian_trimmer.evaluation.runs import Run
+from gaussian_trimmer.evaluation.statistics import interval_of, table_of_statistics
+from gaussian_trimmer.evaluation.tables import FORMATS, BeforeAfter, Interval, ScoreTable, known_metrics, score_cells
 
 TABLE = ScoreTable(
     "A 50 % test_title",
     ["view", "IoU (%)", "fidelity (dB)", "note"],
-    [["a_1.png", Change(90.0, 95.123456), 60.0, "x, y"], ["mean", Change(None, 95.0), None, "R&D"]],
+    [["a_1.png", BeforeAfter(90.0, 95.123456), 60.0, "x, y"], ["mean", BeforeAfter(None, 95.0), None, "R&D"]],
     ["renderer: numba", "mask: alpha > 0.5"],
 )
+FLAT = {"view": "a_1.png", "IoU (%) before": 90.0, "IoU (%) after": 95.1235, "fidelity (dB)": 60.0, "note": "x, y"}
 
 
 def test_text_is_a_markdown_table_with_title_and_notes():
@@ -30,22 +28,13 @@ def test_text_is_a_markdown_table_with_title_and_notes():
     assert len({len(row) for row in rows}) == 1 and set(rows[1]) == {"|", " ", "-", ":"}
 
 
-def test_csv_has_two_columns_for_a_change_and_notes_as_comments():
-    lines = TABLE.as_csv().splitlines()
-    assert [line for line in lines if line.startswith("#")] == [
-        "# A 50 % test_title",
-        "# renderer: numba",
-        "# mask: alpha > 0.5",
-    ]
-    rows = list(csv.DictReader(io.StringIO("\n".join(line for line in lines if not line.startswith("#")))))
-    assert rows[0] == {
-        "view": "a_1.png",
-        "IoU (%) before": "90.0000",
-        "IoU (%) after": "95.1235",
-        "fidelity (dB)": "60.0000",
-        "note": "x, y",
-    }
-    assert rows[1]["IoU (%) before"] == "" and rows[1]["fidelity (dB)"] == ""
+def test_csv_and_json_have_a_column_for_each_number_and_csv_nothing_else():
+    first, second = csv.DictReader(io.StringIO(TABLE.as_csv()))
+    assert list(first) == list(FLAT)
+    assert float(first["IoU (%) after"]) == FLAT["IoU (%) after"] and first["note"] == "x, y"
+    assert second["IoU (%) before"] == "" and second["fidelity (dB)"] == ""
+    table = json.loads(FORMATS["json"](TABLE))
+    assert table["rows"][0] == FLAT and table["notes"] == list(TABLE.notes)
 
 
 def test_latex_escapes_what_it_would_obey_and_shows_intervals():
@@ -56,23 +45,45 @@ def test_latex_escapes_what_it_would_obey_and_shows_intervals():
     assert lines[7] == r"a\_1.png & $90.00$ $\to$ $95.12$ & $60.00$ & x, y \\"
     assert lines[8] == r"mean & -- $\to$ $95.00$ & -- & R\&D \\"
     rows = [["[~\\^<\n", Interval(-1.0, -2.0, 0.5), Interval(1.0, None, None)]]
-    sure = ScoreTable("two\nlines", ["method", "gain", "n"], rows)
-    text = FORMATS["latex"](sure)
+    text = ScoreTable("two\nlines", ["method", "gain", "n"], rows).as_latex()
     assert text.startswith("% two lines\n") and "\n\n" not in text
     head = r"{[}\textasciitilde{}\textbackslash{}\textasciicircum{}$<$"
     assert head + r"  & $-1.00$ $[-2.00, 0.50]$ & $1.00$ \\" in text
-
-
-def test_json_keeps_before_and_after():
-    table = json.loads(FORMATS["json"](TABLE))
-    assert table["rows"][0]["IoU (%)"] == {"before": 90.0, "after": 95.1235}
-    assert table["notes"] == ["renderer: numba", "mask: alpha > 0.5"]
 
 
 def test_cells_follow_the_metrics_that_there_are():
     before, after = {"iou": 90.0, "soft_iou": 80.0}, {"iou": 95.0, "fidelity": 50.0, "soft_iou": 85.0}
     metrics = known_metrics(before, after)
     assert metrics == ["iou", "soft_iou", "fidelity"]
-    assert score_cells(metrics, before, after) == [Change(90.0, 95.0), Change(80.0, 85.0), 50.0]
+    assert score_cells(metrics, before, after) == [BeforeAfter(90.0, 95.0), BeforeAfter(80.0, 85.0), 50.0]
     assert score_cells(metrics, None, after) == [95.0, 85.0, 50.0]
-    assert heading("iou") == "IoU (%)"
+
+
+def test_means_have_bootstrap_intervals():
+    values = np.random.default_rng(1).normal(1.0, 2.0, 400)
+    found = interval_of(values)
+    half = 1.96 * values.std() / np.sqrt(len(values))
+    assert found.mean == pytest.approx(values.mean())
+    assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.05)  # the normal approximation
+    assert interval_of([3.0]) == Interval(3.0, None, None)
+
+
+def run_of(name, before, after, scene="s", views=1):
+    return Run(scene, name, "m", "v", views, {"iou": before}, {"iou": after}, 0.0, "", {})
+
+
+def test_losing_trims_and_the_worst_are_told():
+    runs = [run_of("a", 90.0, 92.0), run_of("b", 80.0, 79.8), run_of("c", 70.0, 69.0)]
+    table = table_of_statistics("t", {"M": runs}, ["iou"], ["note"])
+    assert table.rows[0][-3:] == [1, -1.0, "s/c"] and table.rows[0][2] == 3
+    assert "80.00 [70.00, 90.00] | 80.27 [69.00, 92.00]" in table.as_markdown()
+    assert "$80.00$ $[70.00, 90.00]$ & $80.27$ $[69.00, 92.00]$ & $0.27$ $[-1.00, 2.00]$ & $1$" in table.as_latex()
+
+
+def test_what_a_mean_is_over_is_what_is_resampled():
+    runs = [run_of("a", 90.0, 92.0), run_of("b", 80.0, 80.0, views=3), run_of("c", 70.0, 69.0, "t")]
+    by_scene, by_view = (
+        table_of_statistics("t", {"M": runs}, ["iou"], [], over).rows[0] for over in ("scenes", "scenes, by view")
+    )
+    assert by_scene[2] == 2 and by_scene[3] == Interval(77.5, 70.0, 85.0)
+    assert by_view[3] == Interval(76.25, 70.0, 82.5)

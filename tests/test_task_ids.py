@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
+from gaussian_trimmer.evaluation.layouts import DatasetTask
 from gaussian_trimmer.evaluation.predictions import Prediction
 from gaussian_trimmer.evaluation.task_ids import WordedClusters, ids_of_tasks, read_clusters
 
@@ -63,7 +63,7 @@ def folder(tmp_path):
 
 
 def found(folder, file="text_features.json", words=("cat", "top hat")):
-    tasks = [LayoutTask("ramen", word, ()) for word in words]
+    tasks = [DatasetTask("ramen", word, ()) for word in words]
     files = Prediction(folder / "scene.ply", folder / "cluster_lang.npz", folder)
     return ids_of_tasks(folder / file, tasks, [files] * len(tasks))
 

@@ -26,10 +26,7 @@ COMMANDS = {
         "gaussian_trimmer.commands.evaluate_removal:EvaluateRemoval",
         "compare the scene without an object with pictures of it",
     ),
-    "evaluate objects": (
-        "gaussian_trimmer.commands.evaluate_objects:EvaluateObjects",
-        "compare all objects of a scene with ground-truth masks of each",
-    ),
+    "evaluate objects": ("gaussian_trimmer.commands.evaluate:Evaluate", "the former name of evaluate for several"),
     "evaluate nvos": (
         "gaussian_trimmer.commands.evaluate_dataset:Nvos",
         "score a method on NVOS, before and after trimming",

@@ -13,14 +13,15 @@ from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
 from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
-from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, dataset_tasks, find_predictions
+from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
 from gaussian_trimmer.evaluation.layouts import LAYOUTS
-from gaussian_trimmer.evaluation.predictions import PredictionPatterns
+from gaussian_trimmer.evaluation.predictions import PredictionPatterns, find_predictions
 from gaussian_trimmer.evaluation.protocols import OWN, Protocol, protocol_of
+from gaussian_trimmer.evaluation.provenance import made_by
 from gaussian_trimmer.evaluation.rendered_masks import score_rendered
 from gaussian_trimmer.evaluation.runs import Run, Variant, measure
 from gaussian_trimmer.evaluation.scoring import RULES, Judge
-from gaussian_trimmer.evaluation.statistics import made_by, table_of_statistics
+from gaussian_trimmer.evaluation.statistics import table_of_statistics
 from gaussian_trimmer.evaluation.task_ids import ids_of_tasks
 from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
@@ -82,17 +83,13 @@ class _EvaluateDataset:
         methods = self._runs(judge, protocol)
         views = self.config.plan.views
         trimmed = f"trimmed with the preset '{self.preset}', {views} views, {self.segmenter}"
-        notes = [
-            protocol.describe(self.protocol),
-            judge.describe(),
-            *([trimmed] if self.predictions else []),
-            made_by(),
-        ]
+        rules = [judge.describe()] if self.protocol == OWN else [protocol.describe(), judge.tools()]
+        notes = [*rules, *([trimmed] if self.predictions else []), made_by()]
         tables = {f"{self.layout}-{name}": table_of_tasks(layout, name, runs, notes) for name, runs in methods.items()}
-        tables[self.layout] = table_beside_published(layout, methods, notes, self.protocol, protocol.rules)
+        tables[self.layout] = table_beside_published(layout, methods, notes, protocol)
         metrics = [name + RULES[rule] for rule in protocol.rules for name in ("iou", layout.second)]
         title = f"{layout.title}: how sure the means are"
-        tables[f"{self.layout}-statistics"] = table_of_statistics(title, methods, metrics, notes)
+        tables[f"{self.layout}-statistics"] = table_of_statistics(title, methods, metrics, notes, layout.mean_over)
         if self.rules.clip:
             tables[f"{self.layout}-clip"] = table_of_looks(layout, methods, notes)
         return Findings(tables, [run for runs in methods.values() for run in runs], self._settings())
@@ -102,7 +99,7 @@ class _EvaluateDataset:
         used = options_of(self.segmenter, self.segmenter_options)
         chosen = {"protocol": self.protocol, "preset": self.preset, "segmenter": self.segmenter}
         return {
-            "made_by": made_by(), **chosen, "segmenter_options": to_plain(used) if used else {},
+            **chosen, "segmenter_options": to_plain(used) if used else {},
             "config": to_plain(self.config), "rules": to_plain(self.rules),
             "selection_options": to_plain(self.selection_options),
         }  # fmt: skip
@@ -120,13 +117,13 @@ class _EvaluateDataset:
         # Lines on the progress belong to no CSV or JSON.
         progress = open_console(quiet=self.quiet or self.tables.for_programs)
         methods = {
-            name: [score_rendered(folder, protocol.targets_of(task), name, judge, protocol) for task in tasks]
+            name: score_rendered(folder, [protocol.counted(task) for task in tasks], name, judge, protocol)
             for name, folder in zip(names, self.masks_only, strict=False)
         }
         for name, predictions, own_ids in zip(names[len(methods) :], found, ids, strict=True):
             methods[name] = []
-            for task in dataset_tasks(tasks, predictions, name, self.selection_options, protocol, own_ids):
-                (run,) = measure(task, variant, judge, fidelity=False)
+            for trial in trials_of(tasks, predictions, name, self.selection_options, protocol, own_ids):
+                (run,) = measure(trial, variant, judge, fidelity=False)
                 methods[name].append(run)
                 print_run(run, progress)
         return methods

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -12,20 +13,15 @@ from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.tables import Findings, TableOptions
 from gaussian_trimmer.errors import clip_name
-from gaussian_trimmer.evaluation.removal import (
-    IGNORED,
-    INPAINT_RADIUS,
-    Likeness,
-    RemovalFolders,
-    inpainted,
-    likeness,
-    views_without,
-)
+from gaussian_trimmer.evaluation.ground_truth import TestView, check_folders, find_picture, read_photograph, views_in
+from gaussian_trimmer.evaluation.provenance import made_by
+from gaussian_trimmer.evaluation.removal import IGNORED, INPAINT_RADIUS, covered, inpaint, likeness
 from gaussian_trimmer.evaluation.results import read_background
-from gaussian_trimmer.evaluation.statistics import made_by
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES, get_renderer
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks
 from gaussian_trimmer.settings import Range, check_settings
 
 _COLUMNS = ("PSNR (dB)", "SSIM")
@@ -74,14 +70,16 @@ class EvaluateRemoval:
     def _measure(self) -> Findings:
         renderer, background = get_renderer(self.renderer), read_background(self.result)
         cameras = read_cameras_of(self.result, self.cameras, trust_paths=self.trust_paths).pinhole_cameras()
-        folders = RemovalFolders(self.without, self.masks, self.images, self.ignore)
-        found, views = views_without(cameras, folders, self.grow)
+        check_folders(self.images)
+        pictured = cameras_with_masks(cameras, self.without)
+        found, views = views_in(pictured, self.masks, self.without, self.ignore, ignored_above=IGNORED)
         rows: list[list[Cell]] = []
         for view in views:
-            pictures = [renderer.render(background, view.camera).rgb, inpainted(view)]
-            scores = [likeness(picture, view) for picture in pictures if picture is not None]
-            pixels = int(np.count_nonzero(view.counted))
-            rows.append([clip_name(view.camera.name), pixels, *(cell for score in scores for cell in _cells(score))])
+            region = covered(view, self.grow)
+            counted = region & view.alone.counted
+            pictures = [renderer.render(background, view.camera).rgb, *self._inpainted(view, region)]
+            scores = [likeness(picture, view, counted) or (None, None) for picture in pictures]
+            rows.append([clip_name(view.camera.name), int(np.count_nonzero(counted)), *(c for s in scores for c in s)])
         rows.append(["mean", None, *map(_mean, list(zip(*rows, strict=True))[2:])])
         names = [*_COLUMNS, *(f"inpainting, {name}" for name in _COLUMNS if self.images)]
         ignored = f", where no mask to ignore exceeds {IGNORED:g}" if self.ignore else ""
@@ -95,12 +93,14 @@ class EvaluateRemoval:
         title = f"{clip_name(self.result.name)}: the scene without the object, where it was"
         return Findings({"removal": ScoreTable(title, ["view", "pixels", *names], rows, notes, digits=3)})
 
-
-def _cells(score: Likeness | None) -> tuple[Cell, Cell]:
-    return (score.psnr, score.ssim) if score else (None, None)
+    def _inpainted(self, view: TestView, region: BoolArray) -> Iterator[FloatArray]:
+        """Yield the photograph with the object painted over, if photographs are given."""
+        if self.images is not None:
+            path = find_picture(self.images, view.camera)
+            yield inpaint(read_photograph(path, view.camera.width, view.camera.height), region)
 
 
 def _mean(column: tuple[Cell, ...]) -> float | None:
-    """The mean of the numbers in a column, or None if it has none."""
+    """Return the mean of the numbers in a column, or None if it has none."""
     numbers = [cell for cell in column if isinstance(cell, float)]
     return float(np.mean(numbers)) if numbers else None

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from rich.console import Console
 
+from gaussian_trimmer.evaluation.provenance import made_by
 from gaussian_trimmer.evaluation.runs import Run
 from gaussian_trimmer.evaluation.tables import ENDINGS, FORMATS, ScoreTable
 from gaussian_trimmer.io.writing import atomic_folder
@@ -26,7 +27,7 @@ class Findings:
     runs: Sequence[Run] = ()
     """Written to `runs.json`, if there are any."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Everything that was set, written to `settings.json` if there is anything."""
+    """Everything that was set, written to `settings.json`."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class TableOptions:
             found = [table.as_dict() for table in tables]
             console.print(dumps(found if len(found) > 1 else found[0], indent=1, allow_nan=False))
             return
-        for table in tables:
-            console.print(FORMATS[self.format](table))
+        # The notes are no rows: where CSV is printed, they are only in the files.
+        console.print("\n".join(FORMATS[self.format](table).rstrip("\n") + "\n" for table in tables))
 
 
 def _write(found: Findings, folder: Path) -> None:
@@ -77,8 +78,9 @@ def _write(found: Findings, folder: Path) -> None:
     if found.runs:
         text = dumps([asdict(run) for run in found.runs], indent=1, allow_nan=False)
         (folder / "runs.json").write_text(text + "\n", encoding="utf-8")
-    if found.settings:
-        (folder / "settings.json").write_text(dumps(found.settings, indent=1) + "\n", encoding="utf-8")
+    about = {name: table.about() for name, table in found.tables.items()}
+    settings = {"made_by": made_by(), **found.settings, "tables": about}
+    (folder / "settings.json").write_text(dumps(settings, indent=1) + "\n", encoding="utf-8")
 
 
 def print_run(run: Run, console: Console) -> None:

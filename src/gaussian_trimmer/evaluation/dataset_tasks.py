@@ -1,4 +1,4 @@
-"""From a published data set and the output folder of a method to tasks."""
+"""From a published data set and the output folder of a method to trials."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, only_training, training_cameras
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.ground_truth import TestView, view_of
-from gaussian_trimmer.evaluation.layouts.layout import Layout, LayoutTask, camera_of
-from gaussian_trimmer.evaluation.predictions import Prediction, PredictionPatterns, find_prediction
+from gaussian_trimmer.evaluation.layouts import DatasetTask, Layout, camera_of
+from gaussian_trimmer.evaluation.predictions import Prediction
 from gaussian_trimmer.evaluation.protocols import OWN_RULES, Protocol
 from gaussian_trimmer.evaluation.results import read_result
-from gaussian_trimmer.evaluation.runs import Task
+from gaussian_trimmer.evaluation.runs import Trial
 from gaussian_trimmer.selection_files import SelectionOptions
 
 
-def chosen_tasks(layout: Layout, root: Path, names: Sequence[str]) -> list[LayoutTask]:
-    """The tasks of a data set: those of the given names, or all if none is given.
+def chosen_tasks(layout: Layout, root: Path, names: Sequence[str]) -> list[DatasetTask]:
+    """Return the tasks of a data set: those of the given names, or all if none is given.
 
     Raises:
         InputError: the folder has another layout, or no task has such a name.
@@ -33,28 +33,15 @@ def chosen_tasks(layout: Layout, root: Path, names: Sequence[str]) -> list[Layou
     return [task for task in tasks if not names or task.name in names]
 
 
-def find_predictions(
-    tasks: Sequence[LayoutTask], folder: Path, patterns: PredictionPatterns, root: Path
-) -> list[Prediction]:
-    """The files of every task, found before any is read.
-
-    Raises:
-        InputError: the folder does not exist, or the files of a task are not found.
-    """
-    if not folder.is_dir():
-        raise InputError(f"There is no folder '{folder}' of predictions.")
-    return [find_prediction(folder, task, patterns, root) for task in tasks]
-
-
-def dataset_tasks(
-    tasks: Sequence[LayoutTask],
+def trials_of(
+    tasks: Sequence[DatasetTask],
     predictions: Sequence[Prediction],
     method: str,
     options: SelectionOptions,
     protocol: Protocol = OWN_RULES,
     ids: Mapping[str, tuple[int, ...]] | None = None,
-) -> Iterator[Task]:
-    """What is measured, read task by task; a scene that the next task shares is kept.
+) -> Iterator[Trial]:
+    """Yield what is measured, read task by task; a scene that the next task shares is kept.
 
     Args:
         tasks: the tasks.
@@ -65,7 +52,7 @@ def dataset_tasks(
         ids: ids of the objects by the names of tasks, if selection files hold several.
 
     Raises:
-        InputError: a file cannot be used, a target has no camera of its name, or a result is not of the scene's rows.
+        InputError: a file cannot be used, a picture has no camera of its name, or a result is not of the scene's rows.
     """
     path, scene = None, None
     for task, prediction in zip(tasks, predictions, strict=True):
@@ -79,18 +66,18 @@ def dataset_tasks(
         if found.selection is None:
             raise InputError(f"The trimmer cannot start from '{prediction.selection}': {found.unknown_background}")
         given = only_training(listed) if training_cameras(listed) else None
-        yield Task(task.scene, task.object, method, scene, found.selection, found.cut, views, given)
+        yield Trial(task.scene, task.object, method, scene, found.selection, found.cut, views, given)
 
 
-def _views(task: LayoutTask, cameras: Sequence[Camera], path: Path, protocol: Protocol) -> list[TestView]:
-    """The ground truth of the targets that count."""
-    targets = protocol.targets_of(task).targets
+def _views(task: DatasetTask, cameras: Sequence[Camera], path: Path, protocol: Protocol) -> list[TestView]:
+    """Return the ground truth of the pictures that count."""
+    pictures = protocol.counted(task).pictures
     names = {name for camera in cameras for name in (camera.name, Path(camera.name).stem)}
-    if protocol.by_order and len(task.targets) == len(cameras) and names.isdisjoint(t.view for t in task.targets):
-        ordered = sorted(cameras, key=lambda camera: camera.name)[-len(targets) :]
+    if protocol.by_order and len(task.pictures) == len(cameras) and names.isdisjoint(p.view for p in task.pictures):
+        ordered = sorted(cameras, key=lambda camera: camera.name)[-len(pictures) :]
     else:
-        ordered = [camera_of(target, cameras, f"'{path}'") for target in targets]
+        ordered = [camera_of(picture, cameras, f"'{path}'") for picture in pictures]
     return [
-        protocol.view(view_of(camera, target.mask, target.image, category=target.category), camera)
-        for camera, target in zip(ordered, targets, strict=True)
+        protocol.view(view_of(camera, picture.mask, picture.image, category=picture.category), camera)
+        for camera, picture in zip(ordered, pictures, strict=True)
     ]

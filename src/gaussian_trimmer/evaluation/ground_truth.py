@@ -67,7 +67,7 @@ class TestView:
 
 
 def read_mask(path: Path) -> FloatArray:
-    """The coverage in a mask file, in [0, 1], (H, W).
+    """Return the coverage in a mask file, in [0, 1], (H, W).
 
     Grey values are coverage, except that a JPEG is cut at one half, since its greys are noise of the compression, and
     that a file whose only values are 0 and 1 holds labels.
@@ -82,7 +82,7 @@ def read_mask(path: Path) -> FloatArray:
 
 
 def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[np.int32]]]]:
-    """Height and width of a picture, and by category the corners (P, 2) of each object's parts, from LERF-OVS's .json.
+    """Return the size of a picture, and the corners (P, 2) of each object's parts by category, from LERF-OVS's .json.
 
     Raises:
         InputError: the file cannot be read, or holds something else.
@@ -96,7 +96,7 @@ def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[n
         for entry in found["objects"]:
             corners = np.array(entry["segmentation"], np.float64).reshape(-1, 2)
             if not (np.abs(corners) <= _MAX_PIXELS).all():
-                raise ValueError("corners that are no pixels")
+                raise ValueError("corners that are not pixels")
             parts.setdefault(str(entry["category"]), []).append(corners.astype(np.int32))
         if min(width, height) < 1 or width * height > _MAX_PIXELS:
             raise ValueError("a picture of impossible size")
@@ -109,13 +109,13 @@ def read_polygons(path: Path) -> tuple[tuple[int, int], dict[str, list[NDArray[n
 
 
 def read_picture(path: Path) -> FloatArray:
-    """A picture in [0, 1], (H, W, 3). Raises as `read_mask`."""
+    """Return a picture in [0, 1], (H, W, 3). Raises as `read_mask`."""
     bgr, _ = _decoded(path, cv2.IMREAD_COLOR)
     return np.ascontiguousarray(bgr[..., ::-1].astype(np.float32) / np.float32(255))
 
 
 def read_photograph(path: Path, width: int, height: int) -> FloatArray:
-    """A picture in [0, 1], brought to a size, (H, W, 3).
+    """Return a picture in [0, 1], brought to a size, (H, W, 3).
 
     Raises:
         InputError: as for `read_picture`, or the picture has another shape.
@@ -132,7 +132,7 @@ def read_photograph(path: Path, width: int, height: int) -> FloatArray:
 
 
 def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
-    """The camera with a picture of another size that shows the same.
+    """Return the camera with a picture of another size that shows the same.
 
     Args:
         path: the file that has the size, for the message.
@@ -155,7 +155,7 @@ def at_size(camera: Camera, width: int, height: int, path: Path) -> Camera:
 
 
 def read_coverage(path: Path, category: str | None) -> FloatArray:
-    """The coverage (H, W) in a mask file or, of the named object, in a file of polygons.
+    """Return the coverage (H, W) in a mask file or, of the named object, in a file of polygons.
 
     Raises:
         InputError: the file cannot be used.
@@ -170,15 +170,21 @@ def read_coverage(path: Path, category: str | None) -> FloatArray:
 
 
 def view_of(
-    camera: Camera, mask: Path, image: Path | None = None, ignored: Path | None = None, category: str | None = None
+    camera: Camera,
+    mask: Path,
+    image: Path | None = None,
+    ignored: Sequence[Path] = (),
+    category: str | None = None,
+    ignored_above: float = 0.5,
 ) -> TestView:
-    """The ground truth of one camera, from files.
+    """Return the ground truth of one camera, from files.
 
     Args:
         mask: coverage of the object.
         image: photograph, of any size.
-        ignored: mask of pixels that do not count, of the size of the first.
+        ignored: masks of pixels that do not count, of the size of the first.
         category: which object of a file of polygons is meant; None if the mask is a picture.
+        ignored_above: brightness from which on a pixel of those does not count.
 
     Raises:
         InputError: a file cannot be used.
@@ -186,46 +192,55 @@ def view_of(
     coverage = read_coverage(mask, category)
     height, width = coverage.shape
     counted = np.ones((height, width), np.bool_)
-    if ignored is not None:
-        left_out = read_mask(ignored)
+    for path in ignored:
+        left_out = read_mask(path)
         if left_out.shape != coverage.shape:
-            raise InputError(f"The masks '{mask}' and '{ignored}' have different sizes; they must have the same.")
-        counted = np.asarray(left_out <= np.float32(0.5))
+            raise InputError(f"The masks '{mask}' and '{path}' have different sizes; they must have the same.")
+        counted &= left_out <= np.float32(ignored_above)
     picture = read_photograph(image, width, height) if image is not None else None
     truth = Truth(coverage, counted)
     return TestView(at_size(camera, width, height, mask), picture, truth, truth)
 
 
 def views_in(
-    cameras: Sequence[Camera], masks: Path, images: Path | None = None, ignored: Path | None = None
+    cameras: Sequence[Camera],
+    masks: Path,
+    images: Path | None = None,
+    ignored: Sequence[Path] = (),
+    ignored_above: float = 0.5,
 ) -> tuple[list[Camera], Iterator[TestView]]:
-    """The cameras that have a mask, and their ground truth, read view by view.
+    """Return the cameras that have a mask, and their ground truth, read view by view.
 
     Args:
         cameras: pinhole cameras with the names of their pictures.
         masks: folder of masks; `IMG_7.png`, `IMG_7.JPG.png` or `IMG_7.jpg` belongs to `IMG_7.JPG`.
         images: folder of photographs of the same names.
-        ignored: folder of masks of pixels that do not count; views without one count whole.
+        ignored: folders of masks of pixels that do not count; views without one count whole.
+        ignored_above: brightness from which on a pixel of those does not count.
 
     Raises:
         InputError: the folder has no mask of any camera, or a view has no photograph in `images`.
     """
     found = cameras_with_masks(cameras, masks)
-    for folder in (images, ignored):
-        if folder is not None and not folder.is_dir():
-            raise InputError(f"There is no folder '{folder}'.")
+    check_folders(images, *ignored)
 
     def view(camera: Camera) -> TestView:
-        mask = find_mask(masks, camera)
-        assert mask is not None, "only cameras with a mask are asked for"
         image = find_picture(images, camera) if images else None
-        return view_of(camera, mask, image, find_mask(ignored, camera) if ignored else None)
+        others = [path for folder in ignored if (path := find_mask(folder, camera))]
+        return view_of(camera, find_picture(masks, camera), image, others, ignored_above=ignored_above)
 
     return found, map(view, found)
 
 
+def check_folders(*folders: Path | None) -> None:
+    """Raise InputError if a folder that is given does not exist."""
+    for folder in folders:
+        if folder is not None and not folder.is_dir():
+            raise InputError(f"There is no folder '{folder}'.")
+
+
 def find_picture(folder: Path, camera: Camera) -> Path:
-    """The photograph of a camera in a folder: its own file, or one of the same name with another ending.
+    """Return the photograph of a camera in a folder: its own file, or one of the same name with another ending.
 
     Raises:
         InputError: there is none, or several.
@@ -246,7 +261,7 @@ def _same_shape(a: float, b: float) -> bool:
 
 
 def _decoded(path: Path, mode: int) -> tuple[NDArray[np.uint8], bool]:
-    """The pixels of a picture, and whether it is a JPEG."""
+    """Return the pixels of a picture, and whether it is a JPEG."""
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,19 @@ _OBJECTS_PER_PASS = 16
 class PanopticScores:
     """What became of T true objects, by P that were found."""
 
-    ious: Float64Array
-    """Intersection over union of each true object with each that was found, 0 to 1, (T, P)."""
-    covered: Float64Array
-    """Share of each true object that each one has, (T, P)."""
+    common: IntArray
+    """Number of pixels that true and found objects share, (T + 1, P + 1); the first row and column are of no object."""
+
+    @cached_property
+    def ious(self) -> Float64Array:
+        """Intersection over union of each true object with each that was found, 0 to 1, (T, P)."""
+        true, found = self.common.sum(axis=1)[1:], self.common.sum(axis=0)[1:]
+        return np.asarray(self.common[1:, 1:] / np.maximum(true[:, None] + found - self.common[1:, 1:], 1))
+
+    @cached_property
+    def covered(self) -> Float64Array:
+        """Share of each true object that each one has, (T, P)."""
+        return np.asarray(self.common[1:, 1:] / np.maximum(self.common.sum(axis=1)[1:, None], 1))
 
     @property
     def best(self) -> Float64Array:
@@ -40,29 +50,25 @@ class PanopticScores:
         return np.asarray(self.ious.max(axis=1, initial=0.0))
 
     @property
-    def found(self) -> BoolArray:
-        """Which true objects were found, (T,)."""
-        return self.best >= FOUND_IOU
-
-    @property
-    def missed(self) -> BoolArray:
-        """Which true objects belong to none that was found, (T,)."""
-        return self.best < _MATCHING_IOU
-
-    @property
     def false(self) -> BoolArray:
-        """Which of those that were found belong to no true object, (P,)."""
+        """Found objects that belong to no true one, (P,)."""
         return np.asarray(self.ious.max(axis=0, initial=0.0) < _MATCHING_IOU)
 
     @property
-    def split(self) -> BoolArray:
-        """Which true objects lie in several pieces, (T,)."""
-        return np.asarray((self.covered > _SPLIT_SHARE).sum(axis=1) > 1)
-
-    @property
     def merged(self) -> BoolArray:
-        """Which of those that were found hold several true objects, (P,)."""
+        """Found objects that hold several true ones, (P,)."""
         return np.asarray((self.covered > _MERGED_SHARE).sum(axis=0) > 1)
+
+    def states(self) -> list[str]:
+        """Return what became of each true object, in words."""
+        states = []
+        for best, ious, covered in zip(self.best, self.ious, self.covered, strict=True):
+            state = "found" if best >= FOUND_IOU else "missed" if best < _MATCHING_IOU else "poor"
+            state += ", split" if (covered > _SPLIT_SHARE).sum() > 1 else ""
+            match = int(ious.argmax()) if len(ious) else None
+            merged = match is not None and self.merged[match] and covered[match] > HALF
+            states.append(state + (", merged with others" if merged else ""))
+        return states
 
     @property
     def quality(self) -> float:
@@ -71,36 +77,39 @@ class PanopticScores:
         errors = sum(self.ious.shape) - 2 * len(pairs)
         return float(pairs.sum() / max(len(pairs) + errors / 2, 1e-12))
 
+    def counts(self) -> Mapping[str, float | int]:
+        """Return the scores as a table has them, percent where they are shares."""
+        states = self.states()
+        return {
+            "true objects": len(states),
+            "found": sum(state.startswith("found") for state in states),
+            "missed": sum(state.startswith("missed") for state in states),
+            "false": int(self.false.sum()),
+            "split": sum("split" in state for state in states),
+            "merged": int(self.merged.sum()),
+            "mean IoU (%)": 100 * float(self.best.mean()) if states else 0.0,
+            "panoptic quality (%)": 100 * self.quality,
+        }
 
-def panoptic_scores(intersections: IntArray) -> PanopticScores:
-    """Scores from the pixels that true and found objects have in common.
 
-    Args:
-        intersections: number of pixels, (T + 1, P + 1); the first row and column are those of no object.
-    """
-    true, found = intersections.sum(axis=1)[1:], intersections.sum(axis=0)[1:]
-    common = intersections[1:, 1:].astype(np.float64)
-    unions = true[:, None] + found[None] - common
-    return PanopticScores(common / np.maximum(unions, 1), common / np.maximum(true[:, None], 1))
-
-
-def count_common_pixels(
+def compare_objects(
     scene: Gaussians,
     objects: Sequence[BoolArray],
     views: Iterable[tuple[Camera, Sequence[FloatArray]]],
     renderer: Renderer,
-) -> IntArray:
-    """Number of pixels that true and found objects have in common over all views, as `panoptic_scores` takes them.
+) -> PanopticScores:
+    """Compare the objects that were found with the true ones, over all views.
 
     A pixel belongs to the object that most of it shows, if that is more than half of it.
 
     Args:
         scene: all N Gaussians.
         objects: those that were found, (N,) each.
-        views: cameras, with the coverage (H, W) of each true object, 0 to 1.
+        views: cameras, with the coverage (H, W) of each true object, 0 to 1; at least one.
         renderer: draws the views.
     """
-    total: IntArray | None = None
+    cells: IntArray | int = 0
+    size = (1, 1)
     for camera, coverages in views:
         parts = [
             np.stack(objects[start : start + _OBJECTS_PER_PASS], axis=1).astype(np.float32)
@@ -110,26 +119,13 @@ def count_common_pixels(
         found = _labels(np.concatenate(shares, axis=2)) if shares else np.zeros((camera.height, camera.width), np.int64)
         size = len(coverages) + 1, len(objects) + 1
         pairs = _labels(np.stack(coverages, axis=2)) * size[1] + found
-        cells = np.bincount(pairs.ravel(), minlength=size[0] * size[1])
-        total = cells.reshape(size) if total is None else total + cells.reshape(size)
-    assert total is not None, "there is a view"
-    return total
+        cells = cells + np.bincount(pairs.ravel(), minlength=size[0] * size[1])
+    return PanopticScores(np.asarray(cells).reshape(size))
 
 
 def _labels(shares: NDArray[np.floating]) -> IntArray:
-    """Number, from 1, of the object that has most of each pixel, and more than half, (H, W), by shares (H, W, P)."""
+    """Return the number, from 1, of the object that has most of each pixel, and over half, (H, W), by shares (H, W, P).
+
+    It is 0 where there is none.
+    """
     return np.where(shares.max(axis=2) > HALF, shares.argmax(axis=2) + 1, 0)
-
-
-def counts_of(scores: PanopticScores) -> Mapping[str, float | int]:
-    """The scores as a table has them, percent where they are shares."""
-    return {
-        "true objects": len(scores.best),
-        "found": int(scores.found.sum()),
-        "missed": int(scores.missed.sum()),
-        "false": int(scores.false.sum()),
-        "split": int(scores.split.sum()),
-        "merged": int(scores.merged.sum()),
-        "mean IoU (%)": 100 * float(scores.best.mean()) if len(scores.best) else 0.0,
-        "panoptic quality (%)": 100 * scores.quality,
-    }

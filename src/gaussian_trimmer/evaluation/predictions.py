@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
+from gaussian_trimmer.evaluation.layouts import DatasetTask
 from gaussian_trimmer.formats import FORMATS
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.selection_files.method_files import METHOD_FILES
@@ -38,7 +38,7 @@ _SELECTIONS = (
     *(f"{{object}}{ending}" for ending in (*SUFFIXES, *FORMATS)),
 )
 _CAMERAS = ("cameras.json", "transforms.json", "sparse/0", "sparse")
-_ITERATION = re.compile(r"(?:iteration_|chkpnt)(\d+)")
+_ITERATION = re.compile(r"(?:iteration_|chkpnt|ours_)(\d+)")
 _PLACEHOLDERS = "{scene} and {object} stand for the task's names"
 
 
@@ -66,46 +66,50 @@ class Prediction:
     cameras: Path
 
 
-def find_prediction(folder: Path, task: LayoutTask, patterns: PredictionPatterns, root: Path) -> Prediction:
-    """The files of a task.
+def find_predictions(
+    tasks: Sequence[DatasetTask], folder: Path, patterns: PredictionPatterns, root: Path
+) -> list[Prediction]:
+    """Return the files of every task, found before any is read.
 
     Args:
+        tasks: the tasks.
         folder: the method's output.
-        task: the task.
         patterns: where to look.
         root: the data set, which may have the cameras.
 
     Raises:
-        InputError: a file is missing, or a pattern matches several.
+        InputError: the folder does not exist, a file of a task is missing, or a pattern matches several.
     """
+    if not folder.is_dir():
+        raise InputError(f"There is no folder '{folder}' of predictions.")
+    return [_find_prediction(folder, task, patterns, root) for task in tasks]
+
+
+def _find_prediction(folder: Path, task: DatasetTask, patterns: PredictionPatterns, root: Path) -> Prediction:
     own = [f"{home}/" for home in _TASK_FOLDERS]
-    shared = _WITH_IDS if patterns.ids is not None else ()
     homes = [*own, f"{_SCENE_FOLDER}/"]
-    # In a folder that tasks share, a selection must bear the task's name.
-    named = [(folder, home + name) for home in (f"{_SCENE_FOLDER}/", "") for name in _SELECTIONS if "{object}" in name]
-    named += [(folder, f"{_SCENE_FOLDER}/{name}") for name in shared]
-    scenes = [(folder, home + name) for home in homes for name in _SCENES]
-    selections = [(folder, home + name) for home in own for name in _SELECTIONS] + named
-    cameras = [(folder, home + name) for home in homes for name in _CAMERAS]
-    cameras += [(root, f"{_SCENE_FOLDER}/{name}") for name in _CAMERAS]
+    # In a folder that tasks share, a selection must bear the task's name, unless its ids are known.
+    named = [home + name for home in (f"{_SCENE_FOLDER}/", "") for name in _SELECTIONS if "{object}" in name]
+    named += [f"{_SCENE_FOLDER}/{name}" for name in (_WITH_IDS if patterns.ids is not None else ())]
+    usual = {
+        "--scenes": [(folder, home + name) for home in homes for name in _SCENES],
+        "--selections": [(folder, name) for name in [*(home + name for home in own for name in _SELECTIONS), *named]],
+        "--cameras": [(place, home + name) for place in (folder, root) for home in homes for name in _CAMERAS],
+    }
 
-    def given(pattern: str | None) -> list[tuple[Path, str]]:
-        return [] if pattern is None else [(folder, pattern)]
+    def find(what: str, option: str, pattern: str | None) -> Path:
+        return _find(task, what, option, usual[option] if pattern is None else [(folder, pattern)])
 
-    selection = _find(task, "selection", "--selections", given(patterns.selections) or selections)
+    selection = find("selection", "--selections", patterns.selections)
     if patterns.scenes is None and selection.name.startswith("chkpnt"):  # it holds Gaussians that the method has split
         scene = selection
     else:
-        scene = _find(task, "splat file", "--scenes", given(patterns.scenes) or scenes)
-    return Prediction(
-        scene,
-        selection,
-        _find(task, "cameras", "--cameras", given(patterns.cameras) or cameras),
-    )
+        scene = find("splat file", "--scenes", patterns.scenes)
+    return Prediction(scene, selection, find("cameras", "--cameras", patterns.cameras))
 
 
-def _find(task: LayoutTask, what: str, option: str, places: Sequence[tuple[Path, str]]) -> Path:
-    """The file or folder that the first pattern matches that matches any."""
+def _find(task: DatasetTask, what: str, option: str, places: Sequence[tuple[Path, str]]) -> Path:
+    """Return the file or folder that the first pattern matches that matches any."""
 
     def filled(pattern: str, quote: Callable[[str], str] = str) -> str:
         return pattern.replace("{scene}", quote(task.scene)).replace("{object}", quote(task.object))
@@ -120,14 +124,15 @@ def _find(task: LayoutTask, what: str, option: str, places: Sequence[tuple[Path,
         if found:
             return found[0]
     folder, pattern = places[0]
+    ids = "; or say with --ids FILE which objects a file of several holds" if option == "--selections" else ""
     raise InputError(
         f"There is no {what} of the task '{task.name}', such as '{folder / filled(pattern)}'; name it with {option} "
-        f"PATTERN, in which {_PLACEHOLDERS}."
+        f"PATTERN, in which {_PLACEHOLDERS}{ids}."
     )
 
 
 def _matches(folder: Path, pattern: str) -> list[Path]:
-    """Files and folders that match a pattern below a folder, or an absolute one, by name."""
+    """Return files and folders that match a pattern below a folder, or an absolute one, by name."""
     if Path(pattern).is_absolute():
         folder = Path(Path(pattern).anchor)
         pattern = str(Path(pattern).relative_to(folder))
@@ -135,6 +140,6 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
 
 
 def last_iteration(paths: Sequence[Path]) -> list[Path]:
-    """The paths of the highest iteration; all of them if none is of an iteration."""
+    """Return the paths of the highest iteration; all of them if none is of an iteration."""
     numbers = [max((int(n) for n in _ITERATION.findall(str(path))), default=-1) for path in paths]
     return [path for path, number in zip(paths, numbers, strict=True) if number == max(numbers)]

@@ -1,7 +1,8 @@
-"""The result of a trim or of any other tool on disk, as a scene cut in two."""
+"""Results of a trim or of any other tool on disk, as a scene cut in two."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.splat_kinds import MASK
 
 
@@ -31,7 +33,7 @@ class StoredResult:
 
 
 def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> StoredResult:
-    """The object that a folder of a trim, a splat file or a selection file holds.
+    """Return the object that a folder of a trim, a splat file or a selection file holds.
 
     - A folder must be one that `gaussian-trimmer trim` wrote: object, background, and the selection before the trim.
     - A splat file with fewer Gaussians than the scene is the object itself. The background is the scene without the
@@ -56,8 +58,25 @@ def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None =
     return StoredResult(cut_by(scene, selection), selection)
 
 
+def read_objects(
+    path: Path, scene: Gaussians, ids: Sequence[int] = (), options: SelectionOptions | None = None
+) -> dict[int, BoolArray]:
+    """Return the rows of the scene that each object has, (N,), by its id.
+
+    Args:
+        path: a folder of a trim, or a selection file.
+        scene: all N Gaussians.
+        ids: the objects that are meant; without them all.
+        options: how a selection file is read.
+
+    Raises:
+        InputError: nothing readable is there, it does not fit the scene, or has not one of the ids.
+    """
+    return load_objects(path / "labels.npz" if is_folder(path) else path, scene, ids, options)
+
+
 def read_background(path: Path) -> Gaussians:
-    """The scene without the object: the background in a folder of a trim, or a splat file of any program.
+    """Return the scene without the object: the background in a folder of a trim, or a splat file of any program.
 
     Raises:
         InputError: there is none, or it cannot be read.
@@ -71,7 +90,7 @@ def read_background(path: Path) -> Gaussians:
 
 
 def cut_by(scene: Gaussians, selection: BoolArray) -> Cut:
-    """The scene cut in two by a selection (N,)."""
+    """Return the scene cut in two by a selection (N,)."""
     return Cut(scene.select(selection), scene.select(~selection))
 
 
@@ -108,7 +127,7 @@ def _mask(rows: IntArray, n: int) -> BoolArray:
 
 
 def _only(folder: Path, stem: str) -> Path | None:
-    """The splat file of that name, whatever its format; None if there is none.
+    """Return the splat file of that name, whatever its format; None if there is none.
 
     Raises:
         InputError: there are several.

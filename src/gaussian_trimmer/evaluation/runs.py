@@ -1,10 +1,11 @@
-"""Trims measured against ground truth: a task is a selection to trim, a run is one trim of it and its scores."""
+"""Trims measured against ground truth: a trial is a selection to trim, a run is one trim of it and its scores."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
 from gaussian_trimmer.config import TrimConfig
@@ -16,12 +17,14 @@ from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter
 from gaussian_trimmer.trimming.trim import trim
 
+MeanOver = Literal["objects", "scenes", "scenes, by view"]
+"""The units of a mean: objects, or scenes, whose own means are over objects or over all views of all objects."""
 LOSS = 0.3
 """Points of foreground IoU; a trim that loses more has done harm."""
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Trial:
     """A selection, and the ground truth of its object."""
 
     scene: str
@@ -53,17 +56,17 @@ class Variant:
     training_views: int = 0
     """If positive, trim with this many training cameras instead of virtual ones."""
 
-    def trim(self, task: Task, renderer: Renderer) -> TrimResult:
-        """Trim a task in this way."""
-        config = self.config if task.up is None else replace(self.config, up=task.up)
+    def trim(self, trial: Trial, renderer: Renderer) -> TrimResult:
+        """Trim in this way."""
+        config = self.config if trial.up is None else replace(self.config, up=trial.up)
         return trim(
-            task.gaussians,
-            task.selection,
+            trial.gaussians,
+            trial.selection,
             config=config,
             renderer=renderer,
             segmenter=self.segmenter,
-            cameras=task.cameras,
-            view_cameras=evenly_spread(task.cameras, self.training_views) if self.training_views else None,
+            cameras=trial.cameras,
+            view_cameras=evenly_spread(trial.cameras, self.training_views) if self.training_views else None,
         )
 
 
@@ -88,39 +91,50 @@ class Run:
     """Gaussians by label."""
 
     def gain(self, metric: str = "iou") -> float:
-        """Points of a metric that the trim gained."""
+        """Return the points of a metric that the trim gained."""
         return self.after[metric] - self.before[metric]
 
     def loses(self, metric: str = "iou") -> bool:
-        """Whether the trim did harm."""
+        """Return whether the trim did harm."""
         return self.gain(metric) < -LOSS
 
 
-def measure(task: Task, variants: Mapping[str, Variant], judge: Judge, *, fidelity: bool = True) -> Iterator[Run]:
+def measure(trial: Trial, variants: Mapping[str, Variant], judge: Judge, *, fidelity: bool = True) -> Iterator[Run]:
     """Trim a task in every way, and compare each result with ground truth.
 
     Args:
-        task: what is trimmed.
+        trial: what is trimmed.
         variants: ways of trimming, by name.
         judge: the rules of the comparison.
         fidelity: also compare object and background together with the untouched scene.
     """
-    before = mean_scores(judge.score_views(task.before, task.views))
-    untouched = [judge.renderer.render(task.gaussians, view.camera).rgb for view in task.views if fidelity]
+    before = mean_scores(judge.score_views(trial.before, trial.views))
+    untouched = [judge.renderer.render(trial.gaussians, view.camera).rgb for view in trial.views if fidelity]
     for name, variant in variants.items():
         start = time.perf_counter()
-        result = variant.trim(task, judge.renderer)
+        result = variant.trim(trial, judge.renderer)
         seconds = time.perf_counter() - start
         cut = Cut(result.object, result.background)
-        scores = judge.score_views(cut, task.views)
-        for score, view, picture in zip(scores, task.views, untouched, strict=False):
+        scores = judge.score_views(cut, trial.views)
+        for score, view, picture in zip(scores, trial.views, untouched, strict=False):
             score |= judge.fidelity(cut, view.camera, picture)
         counts = {label.name.lower(): result.count(label) for label in RowLabel}
-        where = task.scene, task.object, task.kind, name
-        yield Run(*where, len(task.views), before, mean_scores(scores), seconds, result.refused or "", counts)
+        where = trial.scene, trial.object, trial.kind, name
+        yield Run(*where, len(trial.views), before, mean_scores(scores), seconds, result.refused or "", counts)
+
+
+def unit_scores(runs: Sequence[Run], over: MeanOver) -> dict[str, tuple[Scores, Scores]]:
+    """Return the mean scores before and after of each object or scene, by its name."""
+    units: dict[str, list[Run]] = {}
+    for run in runs:
+        name = f"{run.scene}/{run.object}" if over == "objects" else run.scene
+        units.setdefault(name, []).extend([run] * (run.views if over == "scenes, by view" else 1))
+    return {
+        name: (mean_scores(r.before for r in own), mean_scores(r.after for r in own)) for name, own in units.items()
+    }
 
 
 def evenly_spread(cameras: CameraSet | None, n: int) -> list[Camera] | None:
-    """N training cameras, evenly spread over the capture; None if there are none."""
+    """Return n training cameras, evenly spread over the capture; None if there are none."""
     listed = training_cameras(cameras)
     return [listed[i * len(listed) // n] for i in range(n)] if listed else None

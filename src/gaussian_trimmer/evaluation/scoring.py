@@ -27,9 +27,11 @@ METRICS: Mapping[str, str] = {
     "accuracy": "accuracy",
     "boundary_iou": "boundary IoU",
     "soft_iou": "soft IoU",
+    "acc25": "Acc@0.25",
     "iou_in_scene": "IoU in scene",
     "accuracy_in_scene": "accuracy in scene",
     "boundary_iou_in_scene": "boundary IoU in scene",
+    "acc25_in_scene": "Acc@0.25 in scene",
     "psnr": "extraction PSNR",
     "fidelity": "fidelity",
     "clip_clear": "CLIP-IQA clear boundary",
@@ -42,6 +44,9 @@ METRICS: Mapping[str, str] = {
 """Name of a metric in files -> its name in tables, in their order. All are in percent but `psnr` and `fidelity`, dB."""
 RULES: Mapping[str, str] = {"alone": "", "in scene": "_in_scene"}
 """Rule of occlusion -> what the names of its metrics end with."""
+ACC25 = ("acc25", "acc25_in_scene")
+"""Share of masks with an IoU above a quarter, which says something of many masks together."""
+_ACC25_IOU = 25.0
 HIGHEST_PSNR = 100.0
 """dB; equal pictures would have an infinite PSNR, and no mean."""
 
@@ -56,8 +61,8 @@ class Cut:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """An object as one view shows it."""
+class ObjectRender:
+    """An object as one view shows it, alone and in its scene."""
 
     rgb: FloatArray
     """The object alone over black, not clipped above one, (H, W, 3)."""
@@ -66,10 +71,10 @@ class Shown:
     share: FloatArray | None = None
     """The object's share of the whole scene's rendering, in [0, 1], (H, W); None if the background is not known."""
 
-    def at(self, shape: Sequence[int]) -> Shown:
-        """The same at another height and width, by the nearest pixel."""
+    def at(self, shape: Sequence[int]) -> ObjectRender:
+        """Resample to another height and width, by the nearest pixel."""
         share = None if self.share is None else nearest(self.share, shape)
-        return Shown(nearest(self.rgb, shape), nearest(self.alpha, shape), share)
+        return ObjectRender(nearest(self.rgb, shape), nearest(self.alpha, shape), share)
 
 
 @dataclass(frozen=True)
@@ -83,29 +88,32 @@ class Judge:
     """Also judges how the object looks."""
 
     def describe(self) -> str:
-        """The rules in words, for tables."""
+        """Return the rules in words, for tables."""
         mask = f"mask: alpha > {self.threshold:g}, ground truth > 0.5"
         occlusion = "object rendered alone, or in scene: its share of the whole rendering, where occlusion counts"
-        looks = f"; {self.looks.describe()}" if self.looks else ""
-        return f"{mask}; {occlusion}; renderer: {self.renderer.name}{looks}"
+        return f"{mask}; {occlusion}; {self.tools()}"
 
-    def show(self, cut: Cut, camera: Camera) -> Shown:
-        """Render the object, alone and in its scene."""
+    def tools(self) -> str:
+        """Return what renders and judges, for tables."""
+        return f"renderer: {self.renderer.name}{f'; {self.looks.describe()}' if self.looks else ''}"
+
+    def show(self, cut: Cut, camera: Camera) -> ObjectRender:
+        """Render the object alone and in its scene."""
         alone = _rendered(cut.object, camera, self.renderer)
         if cut.background is None:
             return alone
         whole = concatenate([cut.object, cut.background])
         member = np.zeros((len(whole), 1), np.float32)
         member[: len(cut.object)] = 1
-        return Shown(alone.rgb, alone.alpha, self.renderer.blend_values(whole, camera, member)[..., 0])
+        return ObjectRender(alone.rgb, alone.alpha, self.renderer.blend_values(whole, camera, member)[..., 0])
 
     def score_views(self, cut: Cut, views: Sequence[TestView]) -> list[Scores]:
-        """The metrics of each view, see `score`."""
+        """Return the metrics of each view, see `score`."""
         shown = parallel_map(lambda view: self.show(cut, view.camera), views, using=[self.renderer])
         return [self.score(picture, view) for picture, view in zip(shown, views, strict=True)]
 
-    def score(self, shown: Shown, view: TestView) -> Scores:
-        """The metrics of one view, without `fidelity`; without `psnr` too if the view has no picture."""
+    def score(self, shown: ObjectRender, view: TestView) -> Scores:
+        """Return the metrics of one view, without `fidelity`; without `psnr` too if the view has no picture."""
         shown = shown.at(view.alone.coverage.shape)
         scores = self._silhouette_scores(shown.alpha, view.alone)
         scores["soft_iou"] = 100 * metrics.soft_iou(shown.alpha, view.alone.coverage, view.alone.counted)
@@ -120,14 +128,14 @@ class Judge:
         return scores
 
     def score_mask(self, mask: FloatArray, truth: Truth) -> Scores:
-        """The metrics of a mask that somebody else rendered, in [0, 1]: the same by both rules of occlusion."""
+        """Return the metrics of a mask that somebody else rendered, in [0, 1]: the same by both rules of occlusion."""
         scores = self._silhouette_scores(nearest(mask, truth.coverage.shape), truth)
         return scores | {name + RULES["in scene"]: value for name, value in scores.items()}
 
     def fidelity(self, cut: Cut, camera: Camera, untouched: FloatArray) -> Scores:
-        """PSNR of object and background together against the untouched scene's picture (H, W, 3), at most 100 dB.
+        """Return the PSNR of object and background together against the untouched scene's picture (H, W, 3).
 
-        Nothing if the background is not known.
+        It is at most 100 dB; nothing if the background is not known.
         """
         if cut.background is None:
             return {}
@@ -137,15 +145,17 @@ class Judge:
 
     def _silhouette_scores(self, silhouette: FloatArray, truth: Truth) -> Scores:
         compared = silhouette, truth.coverage, truth.counted
+        iou = 100 * metrics.foreground_iou(*compared, self.threshold)
         return {
-            "iou": 100 * metrics.foreground_iou(*compared, self.threshold),
+            "iou": iou,
             "accuracy": 100 * metrics.pixel_accuracy(*compared, self.threshold),
             "boundary_iou": 100 * metrics.boundary_iou(*compared, self.threshold),
+            "acc25": 100.0 * (iou > _ACC25_IOU),
         }
 
 
 def mean_scores(scores: Iterable[Scores]) -> Scores:
-    """The mean of each metric over the scores that have it; nothing if there are none.
+    """Return the mean of each metric over the scores that have it; nothing if there are none.
 
     >>> mean_scores([{"iou": 90.0, "psnr": 30.0}, {"iou": 80.0}])
     {'iou': 85.0, 'psnr': 30.0}
@@ -156,7 +166,7 @@ def mean_scores(scores: Iterable[Scores]) -> Scores:
 
 
 def nearest(picture: FloatArray, shape: Sequence[int]) -> FloatArray:
-    """A picture (H, W, ...) brought to another height and width by the nearest pixel.
+    """Resample a picture (H, W, ...) to another height and width by the nearest pixel.
 
     >>> nearest(np.float32([[1, 2]]), (1, 4)).tolist()
     [[1.0, 1.0, 2.0, 2.0]]
@@ -167,9 +177,9 @@ def nearest(picture: FloatArray, shape: Sequence[int]) -> FloatArray:
     return np.asarray(picture[rows][:, columns])
 
 
-def _rendered(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Shown:
+def _rendered(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> ObjectRender:
     if not len(gaussians):
         blank = np.zeros((camera.height, camera.width, 3), np.float32)
-        return Shown(blank, blank[..., 0])
+        return ObjectRender(blank, blank[..., 0])
     rendering = renderer.render(gaussians, camera)
-    return Shown(rendering.rgb, rendering.alpha)
+    return ObjectRender(rendering.rgb, rendering.alpha)

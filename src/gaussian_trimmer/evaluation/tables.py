@@ -1,4 +1,7 @@
-"""Tables of scores as Markdown, CSV, JSON and LaTeX; each carries notes on how its figures were measured."""
+"""Tables of scores as Markdown, CSV, JSON and LaTeX, with notes on how their figures were measured.
+
+CSV has no notes, since most readers take every line for a row; they are written beside it.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from gaussian_trimmer.errors import printable
-from gaussian_trimmer.evaluation.scoring import METRICS, Scores
+from gaussian_trimmer.evaluation.scoring import ACC25, METRICS, Scores
 
 
 @dataclass(frozen=True)
-class Change:
+class BeforeAfter:
     """A score before and after; None where it is not known."""
 
     before: float | None
@@ -37,8 +40,8 @@ _LATEX: Mapping[str, str] = {
 }  # fmt: skip
 """Character that LaTeX would obey or not show -> how it is written; after a line's end a bracket is an option."""
 
-Cell = str | float | int | Change | Interval | None
-_PARTS: Mapping[type, tuple[str, ...]] = {Change: ("before", "after"), Interval: ("mean", "low", "high")}
+Cell = str | float | int | BeforeAfter | Interval | None
+_PARTS: Mapping[type, tuple[str, ...]] = {BeforeAfter: ("before", "after"), Interval: ("mean", "low", "high")}
 """Cells that are several numbers -> the names of these."""
 
 
@@ -54,7 +57,7 @@ class ScoreTable:
     """Decimals of numbers in Markdown and LaTeX; CSV and JSON have four."""
 
     def as_markdown(self) -> str:
-        """A Markdown table with aligned columns."""
+        """Return a Markdown table with aligned columns."""
         lines = [list(self.columns), *([cell_text(cell, self.digits) for cell in row] for row in self.rows)]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         first, *others = widths
@@ -66,23 +69,15 @@ class ScoreTable:
         return "\n".join([self.title, "", *(f"| {' | '.join(line)} |" for line in drawn), "", *self.notes, ""])
 
     def as_csv(self) -> str:
-        """Comma-separated values below title and notes as comments (`#`); a cell of several numbers takes as many."""
-        parts = [next((_PARTS[type(row[i])] for row in self.rows if type(row[i]) in _PARTS), ())
-                 for i in range(len(self.columns))]  # fmt: skip
+        """Return comma-separated values; a cell of several numbers takes as many columns."""
         file = io.StringIO()
-        file.writelines(f"# {comment}\n" for comment in (self.title, *self.notes))
         writer = csv.writer(file, lineterminator="\n")
-        names = zip(self.columns, parts, strict=True)
-        writer.writerow(f"{name} {part}".strip() for name, known in names for part in (known or ("",)))
-        for row in self.rows:
-            cells = zip(row, parts, strict=True)
-            writer.writerow(
-                value for cell, known in cells for value in (_split(cell, known) if known else [_plain(cell)])
-            )
+        names, rows = self._flat()
+        writer.writerows([names, *(["" if cell is None else cell_text(cell, 4) for cell in row] for row in rows)])
         return file.getvalue()
 
     def as_latex(self) -> str:
-        """A tabular that needs no package, below title and notes as comments (`%`)."""
+        """Return a tabular that needs no package, below title and notes as comments (`%`)."""
         comments = [f"% {printable(comment)}" for comment in (self.title, *self.notes)]
         cells = [map(_escaped, self.columns), *([_latex(cell, self.digits) for cell in row] for row in self.rows)]
         head, *body = (f"{' & '.join(line)} \\\\" for line in cells)
@@ -91,9 +86,27 @@ class ScoreTable:
         return "\n".join([*lines, ""])
 
     def as_dict(self) -> dict[str, Any]:
-        """The table as JSON holds it: rows are objects by heading, and so are cells of several numbers."""
-        rows = [{name: _json(cell) for name, cell in zip(self.columns, row, strict=True)} for row in self.rows]
-        return {"title": self.title, "notes": list(self.notes), "rows": rows}
+        """Return the table as JSON holds it: rows are objects with the columns of CSV."""
+        names, rows = self._flat()
+        plain = [[round(cell, 4) if isinstance(cell, float) else cell for cell in row] for row in rows]
+        return {**self.about(), "rows": [dict(zip(names, row, strict=True)) for row in plain]}
+
+    def about(self) -> dict[str, Any]:
+        """Return the title and the notes."""
+        return {"title": self.title, "notes": list(self.notes)}
+
+    def _flat(self) -> tuple[list[str], list[list[Cell]]]:
+        """Return headings and rows with one column for each number."""
+        kinds = [next((_PARTS[type(row[i])] for row in self.rows if type(row[i]) in _PARTS), ())
+                 for i in range(len(self.columns))]  # fmt: skip
+        names = [f"{name} {part}".strip() for name, parts in zip(self.columns, kinds, strict=True)
+                 for part in parts or ("",)]  # fmt: skip
+        rows = [
+            [value for cell, parts in zip(row, kinds, strict=True)
+             for value in ([getattr(cell, part, None) for part in parts] if parts else [cell])]
+            for row in self.rows
+        ]  # fmt: skip
+        return names, rows
 
 
 FORMATS: Mapping[str, Callable[[ScoreTable], str]] = {
@@ -108,12 +121,12 @@ ENDINGS = {"table": ".md", "csv": ".csv", "json": ".json", "latex": ".tex"}
 
 
 def known_metrics(*scores: Scores) -> list[str]:
-    """The metrics that some of the scores have, in the order of tables."""
-    return [name for name in METRICS if any(name in score for score in scores)]
+    """Return the metrics that some of the scores have, in the order of tables; without shares of masks."""
+    return [name for name in METRICS if name not in ACC25 and any(name in score for score in scores)]
 
 
 def heading(metric: str) -> str:
-    """A metric with its unit.
+    """Return a metric with its unit.
 
     >>> heading("psnr")
     'extraction PSNR (dB)'
@@ -122,16 +135,16 @@ def heading(metric: str) -> str:
 
 
 def score_cells(metrics: Sequence[str], before: Scores | None, after: Scores) -> list[Cell]:
-    """A cell for each metric: a change, or a number if there is nothing before. Fidelity has no before."""
+    """Return a cell for each metric; a number if there is nothing before. Fidelity has no before."""
     return [
-        after.get(name) if before is None or name == "fidelity" else Change(before.get(name), after.get(name))
+        after.get(name) if before is None or name == "fidelity" else BeforeAfter(before.get(name), after.get(name))
         for name in metrics
     ]
 
 
 def cell_text(cell: Cell, digits: int) -> str:
-    """A cell as text, numbers with some decimals."""
-    if isinstance(cell, Change):
+    """Return a cell as text, numbers with some decimals."""
+    if isinstance(cell, BeforeAfter):
         return f"{cell_text(cell.before, digits)} -> {cell_text(cell.after, digits)}"
     if isinstance(cell, Interval):
         ends = "" if cell.low is None else f" [{cell_text(cell.low, digits)}, {cell_text(cell.high, digits)}]"
@@ -147,7 +160,7 @@ def _latex(cell: Cell, digits: int) -> str:
             return _escaped(cell)
         case None:
             return "--"
-        case Change():
+        case BeforeAfter():
             return f"{_latex(cell.before, digits)} $\\to$ {_latex(cell.after, digits)}"
         case Interval(_, None, _):
             return _latex(cell.mean, digits)
@@ -157,23 +170,9 @@ def _latex(cell: Cell, digits: int) -> str:
 
 
 def _escaped(text: str) -> str:
-    r"""Text whose special characters are escaped for LaTeX.
+    r"""Return text whose special characters are escaped for LaTeX.
 
     >>> _escaped("mIoU (%), a_b")
     'mIoU (\\%), a\\_b'
     """
     return "".join(_LATEX.get(character, character) for character in printable(text))
-
-
-def _split(cell: Cell, parts: Sequence[str]) -> list[str]:
-    return [_plain(getattr(cell, part, None)) for part in parts]
-
-
-def _plain(cell: Cell) -> str:
-    return "" if cell is None else cell_text(cell, 4)
-
-
-def _json(cell: Cell) -> Any:
-    if isinstance(cell, Change | Interval):
-        return {part: _json(getattr(cell, part)) for part in _PARTS[type(cell)]}
-    return round(cell, 4) if isinstance(cell, float) else cell

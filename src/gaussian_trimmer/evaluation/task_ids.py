@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gaussian_trimmer.errors import InputError, clip_name
-from gaussian_trimmer.evaluation.layouts.layout import LayoutTask
+from gaussian_trimmer.evaluation.layouts import DatasetTask
 from gaussian_trimmer.evaluation.predictions import Prediction, last_iteration
 from gaussian_trimmer.gaussians import FloatArray, IntArray
 from gaussian_trimmer.io.reading import file_bytes, is_file, reading
@@ -59,7 +59,7 @@ class WordedClusters:
         return tuple(int(i) for i in order[same] if i in self.present)
 
 
-def ids_of_tasks(file: Path, tasks: Sequence[LayoutTask], predictions: Sequence[Prediction]) -> Ids:
+def ids_of_tasks(file: Path, tasks: Sequence[DatasetTask], predictions: Sequence[Prediction]) -> Ids:
     """The ids of the tasks' objects.
 
     Args:
