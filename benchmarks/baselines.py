@@ -41,7 +41,7 @@ from gaussian_trimmer.evaluation.results import cut_by
 from gaussian_trimmer.evaluation.runs import Run, Trial, evenly_spread, measure, unit_scores
 from gaussian_trimmer.evaluation.statistics import interval_of
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, concatenate, rotation_matrices
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters.prompts import Prompt
 from gaussian_trimmer.segmentation.segmenters.sam import SamConfig, SamSegmenter
@@ -78,8 +78,9 @@ def flashsplat(given: Lifting) -> Lifted:
 
 
 def sagd(given: Lifting) -> Lifted:
-    votes = sum(_inside(c, mask, given.gaussians.means) for c, mask in zip(given.cameras, given.masks, strict=True))
-    return given.gaussians, np.asarray(votes > VOTES * len(given.cameras))
+    pairs = zip(given.cameras, given.masks, strict=True)
+    within = np.array([_inside(camera, mask, given.gaussians.means) for camera, mask in pairs])  # (V, N)
+    return given.gaussians, np.asarray(within.mean(axis=0) > VOTES)
 
 
 def sagd_decomposed(given: Lifting, *, mended: bool = False) -> Lifted:
@@ -212,12 +213,12 @@ def _weights(given: Lifting, gaussians: Gaussians) -> Float64Array:
     return np.asarray(sum_label_weights(gaussians, given.cameras, labels, 2, given.renderer))
 
 
-def _inside(camera: Camera, mask: BoolArray, points: Float64Array) -> BoolArray:
+def _inside(camera: Camera, mask: BoolArray, points: FloatArray | Float64Array) -> BoolArray:
     """Which points (M, 3) a camera sees within a mask, whatever stands before them, (M,)."""
     pixels, depths = camera.project(np.asarray(points, np.float64))
     x, y = np.floor(np.clip(np.nan_to_num(pixels, nan=-1.0), -1, 1e6)).astype(np.int64).T
     seen = (depths > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-    return seen & mask[np.where(seen, y, 0), np.where(seen, x, 0)]
+    return np.asarray(seen & mask[np.where(seen, y, 0), np.where(seen, x, 0)])
 
 
 if __name__ == "__main__":
