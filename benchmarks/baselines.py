@@ -158,7 +158,7 @@ class Baselines:
         chosen = chosen_variants(self.variants, self.sam_model)
         progress, overlaps = open_console(quiet=self.tables.for_programs), list[float]()
         for folder in self.scenes:
-            for trial in self._trials(open_scene(folder), judge.renderer, overlaps):
+            for trial in self._trials(open_scene(folder), judge.renderer, overlaps, progress.print):
                 for run in measure(trial, chosen, judge, fidelity=False):
                     runs.append(run)
                     print_run(run, progress)
@@ -168,7 +168,9 @@ class Baselines:
     def _how(self) -> str:
         return f"SAM by true boxes ({self.sam_model.name})" if self.sam_model else str(self.masks or "the scene's own")
 
-    def _trials(self, scene: BenchmarkScene, renderer: Renderer, overlaps: list[float]) -> Iterator[Trial]:
+    def _trials(
+        self, scene: BenchmarkScene, renderer: Renderer, overlaps: list[float], report: Callable[[str], None]
+    ) -> Iterator[Trial]:
         listed = only_training(read_camera_set(scene.cameras_file))
         cameras = evenly_spread(listed, self.views) or []
         up = None if scene.up is None else tuple(scene.up.tolist())
@@ -187,6 +189,7 @@ class Baselines:
                     mask = read_mask(self.masks / name / camera.name) > 0.5
                 masks.append(np.asarray(mask))
                 overlaps.append(float((mask & truth).sum() / max((mask | truth).sum(), 1)))
+            report(f"{scene.name}/{name}: IoU of the masks {100 * np.mean(overlaps[-len(cameras) :]):.1f}")
             views = [view for view in scene.test_views(name) if not view.far]
             for method in self.methods:
                 gaussians, selection = METHODS[method](Lifting(scene.gaussians, cameras, masks, renderer))

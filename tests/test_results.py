@@ -7,7 +7,9 @@ import toy
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.results import cut_by, read_result
-from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.output.saving import save
+from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.trimming.trim import trim, trim_objects
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +76,18 @@ def test_a_selection_file_cuts_the_scene(ball, tmp_path):
     found = read_result(tmp_path / "rough.npy", scene)
     np.testing.assert_array_equal(found.selection, rough)
     assert rows(found.cut.object) == rows(cut_by(scene, rough).object)
+
+
+def test_one_of_several_objects_is_read_from_their_folder(tmp_path):
+    scene, truth = toy.ball_on_floor()
+    left = truth & (scene.means[:, 0] < 0)
+    result = trim_objects(scene, {3: left, 7: truth & ~left}, up=toy.UP, config=toy.small_config())
+    save(result, tmp_path / "out")
+    stored = read_result(tmp_path / "out", scene, SelectionOptions(object_id=(7,)))
+    own = next(part for part in result.objects if part.id == 7)
+    assert len(stored.cut.object) == len(own.gaussians)
+    assert len(stored.cut.background) == len(formats.read(tmp_path / "out" / "background.ply")) + sum(
+        len(part.gaussians) for part in result.objects if part.id != 7
+    )
+    with pytest.raises(InputError, match=r"3 \(.*7 \("):
+        read_result(tmp_path / "out", scene)

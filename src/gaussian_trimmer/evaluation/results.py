@@ -11,10 +11,11 @@ import numpy as np
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.scoring import Cut
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
-from gaussian_trimmer.io.reading import is_folder
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
+from gaussian_trimmer.io.reading import is_folder, path_inside, read_json
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
-from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.object_ids import check_ids
+from gaussian_trimmer.selection_files.selection_file import mask_of_rows, open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.splat_kinds import MASK
 
@@ -35,7 +36,8 @@ class StoredResult:
 def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None = None) -> StoredResult:
     """Return the object that a folder of a trim, a splat file or a selection file holds.
 
-    - A folder must be one that `gaussian-trimmer trim` wrote: object, background, and the selection before the trim.
+    - A folder must be one that `gaussian-trimmer trim` wrote: object, background, and the selection before the trim. Of
+      several objects the options name one.
     - A splat file with fewer Gaussians than the scene is the object itself. The background is the scene without the
       object's rows, if they are found in it.
     - Anything else is a selection of the scene's rows.
@@ -49,7 +51,7 @@ def read_result(path: Path, scene: Gaussians, options: SelectionOptions | None =
         InputError: nothing readable is there, or it does not fit the scene.
     """
     if is_folder(path):
-        return _read_folder(path, scene)
+        return _read_folder(path, scene, options.object_id if options else ())
     if path.name.lower().endswith(tuple(formats.FORMATS)):
         rows = open_selection(path, len(scene)).rows
         if rows is not None and MASK not in rows.columns and len(rows) < len(scene):
@@ -103,27 +105,41 @@ def _read_object(path: Path, scene: Gaussians) -> StoredResult:
     return StoredResult(Cut(found, scene.select(~selection)), selection)
 
 
-def _read_folder(folder: Path, scene: Gaussians) -> StoredResult:
-    found, labels = _only(folder, "object"), folder / "labels.npz"
-    if found is None or not labels.is_file():
+def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> StoredResult:
+    """Return the object of a trim's folder, or of several the one with an id; the others are part of the background."""
+    labels, n = folder / "labels.npz", len(scene)
+    if not labels.is_file():
         raise InputError(
-            f"'gaussian-trimmer trim' did not write the folder '{folder}': it lacks an object file or labels.npz; name "
-            "another tool's file itself."
+            f"'gaussian-trimmer trim' did not write the folder '{folder}': it lacks labels.npz; name another tool's file "
+            "itself."
         )
+    file = open_selection(labels, n)
+    rows = trimmed.rows_of_objects(file, n)
+    if wanted or len(rows) > 1:
+        check_ids(wanted, list(rows), [len(own) for own in rows.values()], folder)
+    files = _object_files(folder, list(rows))
+    parts = {number: formats.read(path) for number, path in files.items()}
+    chosen = [number for number in rows if not wanted or number in wanted]
     background = _only(folder, "background")
-    cut = Cut(formats.read(found), formats.read(background) if background else None)
-    missing = None if background else f"'{folder}' holds no background file."
-    file, n = open_selection(labels, len(scene)), len(scene)
-    objects = trimmed.rows_of_objects(file, n).values()
-    rows = _mask(np.concatenate([np.zeros(0, np.int64), *objects]), n)
+    rest = [formats.read(background), *(parts[i] for i in parts if i not in chosen)] if background else None
+    nothing = scene.select(slice(0, 0))
+    cut = Cut(concatenate([nothing, *(parts[i] for i in chosen if i in parts)]), concatenate(rest) if rest else None)
     before = trimmed.selected_rows(file, n)
-    return StoredResult(cut, rows, None if before is None else _mask(before, n), missing)
+    missing = None if background else f"'{folder}' holds no background file."
+    selection = mask_of_rows(np.concatenate([rows[number] for number in chosen]), n)
+    return StoredResult(cut, selection, None if before is None else mask_of_rows(before, n), missing)
 
 
-def _mask(rows: IntArray, n: int) -> BoolArray:
-    mask = np.zeros(n, np.bool_)
-    mask[rows] = True
-    return mask
+def _object_files(folder: Path, ids: Sequence[int]) -> dict[int, Path]:
+    """Return the splat files of a trim's objects by their ids; those without a single Gaussian have none."""
+    if len(ids) == 1 and (only := _only(folder, "object")):
+        return {ids[0]: only}
+    try:
+        entries = {entry["id"]: entry["file"] for entry in read_json(folder / "report.json")["objects"]}
+        found = {number: path_inside(folder, str(entries[number])) for number in ids if entries[number]}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"'{folder}' lacks an object file, or its report.json the names of several.") from error
+    return {number: path for number, path in found.items() if path is not None}
 
 
 def _only(folder: Path, stem: str) -> Path | None:
