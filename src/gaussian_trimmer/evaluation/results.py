@@ -110,8 +110,8 @@ def _read_folder(folder: Path, scene: Gaussians, wanted: Sequence[int]) -> Store
     labels, n = folder / "labels.npz", len(scene)
     if not labels.is_file():
         raise InputError(
-            f"'gaussian-trimmer trim' did not write the folder '{folder}': it lacks labels.npz; name another tool's file "
-            "itself."
+            f"'gaussian-trimmer trim' did not write the folder '{folder}': it lacks labels.npz; name another tool's "
+            "file itself."
         )
     file = open_selection(labels, n)
     rows = trimmed.rows_of_objects(file, n)
