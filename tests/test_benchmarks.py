@@ -1,13 +1,16 @@
 """The scripts that measure the project itself, on the ball in the layout of the benchmark."""
 
 import json
+from dataclasses import replace
 
 import benchmark_data  # noqa: F401  finds the scripts
 import cv2
 import dataset_layouts
 import numpy as np
 import pytest
+import toy
 from ablations import Ablations, ablation_table, draw_views
+from baselines import METHODS, Lifting, table_of
 from command_line import save_ball
 from quality import Quality, TrialOptions
 from sheets import CELL, Sheet
@@ -16,6 +19,7 @@ from variants import VIEW_COUNTS, chosen_variants
 from gaussian_trimmer.commands.tables import TableOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.runs import Run
+from gaussian_trimmer.rendering import get_renderer
 
 
 @pytest.fixture
@@ -105,6 +109,29 @@ def test_variants_are_what_their_names_say():
     assert three.config.plan.views == 3 and three.config.plan.size == paper.config.plan.size
     with pytest.raises(InputError, match=r"'paper-sam'.*--sam-model"):
         chosen_variants(("paper-sam",))
+
+
+def test_baselines_lift_masks_as_their_methods_do():
+    scene, truth = toy.ball_on_floor()
+    cameras = [toy.camera_at((5, 0, 3)), toy.camera_at((0, -5, 2)), toy.camera_at((-4, 3, 3))]
+    renderer, values = get_renderer("numba"), truth[:, None].astype(np.float32)
+    masks = [renderer.blend_values(scene, camera, values)[..., 0] > 0.5 for camera in cameras]
+    lifted = {name: method(Lifting(scene, cameras, masks, renderer)) for name, method in METHODS.items()}
+    for name in ("FlashSplat", "SAGD"):
+        assert lifted[name][0] is scene and toy.jaccard(lifted[name][1], truth) > 0.7
+    votes, (shortened, selection) = lifted["SAGD"][1], lifted["SAGD, mended"]
+    assert selection.sum() == votes.sum() and len(shortened) == len(scene)  # one child, and nothing outside
+    assert (shortened.log_scales[: votes.sum()] <= scene.log_scales[votes] + 1e-6).all()
+    assert len(lifted["COB-GS-like"][0]) >= len(scene)
+
+
+def test_baselines_have_rows_alone_and_trimmed():
+    runs = [run_of(), run_of(gain=3.0, object="cup")]
+    runs = [replace(run, before={**run.before, "boundary_iou": 80.0}) for run in runs]
+    runs = [replace(run, after={**run.after, "boundary_iou": 85.0}) for run in runs]
+    alone, trimmed = table_of(runs, ("default",), []).rows
+    assert alone[0] == "dilated" and trimmed[0] == "+ default"
+    assert (alone[1].mean, trimmed[1].mean) == (90.0, 92.0)
 
 
 @pytest.mark.parametrize("masks", ["masks", None])

@@ -84,7 +84,9 @@ class _EvaluateDataset:
         views = self.config.plan.views
         trimmed = f"trimmed with the preset '{self.preset}', {views} views, {self.segmenter}"
         rules = [judge.describe()] if self.protocol == OWN else [protocol.describe(), judge.tools()]
-        notes = [*rules, *([trimmed] if self.predictions else []), made_by()]
+        notes = [*rules, *([trimmed] if self.predictions else [])]
+        notes += [f"masks that methods rendered: white > {protocol.masks_above:g}"] if self.masks_only else []
+        notes += [made_by()]
         tables = {f"{self.layout}-{name}": table_of_tasks(layout, name, runs, notes) for name, runs in methods.items()}
         tables[self.layout] = table_beside_published(layout, methods, notes, protocol)
         metrics = [name + RULES[rule] for rule in protocol.rules for name in ("iou", layout.second)]
