@@ -5,10 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import toy
+from batch_runs import write_manifest
+from command_line import run
 
 import gaussian_trimmer as gt
+from gaussian_trimmer import formats
+from gaussian_trimmer.app.saving import Target
+from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.batch.manifest import read_manifest
+from gaussian_trimmer.batch.trimming import trim_items
 from gaussian_trimmer.config import RefineConfig, SplitConfig
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.selecting.marks import Sphere
+from gaussian_trimmer.selecting.saved_selection import save_selection
 from gaussian_trimmer.selecting.select import SelectionResult
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -27,6 +36,7 @@ STAGES = {
     "fitted": {"background": "filled", "refine": "fit", "refinement": RefineConfig(steps=2)},
     "split": {"split": SplitConfig("plane")},
 }
+UP = ["--up", 0, 0, 1]
 COLUMNS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
 
@@ -103,3 +113,53 @@ def test_ten_thousand_ids_fit():
     small = toy.gaussians(np.zeros((len(labels), 3)), (0.1,) * 3, (0.1,) * 3)
     owner, contested = resolve_overlaps(small, rows, rows)
     assert (owner == labels).all() and not contested and owner.dtype == np.int32
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The scene, a selection with what marks removed from it, and what the command makes of it."""
+    folder = tmp_path_factory.mktemp("ways")
+    formats.write(BALL, folder / "scene.ply")
+    ball, patch = Sphere((0, 0, 1), 1.2), Sphere((0, 0, 2), 0.5, effect="remove")
+    save_selection(gt.select(BALL, [ball, patch], up=toy.UP), folder / "rough.npy")
+    np.save(folder / "labels.npy", np.where(toy.dilated(BALL, TRUTH), 3, 0))
+    assert run("trim", folder / "scene.ply", folder / "rough.npy", *UP, "--output", folder / "trim") == 0
+    return folder
+
+
+def splats(folder, name="object"):
+    return [(folder / f"{file}.ply").read_bytes() for file in (name, "background")]
+
+
+def test_the_command_makes_what_python_does(files):
+    selection = gt.select(BALL, [gt.marks.FromFile(files / "rough.json")], up=toy.UP)
+    assert selection.excluded.any()
+    result = gt.trim(gt.read(files / "scene.ply"), selection, up=toy.UP)
+    result.save(files / "python")
+    assert splats(files / "python") == splats(files / "trim")
+
+
+def test_labels_of_one_object_make_what_its_selection_does(files):
+    common = ["trim", files / "scene.ply", *UP, "--quiet", "--output"]
+    assert run(*common, files / "several", "--labels", files / "labels.npy") == 0
+    assert run(*common, files / "one", files / "labels.npy", "--selection.object-id", 3) == 0
+    assert splats(files / "several", "object_3") == splats(files / "one")
+
+
+def test_the_app_cuts_out_what_the_command_does(files):
+    session = Session()
+    session.open(files / "scene.ply")
+    session.set_up((0.0, 0.0, 1.0))
+    session.load(files / "rough.json")
+    session.trim()
+    session.save(Target(files / "app", "ply"))
+    assert splats(files / "app") == splats(files / "trim")
+
+
+def test_a_batch_of_one_makes_what_the_command_does(files):
+    manifest = write_manifest(files, ["scene-0"], options="")
+    manifest.write_text(manifest.read_text().replace("scene-0.npy", "rough.npy"))
+    (item,) = read_manifest(manifest)
+    (outcome,) = trim_items([item], files / "batch")
+    assert outcome.state == "trimmed"
+    assert splats(files / "batch" / "items" / "scene-0") == splats(files / "trim")

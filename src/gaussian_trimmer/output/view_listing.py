@@ -12,7 +12,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Gaussians, IntArray
 from gaussian_trimmer.io.writing import write_whole
-from gaussian_trimmer.output.html.document import asset, document, json_block, text
+from gaussian_trimmer.output.html.document import asset, document, json_block, render
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
 
@@ -74,18 +74,8 @@ def with_grid(picture: Picture) -> Picture:
 def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]) -> str:
     """The page as HTML; it works without a server, and loads nothing but the pictures beside it."""
     order = [*whole, *(number for number in range(len(cameras)) if number not in set(whole))]
-    figures = []
-    for number in order:
-        camera = cameras[number]
-        name = f" {text(camera.name)}" if camera.name else ""
-        kind = ", the whole capture" if number in set(whole) and len(whole) < len(cameras) else ""
-        figures.append(
-            f'<figure><div class="view" data-view="{number}" data-width="{camera.width}" data-height="{camera.height}">'
-            f'<img src="{number:03d}.png" width="{camera.width}" height="{camera.height}" alt="view {number}" '
-            f'draggable="false"><svg viewBox="0 0 {camera.width} {camera.height}"></svg></div>'
-            f"<figcaption>view {number}{name}{kind}<span></span></figcaption></figure>"
-        )
-    body = f"{_HEADER}<main>\n{chr(10).join(figures)}\n</main>{json_block('words', shlex.join(command))}"
+    words = json_block("words", shlex.join(command))
+    body = render("view_listing.html", order=order, cameras=cameras, whole=set(whole), words=words)
     style, script = asset("view_listing.css"), asset("view_listing.js")
     return document("Views to click in", body, style=style, script=script, stands_alone=False)
 
@@ -93,13 +83,3 @@ def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]
 def _number(picture: Picture, number: int, place: tuple[int, int]) -> None:
     for colour, thickness in ((_SHADE_COLOUR, 3), (_INK_COLOUR, 1)):
         cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, colour, thickness, cv2.LINE_AA)
-
-
-_HEADER = """<header>
-<p><b>Click</b> on what you want, or <b>drag</b> a box around it. Hold <b>Ctrl</b> (Cmd on a Mac), or tick "remove", for
-what you do not want; <b>Shift</b> adds in any case. Later clicks belong in the middle of what is missing or too
-much.</p>
-<p><label><input type="checkbox" id="remove"> remove</label> <button id="undo">undo</button>
-<button id="clear">clear</button> <button id="copy">copy the command</button></p>
-<textarea id="command" readonly></textarea>
-</header>"""

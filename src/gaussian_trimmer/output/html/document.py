@@ -1,20 +1,24 @@
 """What every page of this program has in common: one style, light and dark, and a policy against foreign contents.
 
-Names of files and what they say come from strangers: text reaches a page through `text` alone. The policy in a page's
-head lets no script run but the page's own, by its checksum, and a page that stands alone may not use the network.
+Names of files and what they say come from strangers: what a template is given is escaped unless it is `Markup`. The
+policy in a page's head lets no script run but the page's own, by its checksum, and a page that stands alone may not use
+the network.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import json
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gaussian_trimmer.errors import printable
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
 
 SUFFIXES = (".html", ".htm")
 """Endings of names that browsers know as those of pages."""
@@ -23,7 +27,7 @@ _MAX_TEXT = 4000
 
 
 def document(title: str, body: str, *, style: str = "", script: str = "", stands_alone: bool = True) -> str:
-    """A whole page.
+    """Return a whole page.
 
     Args:
         title: plain text.
@@ -38,41 +42,67 @@ def document(title: str, body: str, *, style: str = "", script: str = "", stands
     policy = [f"script-src {scripts}", "worker-src blob:", "child-src blob:", "base-uri 'none'", "form-action 'none'"]
     if stands_alone:
         policy = ["default-src 'none'", "img-src data:", "style-src 'unsafe-inline'", *policy]
-    lines = [
-        "<!DOCTYPE html>",
-        '<html lang="en"><head><meta charset="utf-8">',
-        f'<meta http-equiv="Content-Security-Policy" content="{"; ".join(policy)}">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<link rel="icon" href="data:,">',
-        f"<title>{text(title)}</title>",
-        f"<style>\n{asset('page.css')}{style}</style></head><body>",
-        body,
-        *([f"<script>{script}</script>"] if script else []),
-        "</body></html>",
-    ]
-    return "\n".join(lines) + "\n"
+    page = render(
+        "page.html",
+        title=title,
+        policy="; ".join(policy),
+        style=as_markup(asset("page.css") + style),
+        body=as_markup(body),
+        script=as_markup(script),
+    )
+    return str(page)
+
+
+def render(template: str, **values: Any) -> Markup:
+    """Return a template of `assets` with values, all of which are shown as plain text unless they are `Markup`."""
+    return as_markup(_environment().get_template(template).render(values))
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+    from markupsafe import Markup
+
+    return Environment(
+        loader=FunctionLoader(asset),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        finalize=lambda value: value if isinstance(value, Markup) else printable(str(value), _MAX_TEXT),
+    )
 
 
 @cache
 def asset(name: str) -> str:
-    """The text of a file of this folder's `assets`."""
+    """Return the text of a file of this folder's `assets`."""
     return files(__package__).joinpath("assets", name).read_text(encoding="utf-8")
 
 
+def as_markup(html: str) -> Markup:
+    """Mark HTML of this program's own, or what needs no escaping, such as base 64: templates take it as it is."""
+    from markupsafe import Markup
+
+    return Markup(html)
+
+
 def text(value: object) -> str:
-    """Anything as HTML that shows it as plain text, also within quotes of an attribute.
+    """Return anything as HTML that shows it as plain text, also within quotes of an attribute.
 
     >>> text("<b>'a' & b</b>")
-    '&lt;b&gt;&#x27;a&#x27; &amp; b&lt;/b&gt;'
+    '&lt;b&gt;&#39;a&#39; &amp; b&lt;/b&gt;'
     """
-    return html.escape(printable(str(value), _MAX_TEXT))
+    from markupsafe import escape
+
+    return str(escape(printable(str(value), _MAX_TEXT)))
 
 
-def json_block(name: str, value: Any) -> str:
-    """An element that holds data for the page's script, which finds it by its name.
+def json_block(name: str, value: Any) -> Markup:
+    """Return an element that holds data for the page's script, which finds it by its name.
 
-    >>> json_block("a", "</script>")
+    >>> str(json_block("a", "</script>"))
     '<script type="application/json" id="a">"\\\\u003c/script>"</script>'
     """
     data = json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return f'<script type="application/json" id="{name}">{data}</script>'
+    return as_markup(f'<script type="application/json" id="{name}">{data}</script>')

@@ -56,6 +56,12 @@ class Figure:
     doubt: str = ""
     """What is wrong with this view; empty if nothing is."""
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures."""
+        height, width = next(iter(self.pictures.values())).shape[:2]
+        return width, height
+
 
 @dataclass(frozen=True)
 class Pairing:

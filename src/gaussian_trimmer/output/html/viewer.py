@@ -15,7 +15,7 @@ from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
-from gaussian_trimmer.output.html.document import SUFFIXES, asset, document, json_block, text
+from gaussian_trimmer.output.html.document import SUFFIXES, as_markup, asset, document, json_block, render
 from gaussian_trimmer.output.result import TrimResult
 
 MOST_GAUSSIANS = 1_000_000
@@ -136,15 +136,17 @@ def viewer_page(
     ends = np.cumsum([0, *(len(part) for part in parts.values())]).tolist()
     ranges = [{"name": name, "range": ends[i : i + 2]} for i, name in enumerate(parts)]
     settings = {**first_view(bounds, angles), "axes": bounds.axes.tolist(), "centre": [0.0, 0.0, 0.0], "parts": ranges}
-    body = (
-        f'<div id="stage" class="light"><canvas id="canvas" tabindex="0" role="application" aria-label="{text(title)}: '
-        f'{count:,} Gaussians. {_HELP_TEXT}"></canvas><p id="message" role="alert" hidden></p></div>'
-        "<noscript><p>The page draws only where scripts are allowed.</p></noscript>"
-        f"<footer><h1>{text(title)}</h1><span>{count:,} Gaussians</span>{_choices(list(parts))}"
-        '<button type="button" id="turn" aria-pressed="false">turn</button>'
-        '<button type="button" id="reset">start over</button>'
-        f"<details><summary>help</summary>{_HELP_TEXT}</details></footer>"
-        f'<script type="text/plain" id="splats">{data}</script>{json_block("settings", settings)}'
+    groups = [("backdrop", "Backdrop", [(name, name) for name in ("light", "dark", "checker")])]
+    if len(parts) > 1:
+        groups.insert(0, ("part", "Show", [("", "both"), *((name, name) for name in parts)]))
+    body = render(
+        "viewer.html",
+        title=title,
+        count=count,
+        help=_HELP_TEXT,
+        groups=groups,
+        splats=as_markup(data),
+        settings=json_block("settings", settings),
     )
     return document(title, body, style=asset("viewer.css"), script=asset("viewer.js"))
 
@@ -163,20 +165,3 @@ def first_view(bounds: Bounds, angles: tuple[float, float] = _FIRST_ANGLES) -> d
         "fov": _FOV_RADIANS,
         "near": _NEAR_PLANE_RADII * bounds.radius,
     }
-
-
-def _choices(parts: list[str]) -> str:
-    backdrops = [(name, name) for name in ("light", "dark", "checker")]
-    groups = [("backdrop", "Backdrop", backdrops)]
-    if len(parts) > 1:
-        groups.insert(0, ("part", "Show", [("", "both"), *((name, name) for name in parts)]))
-    return "".join(
-        f"<fieldset><legend>{legend}</legend>"
-        + "".join(
-            f'<label><input type="radio" name="{group}" value="{text(value)}"{" checked" if i == 0 else ""}> '
-            f"{text(word)}</label>"
-            for i, (value, word) in enumerate(values)
-        )
-        + "</fieldset>"
-        for group, legend, values in groups
-    )
