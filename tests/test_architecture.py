@@ -24,7 +24,7 @@ LAYERS = (
     BASE,
     ("geometry",),
     ("rendering",),
-    ("views", "scope"),
+    ("views", "scene_crop"),
     FILES,
     STAGES,
     ("removal",),

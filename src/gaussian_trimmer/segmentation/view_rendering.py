@@ -10,13 +10,13 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import FloatArray, Gaussians
 from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
-from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.scene_crop import SceneCrop
 from gaussian_trimmer.views import HALF, View, bounding_box, clearly_nearer, to_reference
 
 
 @dataclass(frozen=True, eq=False)
 class SceneRenderings:
-    """What the cameras of a scope see, with the blend weights of its L Gaussians, of which S are selected."""
+    """What the cameras of a crop see, with the blend weights of its L Gaussians, of which S are selected."""
 
     pictures: Sequence[Rendering]
     """The object, the Gaussians around it, and what hides them."""
@@ -28,17 +28,15 @@ class SceneRenderings:
     """Blend weight of each selected Gaussian rendered alone, (S,)."""
 
 
-def render_scope(scope: Scope, renderer: Renderer) -> SceneRenderings:
-    """Draw a scope and the selected object in it for each of its cameras."""
+def render_crop(crop: SceneCrop, renderer: Renderer) -> SceneRenderings:
+    """Draw a crop and the selected object in it for each of its cameras."""
 
     def drawn(gaussians: Gaussians) -> list[Rendering]:
-        return list(
-            parallel_map(lambda c: renderer.render(gaussians, c, weights=True), scope.cameras, using=[renderer])
-        )
+        return list(parallel_map(lambda c: renderer.render(gaussians, c, weights=True), crop.cameras, using=[renderer]))
 
-    pictures, isolated = drawn(scope.shown), drawn(scope.local.select(scope.selected))
-    visible, alone = (visible_weight([p.weights for p in shown], scope.cameras) for shown in (pictures, isolated))
-    return SceneRenderings(pictures, isolated, visible[: len(scope.local)], alone)
+    pictures, isolated = drawn(crop.shown), drawn(crop.local.select(crop.selected))
+    visible, alone = (visible_weight([p.weights for p in shown], crop.cameras) for shown in (pictures, isolated))
+    return SceneRenderings(pictures, isolated, visible[: len(crop.local)], alone)
 
 
 def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
@@ -52,26 +50,26 @@ def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> 
 
 
 def complete_views(
-    scope: Scope, renderings: SceneRenderings, probability: FloatArray, renderer: Renderer
+    crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray, renderer: Renderer
 ) -> list[View]:
-    """What the segmenter is given for each camera of a scope.
+    """What the segmenter is given for each camera of a crop.
 
     Args:
-        scope: the object and the Gaussians around it, L of them.
+        crop: the object and the Gaussians around it, L of them.
         renderings: what its cameras see.
         probability: the corrected labels, (L,).
         renderer: draws the labels.
     """
-    shares = np.zeros((len(scope.shown), 2), np.float32)
-    shares[: len(probability)] = np.stack([scope.selected, probability], axis=1)
+    shares = np.zeros((len(crop.shown), 2), np.float32)
+    shares[: len(probability)] = np.stack([crop.selected, probability], axis=1)
     views = []
     values = parallel_map(
-        lambda camera: renderer.blend_values(scope.shown, camera, shares), scope.cameras, using=[renderer]
+        lambda camera: renderer.blend_values(crop.shown, camera, shares), crop.cameras, using=[renderer]
     )
-    drawn = zip(scope.cameras, renderings.pictures, renderings.isolated, values, strict=True)
+    drawn = zip(crop.cameras, renderings.pictures, renderings.isolated, values, strict=True)
     for camera, picture, alone, shown in drawn:
         visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
         whole = alone.alpha > HALF
-        hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, alone.depth, scope.bounds.radius)
+        hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, alone.depth, crop.bounds.radius)
         views.append(View(camera, picture, alone.alpha, visible, expected, bounding_box(whole), hidden))
     return views

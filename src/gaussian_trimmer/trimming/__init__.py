@@ -1,1 +1,1 @@
-"""The way of one trim: its task, its scope, its stages in order, and what follows the decision."""
+"""The trim: `trim.py` reads as the algorithm, `decision.py` as what is decided for each object."""

@@ -31,7 +31,7 @@ def assemble_object(
         removal: the scene without it; None if that was not looked at.
         number: its number in `owner`.
     """
-    scene, rough, scope = setup.scene, decision.rough, decision.scope
+    scene, rough, crop = setup.scene, decision.rough, decision.crop
     rows = decision.owned(owner, number)
     split, inner, outer = _split_rows(decision, scene, rows)
     whole = np.setdiff1d(rows, split, assume_unique=True)
@@ -41,8 +41,8 @@ def assemble_object(
     label = np.concatenate([label, np.full(len(split), RowLabel.SPLIT_INSIDE)]).astype(np.uint8)
     fitted, not_fitted = np.zeros(0, np.int64), None
     if decision.outline is not None and setup.config.refine == "fit":
-        others = (owner[scope.rows] != number) & ~hidden[scope.rows]
-        around = concatenate([scope.local.select(others), outer])
+        others = (owner[crop.rows] != number) & ~hidden[crop.rows]
+        around = concatenate([crop.local.select(others), outer])
         refined = refine(gaussians, around, decision.outline, setup.config.refinement)
         gaussians, source, not_fitted = refined.object, source[refined.parent], refined.skipped_because
         label = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
@@ -58,11 +58,11 @@ def assemble_object(
         label=label,
         selected_rows=rough.rows,
         up=decision.up,
-        bounds=scope.bounds,
+        bounds=crop.bounds,
         views=decision.views,
         refused=decision.refused,
         warnings=decision.warnings,
-        floaters=len(rough.rows) - int(scope.selected.sum()) if decision.views else 0,
+        floaters=len(rough.rows) - int(crop.selected.sum()) if decision.views else 0,
         lost=int(np.count_nonzero(owner[decision.rows] != number)),
         fitted=fitted,
         not_fitted=not_fitted,
@@ -77,7 +77,7 @@ def _split_rows(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[I
     none = scene.select(slice(0))
     if decision.parts is None or decision.parts.inner is None:
         return np.zeros(0, np.int64), none, none
-    split = decision.scope.rows[decision.parts.split]
+    split = decision.crop.rows[decision.parts.split]
     kept, outer = np.isin(split, rows), decision.parts.outer
     return split[kept], decision.parts.inner.select(kept), none if outer is None else outer.select(kept)
 

@@ -14,16 +14,16 @@ from gaussian_trimmer.decomposition.splitting import Decomposition, split_stradd
 from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.scene_crop import SceneCrop
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.segmenters import mask_source_of
-from gaussian_trimmer.segmentation.view_rendering import complete_views, render_scope
+from gaussian_trimmer.segmentation.view_rendering import complete_views, render_crop
 from gaussian_trimmer.trimming.arguments import RoughObject
 from gaussian_trimmer.trimming.clock import Clock
+from gaussian_trimmer.trimming.crop import crop_scene
 from gaussian_trimmer.trimming.outline import outline_views
 from gaussian_trimmer.trimming.plugin_checks import segment
-from gaussian_trimmer.trimming.scope import plan_scope
 from gaussian_trimmer.trimming.setup import Setup
 from gaussian_trimmer.views import HALF, TrimmedView, without_pictures
 
@@ -33,7 +33,7 @@ class Decision:
     """What belongs to an object, before it is compared with others, fitted and put together."""
 
     rough: RoughObject
-    scope: Scope
+    crop: SceneCrop
     up: UpVector
     warnings: tuple[str, ...]
     views: tuple[TrimmedView, ...] = ()
@@ -50,12 +50,12 @@ class Decision:
     @property
     def candidates(self) -> IntArray:
         """Scene rows, ascending, of all Gaussians that could be the object's."""
-        return self.rough.rows if self.parts is None else self.scope.rows
+        return self.rough.rows if self.parts is None else self.crop.rows
 
     @property
     def rows(self) -> IntArray:
         """Scene rows, ascending, of those that it asks for."""
-        return self.rough.rows if self.parts is None else self.scope.rows[self.parts.members]
+        return self.rough.rows if self.parts is None else self.crop.rows[self.parts.members]
 
     def owned(self, owner: LabelArray, number: int) -> IntArray:
         """Return scene rows, ascending, of those that it gets, by the number of each Gaussian's object, (N,)."""
@@ -63,7 +63,7 @@ class Decision:
 
     def without_pictures(self) -> Decision:
         """The same in little memory: neither Gaussians nor pixels are kept."""
-        return replace(self, scope=replace(self.scope), views=tuple(map(without_pictures, self.views)))
+        return replace(self, crop=replace(self.crop), views=tuple(map(without_pictures, self.views)))
 
 
 def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
@@ -71,18 +71,18 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     config, renderer, segmenter = setup.config, setup.renderer, setup.segmenter
     with clock("plan"):
         plan = _plan(setup, rough)
-    scope = plan.scope
+    crop = plan.crop
     if plan.refused:
         return plan
     with clock("render"):
-        renderings = render_scope(scope, renderer)
+        renderings = render_crop(crop, renderer)
     with clock("correct"):
-        probability = correct_labels(scope.local, scope.selected, renderings.visible, scope.bounds, config.label_crf)
-        probability[scope.excluded] = 0
+        probability = correct_labels(crop.local, crop.selected, renderings.visible, crop.bounds, config.label_crf)
+        probability[crop.excluded] = 0
     with clock("render"):
-        unsegmented = complete_views(scope, renderings, probability, renderer)
+        unsegmented = complete_views(crop, renderings, probability, renderer)
     with clock("segment"):
-        masks = segment(segmenter, unsegmented, scope.shown, renderer, lambda part: clock.part(f"segment {part}"))
+        masks = segment(segmenter, unsegmented, crop.shown, renderer, lambda part: clock.part(f"segment {part}"))
         judged = mask_source_of(segmenter) != "labels"
         views = check_masks(unsegmented, masks, config.acceptance, judged)
     plan = replace(plan, views=tuple(views))
@@ -91,17 +91,17 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
         return replace(plan, refused=refused)
     accepted = [view for view in views if not view.rejected]
     with clock("split"):
-        candidates = scope.selected | (probability > HALF)
-        parts = split_straddlers(scope.shown, candidates, accepted, renderer, config.boundary, config.split)
+        candidates = crop.selected | (probability > HALF)
+        parts = split_straddlers(crop.shown, candidates, accepted, renderer, config.boundary, config.split)
     with clock("weigh"):
-        parts = vote(scope.shown, parts, scope.selected, probability, views, renderer, config.evidence)
+        parts = vote(crop.shown, parts, crop.selected, probability, views, renderer, config.evidence)
     with clock("prune"):
-        plane = scope.support_plane(parts.members, renderings.visible, config.label_crf.support_plane)
-        outline = outline_views(setup, scope, accepted, plane)
+        plane = crop.support_plane(parts.members, renderings.visible, config.label_crf.support_plane)
+        outline = outline_views(setup, crop, accepted, plane)
         if config.evidence.min_in_place > 0:
-            parts = prune_halo(scope.local, parts, outline, config.evidence.min_in_place)
+            parts = prune_halo(crop.local, parts, outline, config.evidence.min_in_place)
     refused = excessive_loss(
-        scope.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
+        crop.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )
     return replace(plan, refused=refused) if refused else replace(plan, outline=outline, parts=parts)
 
@@ -110,13 +110,13 @@ def _plan(setup: Setup, rough: RoughObject) -> Decision:
     """Decide where to look from; refused if an input is wrong."""
     scene, selection = setup.scene, rough.mask(len(setup.scene))
     up = setup.up or find_up(scene, setup.cameras, setup.config.up, selection)
-    scope = plan_scope(setup, selection, _excluded(setup, rough), up.direction)
-    wrong = find_wrong_input(scene, selection, scope.bounds, training_cameras(setup.cameras))
+    crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction)
+    wrong = find_wrong_input(scene, selection, crop.bounds, training_cameras(setup.cameras))
     doubt = setup.up_warning
     if setup.up is None and not wrong:
         doubt = up_warning(scene, selection, up)
     found = (selection_warning(scene, selection), doubt)
-    return Decision(rough, scope, up, tuple(warning for warning in found if warning), refused=wrong)
+    return Decision(rough, crop, up, tuple(warning for warning in found if warning), refused=wrong)
 
 
 def _excluded(setup: Setup, rough: RoughObject) -> BoolArray:

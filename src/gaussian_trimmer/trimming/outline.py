@@ -9,20 +9,20 @@ from gaussian_trimmer.decomposition.alpha_targets import Ground, OutlineViews, r
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
-from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.scene_crop import SceneCrop
 from gaussian_trimmer.segmentation.segmenters import knows_outlines
 from gaussian_trimmer.trimming.setup import Setup
 from gaussian_trimmer.views import TrimmedView
 
 
 def outline_views(
-    setup: Setup, scope: Scope, accepted: Sequence[TrimmedView], plane: SupportPlane | None
+    setup: Setup, crop: SceneCrop, accepted: Sequence[TrimmedView], plane: SupportPlane | None
 ) -> OutlineViews:
     """Small views of an object: from several heights, or cut out of the views of given cameras.
 
     The masks of given cameras are known if they know more of the object's outline than the scene does.
     """
-    settings, bounds, masks = setup.config.refinement, scope.bounds, None
+    settings, bounds, masks = setup.config.refinement, crop.bounds, None
     if setup.view_cameras:
         close = [close_up_of(trimmed.view.camera, bounds, settings.size) for trimmed in accepted]
         cameras = [camera for camera, _ in close]
@@ -30,9 +30,9 @@ def outline_views(
             masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(accepted, close, strict=True)]
     else:
         known = training_cameras(setup.cameras)
-        cameras = views_at_heights(bounds, scope.cameras, known, settings.views, settings.size)
+        cameras = views_at_heights(bounds, crop.cameras, known, settings.views, settings.size)
     ground = None if plane is None else _ground(bounds, plane)
-    return OutlineViews(cameras, masks, bounds.radius, ground, scope.occluders)
+    return OutlineViews(cameras, masks, bounds.radius, ground, crop.occluders)
 
 
 def _ground(bounds: Bounds, plane: SupportPlane) -> Ground:

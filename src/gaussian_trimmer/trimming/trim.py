@@ -113,13 +113,13 @@ def trim_objects(
             owner = _with_fragments(setup, decisions, owner, removals)
             for decision, removal in zip(decisions, removals, strict=True):
                 if removal is not None:
-                    hidden[decision.scope.rows[removal.ghosts]] = True
+                    hidden[decision.crop.rows[removal.ghosts]] = True
             hidden &= owner == 0
     with clock("refine"):
         fitted = partial(assemble_object, setup, owner, hidden)
         assembled = list(setup.map(fitted, _light(decisions), removals, numbers))
     with clock("assemble"):
-        placed = [(d.scope.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
+        placed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
         return assemble_result(setup, assembled, owner, hidden, placed, contested, clock.seconds)
 
 
@@ -153,11 +153,11 @@ def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
 
 def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) -> Removal | None:
     """Return what the Gaussians around an object are without it; None if it is left as it was, or has nothing left."""
-    scope, of_scope = decision.scope, owner[decision.scope.rows]
-    if decision.parts is None or not (of_scope == number).any():
+    crop, of_crop = decision.crop, owner[decision.crop.rows]
+    if decision.parts is None or not (of_crop == number).any():
         return None
-    cameras = views_of_place(scope.bounds, setup.config.refinement.size)
-    place = Place(scope.local, of_scope == number, of_scope > 0, scope.bounds, cameras, setup.renderer)
+    cameras = views_of_place(crop.bounds, setup.config.refinement.size)
+    place = Place(crop.local, of_crop == number, of_crop > 0, crop.bounds, cameras, setup.renderer)
     removal = remove(place, fill=setup.config.background == "filled")
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
@@ -170,9 +170,9 @@ def _with_fragments(
     """Return `owner` (N,) with the fragments of objects that were found when these were removed."""
     claims = []
     for number, (decision, removal) in enumerate(zip(decisions, removals, strict=True), 1):
-        scope, rows = decision.scope, decision.owned(owner, number)
+        crop, rows = decision.crop, decision.owned(owner, number)
         if removal is not None:
-            joins = removal.to_object & ~scope.excluded & (scope.selected | setup.config.evidence.recover)
-            rows = np.union1d(rows, scope.rows[joins])
+            joins = removal.to_object & ~crop.excluded & (crop.selected | setup.config.evidence.recover)
+            rows = np.union1d(rows, crop.rows[joins])
         claims.append(rows)
     return resolve_overlaps(setup.scene, claims, [decision.rough.rows for decision in decisions])[0]

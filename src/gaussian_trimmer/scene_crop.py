@@ -15,7 +15,7 @@ from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneCo
 
 
 @dataclass(frozen=True, eq=False)
-class Scope:
+class SceneCrop:
     """L Gaussians of a scene, and the cameras of the views that show them."""
 
     scene: Gaussians
@@ -34,7 +34,7 @@ class Scope:
 
     @cached_property
     def local(self) -> Gaussians:
-        """The L Gaussians themselves; a copy of the scope does not keep them."""
+        """The L Gaussians themselves; a copy of the crop does not keep them."""
         return self.scene.select(self.rows)
 
     @cached_property

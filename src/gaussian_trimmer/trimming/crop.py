@@ -13,7 +13,7 @@ from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
-from gaussian_trimmer.scope import Scope
+from gaussian_trimmer.scene_crop import SceneCrop
 from gaussian_trimmer.trimming.setup import Setup
 
 _MOST_STEPS = 8
@@ -23,7 +23,7 @@ _SEEN_DEVIATIONS = 3.0
 """Standard deviations from its centre up to which a Gaussian may show in a picture."""
 
 
-def plan_scope(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Float64Array) -> Scope:
+def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Float64Array) -> SceneCrop:
     """Plan the views of an object, and find the Gaussians around it.
 
     Args:
@@ -46,7 +46,7 @@ def plan_scope(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
     if setup.view_cameras and config.context_radius > 0:
         occluding = _before(scene, setup.view_cameras, bounds)
         occluding[rows] = False
-    return Scope(scene, bounds, planned, rows, selected, (excluded & ~selection)[rows], scene.select(occluding))
+    return SceneCrop(scene, bounds, planned, rows, selected, (excluded & ~selection)[rows], scene.select(occluding))
 
 
 def _surroundings(
