@@ -20,13 +20,12 @@ from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, logit
-from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.bounds import Bounds, up_frame
 from gaussian_trimmer.output.pictures import (
     BACKDROP,
     Picture,
     as_picture,
     captioned,
-    close_up,
     draw_view,
     write_picture,
 )
@@ -123,12 +122,22 @@ def _evidence(result: TrimResult) -> Picture:
     colours[result.background_source[result.background_label == RowLabel.REMOVED]] = REMOVED
     cells = []
     for i in (0, 1, 2):
-        camera = close_up(result.views[i], result.bounds, SIDE)
+        camera = _close_up(result.views[i].view.camera, result.bounds)
         rows = result.selection | result.object_mask
         shown = result.used_renderer.blend_values(result.scene.select(rows), camera, colours[rows])
         alpha = result.used_renderer.render(result.scene.select(rows), camera).alpha
         cells.append((f"view {i}: kept, removed, recovered", shown + (1 - alpha)[..., None]))
     return row_of_pictures(cells)
+
+
+def _close_up(camera: Camera, bounds: Bounds) -> Camera:
+    """A camera with its image cut to a square about the object and enlarged."""
+    corners, _ = camera.project(bounds.corners())
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    half = 0.6 * float((high - low).max())
+    corner, scale = (low + high) / 2 - half, SIDE / (2 * half)
+    crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
+    return replace(camera, K=crop @ camera.K, width=SIDE, height=SIDE)
 
 
 def _splitting() -> Picture:

@@ -24,15 +24,13 @@ from gaussian_trimmer.output.result import TrimmedObject, TrimResult
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.views import HALF, TrimmedView, bounding_box
+from gaussian_trimmer.views import HALF, TrimmedView
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 BACKDROP = np.full(3, 0.5, np.float32)
 """Neutral grey behind all pictures: neither dark nor light edges of a cut-out vanish in it."""
-_CLOSE_UP_MARGIN = 1.2
-"""Half the side of a close-up, relative to half the larger side of the object."""
 _WHOLE_OBJECT_MARGIN = 1.05
 """Distance of the frame from the outermost Gaussians of the object, relative to theirs from the middle."""
 _SMALLEST_ZOOM = 0.25
@@ -162,27 +160,6 @@ def _headings(yaws: Sequence[int], pitches: Sequence[float], verdicts: Sequence[
         for place, verdict in zip(places, verdicts, strict=True)
     ]
     return _line_of_strips(words, width)
-
-
-def close_up(view: TrimmedView, bounds: Bounds, size: int) -> Camera:
-    """The view's camera, its image cut to a square about the object and enlarged to `size` pixels.
-
-    The object is where its mask is, or its bounds if the mask was rejected; the middle of the image is taken where the
-    camera stands inside the bounds.
-    """
-    camera = view.view.camera
-    corners, _ = camera.project(bounds.corners())
-    if view.mask.any() and not view.rejected:
-        box = bounding_box(view.mask)
-        low, high = np.array(box[:2]), np.array(box[2:])
-    elif np.isfinite(corners).all():
-        low, high = corners.min(axis=0), corners.max(axis=0)
-    else:
-        low, high = np.zeros(2), np.array([camera.width, camera.height])
-    half = _CLOSE_UP_MARGIN * max(float((high - low).max()) / 2, 1.0)
-    corner, scale = (low + high) / 2 - half, size / (2 * half)
-    crop = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]], [0, 0, 1]])
-    return replace(camera, K=crop @ camera.K, width=size, height=size)
 
 
 def zoomed(camera: Camera, zoom: float) -> Camera:
