@@ -6,7 +6,7 @@ SCENE is a benchmark scene (see benchmark_scenes.py). Masks of ten training view
 in what the scene shows there, prompted by the bounds of the true mask; or they are those of --masks DIR/<object>/, or
 else the scene's own. The methods are those of other programs, written anew after their papers and code:
 
-    FlashSplat          the optimal assignment of blend weights to two labels
+    FlashSplat          the optimal assignment of blend weights to two labels, where these are a pixel at least
     SAGD                centres within the masks of more than 0.7 of the views
     SAGD, decomposed    the same, and Gaussians whose longest axis leaves a mask shortened to the part within, as the
                         published code does it: rows of the rotation for columns, directions projected as points
@@ -49,6 +49,8 @@ from gaussian_trimmer.selecting.lifting import sum_label_weights
 from gaussian_trimmer.views import bounding_box
 
 VOTES = 0.7
+SEEN = 1.0
+"""Blend weight in pixels, over all views, below which an assignment says nothing: the object alone would show it."""
 SAMPLES = 33
 """Points along a Gaussian's longest axis."""
 PULLED_BOTH_WAYS = 0.5
@@ -73,8 +75,7 @@ Lifted = tuple[Gaussians, BoolArray]
 
 
 def flashsplat(given: Lifting) -> Lifted:
-    weights = _weights(given, given.gaussians)
-    return given.gaussians, np.asarray(weights[:, 1] > weights[:, 0])
+    return given.gaussians, _assigned(_weights(given, given.gaussians))
 
 
 def sagd(given: Lifting) -> Lifted:
@@ -117,8 +118,7 @@ def cob_gs_like(given: Lifting) -> Lifted:
         axes = rotation_matrices(parents.quaternions)[np.arange(len(parents)), :, parents.log_scales.argmax(axis=1)]
         children = split_plane(parents, np.asarray(axes, np.float64), np.zeros(len(parents)))
         gaussians = concatenate([gaussians.select(~cut), *children])
-    weights = _weights(given, gaussians)
-    return gaussians, np.asarray(weights[:, 1] > weights[:, 0])
+    return gaussians, _assigned(_weights(given, gaussians))
 
 
 METHODS: dict[str, Callable[[Lifting], Lifted]] = {
@@ -214,6 +214,11 @@ def _weights(given: Lifting, gaussians: Gaussians) -> Float64Array:
     """Blend weight of each Gaussian outside and inside of the masks, (N, 2)."""
     labels = [mask.astype(np.uint8) for mask in given.masks]
     return np.asarray(sum_label_weights(gaussians, given.cameras, labels, 2, given.renderer))
+
+
+def _assigned(weights: Float64Array) -> BoolArray:
+    """Which Gaussians weigh more inside of the masks than outside, (N,), of those that are seen."""
+    return np.asarray((weights[:, 1] > weights[:, 0]) & (weights.sum(axis=1) > SEEN))
 
 
 def _inside(camera: Camera, mask: BoolArray, points: FloatArray | Float64Array) -> BoolArray:
