@@ -7,10 +7,11 @@ import pytest
 import toy
 
 from gaussian_trimmer.config import EvidenceConfig
-from gaussian_trimmer.decomposition.alpha_targets import Ground, OutlineViews
+from gaussian_trimmer.decomposition.alpha_targets import OutlineViews
 from gaussian_trimmer.decomposition.halo import prune_halo
 from gaussian_trimmer.decomposition.splitting import Decomposition
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.geometry.planes import Plane
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import TOUCHING_RADII
@@ -19,7 +20,7 @@ SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
 DARK = (0.05, 0.02, 0.02)
 RADIUS = float(np.linalg.norm(np.ptp(SCENE.means[TRUTH], axis=0)) / 2)
 CAMERAS = [toy.camera_at(toy.CENTRE + offset, size=64) for offset in ([4, 1, 2], [-3, 3, 1], [0.5, -4, 3])]
-FLOOR = Ground(toy.UP, -0.1)
+FLOOR = Plane(toy.UP, -0.1)
 
 
 def with_smear(depth):

@@ -8,7 +8,7 @@ from toy import BLUE, RED, WHITE, any_rotation, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, densest_layer, find_support_plane
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
 
@@ -150,7 +150,7 @@ def test_the_top_of_a_plinth_is_found_though_most_lies_elsewhere(level):
     box = (np.abs(thing.scene.means) < [0.5, 0.5, 0.7]).all(axis=1)
     seen = np.where(thing.of(GROUND), 1.0, 5.0)
     found = support(thing, box, seen=seen)
-    assert found.height == pytest.approx(-0.6, abs=0.02)
+    assert found.plane.offset == pytest.approx(-0.6, abs=0.02)
     assert found.on_surface[thing.of(TABLE)].all()
     # The wisp that is left of it if hardly anything of it shows is no surface.
     assert support(thing, box, seen=np.where(thing.of(TABLE), 0.3, seen)) is None
@@ -250,14 +250,3 @@ def test_a_thing_against_the_object_is_left_out_of_a_selection_that_is_right():
     seen = weights(thing).astype(np.float32)
     corrected = correct_labels(scene, selection, seen, bounds(), LabelCrfConfig()) > 0.5
     np.testing.assert_array_equal(corrected, selection)
-
-
-def test_the_densest_layer_is_three_bins_of_most_weight():
-    heights = np.array([0.05, 0.5, 0.52, 0.61, 3.0])
-    assert densest_layer(heights, np.array([1.0, 1, 1, 1, 2.5]), 0.0, 4.0, 0.1) == (pytest.approx(0.5433, abs=1e-4), 3)
-    assert densest_layer(heights, np.array([1.0, 1, 1, 1, 3.5]), 0.0, 4.0, 0.1) == (3.0, 3.5)
-
-
-@pytest.mark.parametrize("heights", [[], [9.0]])
-def test_no_weight_is_no_layer(heights):
-    assert densest_layer(np.array(heights), np.ones(len(heights)), 0.0, 1.0, 0.1) is None

@@ -12,6 +12,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats import read
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.geometry.planes import random_planes
 from gaussian_trimmer.planning import up_vector as orientation
 from gaussian_trimmer.planning.up_vector import find_up, up_from_cameras, up_from_ground_plane
 
@@ -150,7 +151,7 @@ def test_the_best_plane_is_the_one_that_scoring_all_of_them_finds(seed: int, wit
     points = np.random.default_rng(seed).permutation(scene.means[~rows].astype(np.float64))
     thing = scene.means[rows].astype(np.float64) if with_thing else None
     found = orientation._best_plane(points, thing, 0.05, np.random.default_rng(seed))
-    normals, offsets = orientation._planes_through_points(points, 0.05, np.random.default_rng(seed))
+    normals, offsets = random_planes(points, orientation._HYPOTHESES, 0.05**2, np.random.default_rng(seed))
     scores = [
         plain_score(n, o, points[: orientation._SCORED_POINTS], thing, 0.05)
         for n, o in zip(normals, offsets, strict=True)

@@ -20,7 +20,8 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.fitting import Target
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, concatenate
+from gaussian_trimmer.geometry.planes import Plane
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.rendering.gradients import Drawing, draw, draw_with
 from gaussian_trimmer.views import HALF, clearly_nearer
@@ -29,23 +30,6 @@ _SHARPENING_FACTOR = 2.0
 """Factor by which coverage is steeper at an outline than the Gaussians show it."""
 _TRUSTED_SHARE = 0.5
 """Share of the object's opacity alone that the scene has to show for that opacity to be right."""
-
-
-@dataclass(frozen=True, eq=False)
-class Ground:
-    """The plane that an object stands on."""
-
-    up: Float64Array
-    """Its unit normal in the world, (3,)."""
-    height: float
-    """Points p of the world lie below it where up . p is less than this."""
-
-    def hides(self, camera: Camera, depth: FloatArray) -> BoolArray:
-        """Return the pixels whose point at these depths (H, W) lies below the plane, (H, W)."""
-        x = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
-        y = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
-        right, down, forward = camera.rotation @ self.up
-        return np.asarray(self.up @ camera.centre + depth * (right * x + down * y[:, None] + forward) < self.height)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +59,7 @@ class OutlineViews:
     """Coverage of what is visible of the object in each view, (H, W); None if it must follow from the labels."""
     radius: float
     """The object's radius in scene units."""
-    ground: Ground | None = None
+    ground: Plane | None = None
     """What it stands on, if anything: nothing of it is below."""
     occluders: Gaussians | None = None
     """What else the views show before the object; None: nothing."""
@@ -98,7 +82,7 @@ class OutlineViews:
         consistent = share >= _TRUSTED_SHARE * alone.image[3] if mask is None else mask > HALF
         unknown = clearly_nearer(together.depth, depth, self.radius) & ~consistent
         if self.ground is not None:
-            unknown &= ~self.ground.hides(camera, depth)
+            unknown &= ~self.ground.pixels_below(camera, depth)
         return ObjectRender(alone, together.image[:3], share, mask, consistent, unknown)
 
 

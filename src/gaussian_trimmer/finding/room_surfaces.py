@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.finding.visible_surface import VisibleSurface
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
-from gaussian_trimmer.geometry.support_plane import plane_through
+from gaussian_trimmer.geometry.planes import Plane, find_plane, floor_and_wall_directions
 
-_DIRECTIONS_AROUND = 48
-"""Number of horizontal directions that a wall may face."""
 _MIN_AREA = 0.8
 """Smallest area of a surface of the room, with all that stands on it, in square units: a quarter of a picture."""
 _MIN_COVERED = 0.4
@@ -36,8 +34,6 @@ _CORE_BINS, _LAYER_BINS = 3, 20
 """Distance from the plane of what it is fitted to, and of what its upper side is found from, in bins."""
 _CELL_BINS, _CELL_SPACINGS = 10, 3
 """Side of the cells in which a layer's extent is counted, in bins, or in distances between its neighbours."""
-_FITTING_ROUNDS = 4
-_MAX_TILT_COSINE = np.cos(np.radians(8))
 _EDGE_SHARE = 0.1
 """A layer ends where less than this share of its densest bin is left."""
 _MAX_SIDES = 2.5
@@ -50,17 +46,15 @@ _BORDER_BINS = 2
 """Depth below its upper side down to which something else may lie on a surface, in bins, at most."""
 _FOOT_BINS = 8
 """Height of the part of an object that is its foot, in bins."""
-_MAX_LAYERS, _MIN_GAUSSIANS, _MAX_CELLS = 150, 20, 4000
+_MAX_LAYERS, _MAX_CELLS = 150, 4000
 
 
 @dataclass(frozen=True, eq=False)
 class RoomSurface:
     """One flat surface, for the S Gaussians of the visible surface."""
 
-    normal: Float64Array
-    """Unit normal, towards the side that is seen, (3,)."""
-    offset: float
-    """The plane: normal . p = offset, in units."""
+    plane: Plane
+    """In units; its normal points to the side that is seen."""
     area: float
     """With all that stands on it, in square units."""
     within: BoolArray
@@ -108,7 +102,7 @@ def find_room(surface: VisibleSurface) -> Room:
     for one in found:
         own |= one.own
         # What stands on a surface reaches down into its layer, but faces another way there.
-        facing = (surface.normals @ one.normal > _NEARLY_FACING) | (surface.flatness < _MIN_FLATNESS)
+        facing = (surface.normals @ one.plane.normal > _NEARLY_FACING) | (surface.flatness < _MIN_FLATNESS)
         certain |= one.own & (one.heights < -one.border - np.where(facing, 0, _CORE_BINS * bin_height))
         near = one.within & (one.heights >= 0) & (one.heights < _FOOT_BINS * bin_height)
         if one.horizontal:
@@ -120,66 +114,30 @@ def find_room(surface: VisibleSurface) -> Room:
 
 
 def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomSurface]:
-    turns = 2 * np.pi * np.arange(_DIRECTIONS_AROUND) / _DIRECTIONS_AROUND
-    walls = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(_DIRECTIONS_AROUND)])
-    directions = np.concatenate([[[0.0, 0.0, 1.0]], walls])
+    directions, least, core_height = floor_and_wall_directions(), _MIN_PEAK * _MIN_AREA, _CORE_BINS * bin_height
     flat = surface.flatness > _MIN_FLATNESS
     free = flat & (surface.areas < _MAX_SPACING**2)
+
+    def facing_it(direction: Float64Array) -> BoolArray:
+        return np.asarray(free & (surface.normals @ direction > _FACING))
+
     for _ in range(_MAX_LAYERS):
-        layers = [_densest(surface, free, direction, bin_height) for direction in directions]
-        held = np.array([area for area, _ in layers])
-        best = int(np.argmax(held))
-        if held[best] < _MIN_PEAK * _MIN_AREA:
+        plane, guess, held = find_plane(surface.points, surface.areas, directions, facing_it, bin_height, core_height)
+        if held.max() < least:
             return
-        directions_left = held >= _MIN_PEAK * _MIN_AREA
-        direction = directions[best]
-        normal, offset = _fitted(surface, free, direction, layers[best][1], bin_height)
-        heights = surface.points @ normal - offset
-        core = free & (surface.normals @ normal > _NEARLY_FACING) & (np.abs(heights) < _CORE_BINS * bin_height)
-        free &= ~core
-        near_peak = np.abs(surface.points @ direction - layers[best][1]) < bin_height
-        free &= ~(near_peak & (surface.normals @ direction > _FACING))
-        directions = directions[directions_left]
+        normal, horizontal = plane.normal, bool(guess.normal[2] == 1)
+        heights = plane.signed_distance(surface.points)
+        core = free & (surface.normals @ normal > _NEARLY_FACING) & (np.abs(heights) < core_height)
+        free &= ~core & ~(facing_it(guess.normal) & (np.abs(guess.signed_distance(surface.points)) < bin_height))
+        directions = directions[held >= least]
         facing = flat & (surface.normals @ normal > _NEARLY_FACING)
         for area, within in _extents(surface, core, normal, bin_height):
-            if _belongs_to_a_thing(surface, within, heights, normal, bool(direction[2] == 1)):
+            if _belongs_to_a_thing(surface, within, heights, normal, horizontal):
                 continue
             top = _upper_side(heights[within & facing], surface.areas[within & facing], bin_height)
-            free &= ~(within & facing & (np.abs(heights) < max(top, 2 * _CORE_BINS * bin_height)))
-            border = min(max(top - _CORE_BINS * bin_height, 0.0), _BORDER_BINS * bin_height)
-            yield RoomSurface(normal, offset, area, within, heights - top, bool(direction[2] == 1), border)
-
-
-def _densest(
-    surface: VisibleSurface, free: BoolArray, direction: Float64Array, bin_height: float
-) -> tuple[float, float]:
-    """Area and height of the layer that holds most of what faces a direction; zero where there is none."""
-    rows = np.flatnonzero(free & (surface.normals @ direction > _FACING))
-    if len(rows) < _MIN_GAUSSIANS:
-        return 0.0, 0.0
-    heights = surface.points[rows] @ direction
-    lowest = float(heights.min())
-    bins = ((heights - lowest) / bin_height).astype(np.int64)
-    held = np.convolve(np.bincount(bins, surface.areas[rows]), np.ones(3))[1:-1]
-    best = int(np.argmax(held))
-    return float(held[best]), lowest + (best + 0.5) * bin_height
-
-
-def _fitted(
-    surface: VisibleSurface, free: BoolArray, direction: Float64Array, height: float, bin_height: float
-) -> tuple[Float64Array, float]:
-    """Normal and offset of the plane through a layer, by weighted least squares."""
-    normal, offset = direction, height
-    for _ in range(_FITTING_ROUNDS):
-        near = free & (surface.normals @ normal > _FACING)
-        near &= np.abs(surface.points @ normal - offset) < _CORE_BINS * bin_height
-        if np.count_nonzero(near) < _MIN_GAUSSIANS // 2:
-            break
-        plane = plane_through(surface.points[near], surface.areas[near], direction, _MAX_TILT_COSINE)
-        if plane is None:
-            break
-        normal, offset = plane
-    return normal, offset
+            free &= ~(within & facing & (np.abs(heights) < max(top, 2 * core_height)))
+            border = min(max(top - core_height, 0.0), _BORDER_BINS * bin_height)
+            yield RoomSurface(plane, area, within, heights - top, horizontal, border)
 
 
 def _extents(

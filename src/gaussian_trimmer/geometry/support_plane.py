@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry.bounds import BOUND_PERCENTILES, Bounds
+from gaussian_trimmer.geometry.planes import Plane, densest_layer
 from gaussian_trimmer.settings import Range, Share
 
 _FOOT_DISTANCE_RADII = 0.4
@@ -48,10 +48,10 @@ class SupportPlaneConfig:
 class SupportPlane:
     """The plane, and where each of N Gaussians lies relative to it."""
 
-    height: float
-    """Height of the plane above the bounds' centre, in object radii."""
+    plane: Plane
+    """In scene units."""
     thickness: float
-    """Half of its thickness, in object radii."""
+    """Half of the thickness of its layer, in scene units."""
     on_surface: BoolArray
     """Gaussians within its thickness, (N,)."""
     above: BoolArray
@@ -61,7 +61,7 @@ class SupportPlane:
 def find_support_plane(
     positions: FloatArray, selection: BoolArray, weights: Float64Array, bounds: Bounds, config: SupportPlaneConfig
 ) -> SupportPlane | None:
-    """The horizontal layer near the object's foot that holds most of what surrounds it; None if there is none.
+    """Return the horizontal layer near the object's foot that holds most of what surrounds it, None if there is none.
 
     Args:
         positions: centres divided by the object's radius, (N, 3).
@@ -77,8 +77,7 @@ def find_support_plane(
     foot = np.percentile(height[selection], BOUND_PERCENTILES[0])
     level = ~selection & (np.abs(height - foot) < _FOOT_DISTANCE_RADII)
     bin_height = 2 / 3 * config.thickness  # a layer is three bins
-    lowest, highest = foot - _FOOT_DISTANCE_RADII, foot + _FOOT_DISTANCE_RADII + bin_height
-    layer = densest_layer(height[level], weights[level], float(lowest), float(highest), bin_height)
+    layer = densest_layer(height[level], weights[level], bin_height, float(foot - _FOOT_DISTANCE_RADII))
     least = config.min_share * weights[level].sum(), config.min_share_of_all * weights[~selection].sum()
     if layer is None or layer[1] < max(least):
         return None
@@ -86,45 +85,6 @@ def find_support_plane(
     if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():
         return None
     on_surface, above = np.abs(height - layer[0]) <= config.thickness, height > layer[0] + config.thickness
-    return SupportPlane(layer[0], config.thickness, on_surface, above)
-
-
-def plane_through(
-    points: Float64Array, weights: Float64Array, direction: Float64Array, min_cosine: float
-) -> tuple[Float64Array, float] | None:
-    """Unit normal and offset of the plane through points, by weighted least squares; None if it is too steep.
-
-    Args:
-        points: (N, 3), at least three.
-        weights: (N,).
-        direction: the side that the normal faces.
-        min_cosine: smallest cosine of the angle between normal and direction.
-    """
-    centre = np.average(points, axis=0, weights=weights)
-    normal = np.linalg.eigh((points - centre).T * weights @ (points - centre))[1][:, 0]
-    normal = normal * (np.sign(normal @ direction) or 1.0)
-    return None if normal @ direction < min_cosine else (normal, float(centre @ normal))
-
-
-def densest_layer(
-    heights: Float64Array, weights: NDArray[np.floating], lowest: float, highest: float, bin_height: float
-) -> tuple[float, float] | None:
-    """Mean height and weight of the three neighbouring bins that hold most weight; None where there is none.
-
-    Args:
-        heights: heights of points, (N,).
-        weights: their weights, (N,).
-        lowest: lower edge of the first bin.
-        highest: the last bin ends before this.
-        bin_height: height of a bin.
-
-    >>> densest_layer(np.array([0.5, 0.52, 3.0]), np.ones(3), 0.0, 4.0, 0.1)
-    (0.51, 2.0)
-    """
-    edges = np.arange(lowest, highest, bin_height)
-    held = np.convolve(np.histogram(heights, edges, weights=weights)[0], [1, 1, 1], "same")
-    best = int(np.argmax(held))
-    near = np.abs(heights - (edges[best] + bin_height / 2)) < 1.5 * bin_height
-    if weights[near].sum() <= 0:
-        return None
-    return float(np.average(heights[near], weights=weights[near])), float(held[best])
+    up = bounds.axes[2]
+    plane = Plane(up, float(up @ bounds.centre + layer[0] * bounds.radius))
+    return SupportPlane(plane, config.thickness * bounds.radius, on_surface, above)

@@ -17,7 +17,7 @@ def views_of_place(bounds: Bounds, size: int) -> list[Camera]:
     """Small views from all sides at two heights, those of the upper one between those of the lower one.
 
     They go around the whole circle even where the object was seen from one side only: with views of that side alone,
-    ghosts behind the object pass for parts of it (docs/decisions/filled-background.md).
+    hidden Gaussians behind the object pass for parts of it (docs/decisions/filled-background.md).
 
     Args:
         bounds: the object's bounds, which the views frame; their third axis is up.

@@ -9,6 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
+from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
 """Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
@@ -55,17 +56,6 @@ class UpVector:
     """One of: given, camera file, camera axes, mean camera up, ground plane, default."""
     confidence: float
     """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane:
-    """Points x with normal . x = offset."""
-
-    normal: Float64Array
-    offset: float
-
-    def heights(self, points: Float64Array) -> Float64Array:
-        return np.asarray(points @ self.normal - self.offset)
 
 
 KNOWN_SOURCES = ("given", "camera file", "camera axes")
@@ -166,8 +156,8 @@ def _up_from_points(
     plane = _best_plane(points, object_points, tolerance, rng) if tolerance > 0 else None
     if plane is None:
         return None
-    plane = _refined(plane, points, tolerance)
-    heights = plane.heights(points)
+    plane = fit_plane(plane, points, np.ones(len(points)), tolerance)
+    heights = plane.signed_distance(points)
     share = float((abs(heights) < tolerance).mean())
     if share < (min_share if _along_axis(plane.normal[None])[0] else min_slanted_share):
         return None
@@ -175,7 +165,7 @@ def _up_from_points(
     return UpVector(up, "ground plane", share)
 
 
-def _stands_above(plane: _Plane, others: Float64Array, object_points: Float64Array | None) -> bool:
+def _stands_above(plane: Plane, others: Float64Array, object_points: Float64Array | None) -> bool:
     """Whether what stands on a plane is on the side of its normal: the object, or most others if it lies in the plane.
 
     Args:
@@ -183,7 +173,7 @@ def _stands_above(plane: _Plane, others: Float64Array, object_points: Float64Arr
     """
     heights = others
     if object_points is not None:
-        standing = plane.heights(object_points)
+        standing = plane.signed_distance(object_points)
         if np.median(abs(standing)) > _LYING_DISTANCE_RADII * _robust_radius(object_points):
             heights = standing
     return bool((heights > 0).sum() >= (heights < 0).sum())
@@ -219,16 +209,18 @@ def _robust_radius(points: Float64Array) -> float:
 
 def _best_plane(
     points: Float64Array, object_points: Float64Array | None, tolerance: float, rng: np.random.Generator
-) -> _Plane | None:
+) -> Plane | None:
     """The plane of highest score among random ones, or None where all points lie in a line.
 
     A score is at most the share of inliers, with its bonus, so the planes are scored in falling order of that until
     none can win.
     """
-    normals, offsets = _planes_through_points(points, tolerance, rng)
+    normals, offsets = random_planes(points, _HYPOTHESES, tolerance**2, rng)
     if len(normals) == 0:
         return None
-    shares = _inlier_shares(normals, offsets, points[:_SCORED_POINTS], tolerance)
+    # Up is stored along -y, +y or +z by nearly all tools and along x by none: this decides between floor and wall.
+    bonus = np.where(_along_axis(normals), _AXIS_BONUS, 1.0)
+    shares = bonus * inlier_shares(normals, offsets, points[:_SCORED_POINTS], tolerance)
     order = np.argsort(-shares, kind="stable")
     best, highest = int(order[0]), -1.0
     for start in range(0, len(order), _PLANES_AT_ONCE):
@@ -240,37 +232,7 @@ def _best_plane(
             scores = scores * _standing(normals[rows], offsets[rows], object_points, tolerance)
         if scores.max() > highest:
             best, highest = int(rows[np.argmax(scores)]), float(scores.max())
-    return _Plane(normals[best], float(offsets[best]))
-
-
-def _planes_through_points(
-    points: Float64Array, tolerance: float, rng: np.random.Generator
-) -> tuple[Float64Array, Float64Array]:
-    """Normals (P, 3) and offsets (P,) of planes through three random points each."""
-    first, second, third = points[rng.integers(len(points), size=(3, _HYPOTHESES))]
-    normals = np.cross(second - first, third - first)
-    lengths = np.linalg.norm(normals, axis=1)
-    proper = lengths > tolerance**2  # not three points in a line, nor twice the same one
-    normals = normals[proper] / lengths[proper, None]
-    return normals, np.asarray((normals * first[proper]).sum(axis=1))
-
-
-def _inlier_shares(
-    normals: Float64Array, offsets: Float64Array, points: Float64Array, tolerance: float
-) -> Float64Array:
-    """Shares of points near each plane (P,), raised for normals along y or z.
-
-    Up is stored along -y, +y or +z by nearly all tools and along x by none, so this decides between floor and wall
-    where both have about as many inliers.
-    """
-    columns = np.ascontiguousarray(points.T)
-    counts = np.empty(len(normals))
-    for start in range(0, len(normals), _PLANES_AT_ONCE):  # whose heights fit into the processor's cache
-        rows = slice(start, start + _PLANES_AT_ONCE)
-        heights = normals[rows] @ columns - offsets[rows, None]
-        counts[rows] = np.count_nonzero(np.abs(heights, out=heights) < tolerance, axis=1)
-    bonus = np.where(_along_axis(normals), _AXIS_BONUS, 1.0)
-    return np.asarray(bonus * counts / len(points))
+    return Plane(normals[best], float(offsets[best]))
 
 
 def _standing(
@@ -282,13 +244,3 @@ def _standing(
     on_one_side = (heights > -tolerance).mean(axis=1)
     gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(object_points), tolerance)
     return np.asarray(on_one_side / (1.0 + gap))
-
-
-def _refined(plane: _Plane, points: Float64Array, tolerance: float) -> _Plane:
-    """Least-squares plane of the inliers, found anew a few times."""
-    for _ in range(5):
-        inliers = points[abs(plane.heights(points)) < tolerance]
-        centre = inliers.mean(axis=0)
-        normal = np.linalg.eigh((inliers - centre).T @ (inliers - centre))[1][:, 0]
-        plane = _Plane(normal, float(normal @ centre))
-    return plane

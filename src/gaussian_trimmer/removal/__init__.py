@@ -1,1 +1,1 @@
-"""The scene without the object: nothing of its inside stays, and what it stood on or leaned against goes on."""
+"""The scene without an object: its hidden interior goes, and what it stood on or leaned against is inpainted."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
-from gaussian_trimmer.removal.place import Place
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
+from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import Rendering
 from gaussian_trimmer.rendering.reference import view_colours
 from gaussian_trimmer.views import HALF, grown
@@ -68,48 +68,50 @@ class SurfacePicture:
 
 
 def take_picture(
-    place: Place, surface: Surface, surfaces: Sequence[Surface], shown: FloatArray, ghosts: BoolArray
+    views: RemovalViews, surface: Surface, surfaces: Sequence[Surface], isolated: FloatArray, gone: BoolArray
 ) -> SurfacePicture:
-    """The picture of one of the surfaces around an object.
+    """Return the picture of one of the surfaces around an object.
 
     Args:
-        place: the object in views from all around. A view from behind any of the surfaces does not count.
+        views: the object in views from all around. A view from behind any of the surfaces does not count.
         surface: the surface.
         surfaces: all of them; each ends where another begins.
-        shown: blend weight of each Gaussian in the views without the object, (N,).
-        ghosts: Gaussians that are of nobody, (N,).
+        isolated: blend weight of each Gaussian in the views without the object, (N,).
+        gone: Gaussians that leave with the object, (N,).
     """
     size = round(2 * _HALF_WIDTH_RADII * PIXELS_A_RADIUS)
     nothing = np.zeros((size, size), np.bool_)
     picture = SurfacePicture(surface, np.zeros((size, size, 3), np.float32), nothing, nothing, nothing)
     coordinates = picture.coordinates
     points = surface.points(coordinates.reshape(-1, 3))
-    seen, through, by_object, by_others = _sights(place, surface, surfaces, coordinates)
+    seen, through, by_object, by_others = _count_views(views, surface, surfaces, coordinates)
     others = [other for other in surfaces if other is not surface]
-    rgb, alpha = _from_above(place, surface, surfaces, shown, ghosts, size)
+    rgb, alpha = _from_above(views, surface, surfaces, isolated, gone, size)
     before = np.ones((size, size), np.bool_)
     for other in others:
         before &= other.heights(points).reshape(size, size) > 0
     empty = _opened((through > seen) & (through >= _MIN_VIEWS_THROUGH))
-    empty &= ~_seen_through_the_object(empty, picture, place)
+    empty &= ~_seen_through_the_object(empty, picture, views)
     known = (seen >= np.maximum(through, 1)) & (alpha > HALF)
     hole = before & ~known & ~empty & (by_object > 0) & (by_object >= by_others)
     for other in others:
         known &= other.heights(points).reshape(size, size) > THICKNESS_RADII
-    return replace(picture, rgb=rgb, known=known, empty=empty, hole=_at_the_object(_opened(hole), picture, place))
+    return replace(picture, rgb=rgb, known=known, empty=empty, hole=_at_the_object(_opened(hole), picture, views))
 
 
-def cameras_before(place: Place, surfaces: Sequence[Surface]) -> list[Camera]:
-    """The views of a place but for those from behind any of its surfaces."""
-    return [camera for camera in place.cameras if above_all(surfaces, camera.centre[None], THICKNESS_RADII).all()]
+def cameras_before(views: RemovalViews, surfaces: Sequence[Surface]) -> list[Camera]:
+    """Return the views but for those from behind any of the surfaces."""
+    return [camera for camera in views.cameras if above_all(surfaces, camera.centre[None], THICKNESS_RADII).all()]
 
 
-def _sights(place: Place, surface: Surface, surfaces: Sequence[Surface], coordinates: Float64Array) -> list[IntArray]:
-    """In how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
+def _count_views(
+    views: RemovalViews, surface: Surface, surfaces: Sequence[Surface], coordinates: Float64Array
+) -> list[IntArray]:
+    """Return in how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))
-    counts, before = np.zeros((4, len(points)), np.int64), cameras_before(place, surfaces)
-    for camera, silhouette, rendering in zip(place.cameras, place.silhouettes, place.renderings, strict=True):
+    counts, before = np.zeros((4, len(points)), np.int64), cameras_before(views, surfaces)
+    for camera, silhouette, rendering in zip(views.cameras, views.silhouettes, views.renderings, strict=True):
         if camera not in before:
             continue
         pixels, _ = camera.project(points)
@@ -128,7 +130,7 @@ def _sights(place: Place, surface: Surface, surfaces: Sequence[Surface], coordin
 
 
 def _heights_of_what_is_seen(camera: Camera, rendering: Rendering, surface: Surface) -> Float64Array:
-    """Height above the surface, in object radii, of what each pixel of a view shows, (H, W)."""
+    """Return the height above the surface, in object radii, of what each pixel of a view shows, (H, W)."""
     y, x = np.indices(rendering.alpha.shape) + 0.5
     inverse = np.linalg.inv(camera.K)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ inverse.T @ (camera.rotation @ surface.axes[2])
@@ -137,18 +139,18 @@ def _heights_of_what_is_seen(camera: Camera, rendering: Rendering, surface: Surf
 
 
 def _from_above(
-    place: Place,
+    views: RemovalViews,
     surface: Surface,
     surfaces: Sequence[Surface],
-    shown: FloatArray,
-    ghosts: BoolArray,
+    isolated: FloatArray,
+    gone: BoolArray,
     size: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Colours (P, P, 3) and opacity (P, P) of the visible Gaussians of the surface alone."""
-    means = place.gaussians.means
+    """Return colours (P, P, 3) and opacity (P, P) of the visible Gaussians of the surface alone."""
+    means = views.gaussians.means
     height = np.abs(surface.heights(means))
-    ours = (height < _SLAB_RADII) & ~place.removed & ~ghosts
-    ours &= place.seen.sum(axis=1) > _MIN_VISIBLE_SHARE * shown
+    ours = (height < _SLAB_RADII) & ~views.removed & ~gone
+    ours &= views.total_visible > _MIN_VISIBLE_SHARE * isolated
     for other in surfaces:
         ours &= np.abs(other.heights(means)) >= height
     # The image's right and down are the first and second coordinate, so that it must be seen from below: mirror one.
@@ -161,10 +163,12 @@ def _from_above(
     K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
     camera = Camera(transform, K, size, size, near=0.01 * surface.unit)
     # Nobody looked from straight above, so the colours are those of the views, and not what they would be from there.
-    drawn, before = place.gaussians.select(ours), cameras_before(place, surfaces)
+    rows = np.flatnonzero(ours)
+    rows = rows[np.lexsort(means[rows].T)]  # In a level surface depths are equal: the order of rows must not decide.
+    drawn, before = views.gaussians.select(rows), cameras_before(views, surfaces)
     colours = np.mean([view_colours(drawn, view) for view in before], axis=0) if before else np.zeros((len(drawn), 3))
     values = np.column_stack([colours, np.ones(len(drawn))]).astype(np.float32)
-    image = np.swapaxes(place.renderer.blend_values(drawn, camera, values)[::-1], 0, 1)
+    image = np.swapaxes(views.renderer.blend_values(drawn, camera, values)[::-1], 0, 1)
     return np.asarray(np.clip(image[..., :3] / np.maximum(image[..., 3:], _FAINT), 0, 1)), np.asarray(image[..., 3])
 
 
@@ -173,26 +177,26 @@ def _opened(mask: BoolArray) -> BoolArray:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
 
 
-def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, place: Place) -> BoolArray:
-    """The connected parts of what is empty that come near to the object and do not reach the edge of the picture.
+def _seen_through_the_object(empty: BoolArray, picture: SurfacePicture, views: RemovalViews) -> BoolArray:
+    """Return the connected parts of what is empty that come near to the object and do not reach the picture's edge.
 
     What nobody photographed from behind is open there: one looks into it, and through the hole that it stands on.
     """
     _, parts = cv2.connectedComponents(empty.astype(np.uint8))
     at_edge = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
-    near = np.unique(parts[_near_the_object(picture, place)])
+    near = np.unique(parts[_near_the_object(picture, views)])
     return np.isin(parts, np.setdiff1d(near, at_edge)) & empty
 
 
-def _near_the_object(picture: SurfacePicture, place: Place) -> BoolArray:
-    """Where the object is as it is seen from above, and a little around it, (P, P)."""
-    pixels, inside = picture.pixels_of(place.gaussians.means[place.own])
+def _near_the_object(picture: SurfacePicture, views: RemovalViews) -> BoolArray:
+    """Return where the object is as it is seen from above, and a little around it, (P, P)."""
+    pixels, inside = picture.pixels_of(views.gaussians.means[views.of_object])
     below = np.zeros_like(picture.hole)
     below[tuple(pixels[:, inside])] = True
     return grown(below, round(_REACH_RADII * PIXELS_A_RADIUS))
 
 
-def _at_the_object(hole: BoolArray, picture: SurfacePicture, place: Place) -> BoolArray:
-    """The connected parts of the hole that come near to the object as it is seen from above."""
+def _at_the_object(hole: BoolArray, picture: SurfacePicture, views: RemovalViews) -> BoolArray:
+    """Return the connected parts of the hole that come near to the object as it is seen from above."""
     _, parts = cv2.connectedComponents(hole.astype(np.uint8))
-    return np.asarray(hole & np.isin(parts, np.unique(parts[hole & _near_the_object(picture, place)])))
+    return np.asarray(hole & np.isin(parts, np.unique(parts[hole & _near_the_object(picture, views)])))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.geometry.support_plane import densest_layer
+from gaussian_trimmer.geometry.planes import densest_layer
 from gaussian_trimmer.parallel import parallel_map
 
 _STEPS_PER_OCTAVE = 2
@@ -143,7 +143,7 @@ def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> 
     )
     if visible[below].sum() <= 0:
         return None
-    layer = densest_layer(height[below], visible[below], -_MAX_DEPTH * window, 0.0, bin_height)
+    layer = densest_layer(height[below], visible[below], bin_height, -_MAX_DEPTH * window)
     return layer[0] if layer else None
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from gaussian_trimmer.cameras import unit_up
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
+from gaussian_trimmer.geometry import planes
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
@@ -37,7 +38,8 @@ def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Ar
             raise InputError(f"The sphere's radius is {shape.radius:g}; it must be above zero.")
         return np.asarray(np.linalg.norm(points - np.array(shape.centre), axis=1) <= shape.radius)
     normal = unit_up(shape.normal, "The plane's normal")
-    return np.asarray(points @ normal > shape.offset / float(np.linalg.norm(shape.normal)))
+    plane = planes.Plane(normal, shape.offset / float(np.linalg.norm(shape.normal)))
+    return plane.signed_distance(points) > 0
 
 
 def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:

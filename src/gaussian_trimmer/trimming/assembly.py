@@ -10,8 +10,8 @@ from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.decomposition.refinement import refine
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
 from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
-from gaussian_trimmer.removal.continuation import brightened
-from gaussian_trimmer.removal.removal import Removal
+from gaussian_trimmer.removal.inpainting import scale_radiance
+from gaussian_trimmer.removal.remove import Removal
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
 from gaussian_trimmer.trimming.plugin_checks import name_of
@@ -108,12 +108,12 @@ def assemble_result(
         selected[part.selected_rows] = True
     for rows, removal in removals:
         dropped[rows[removal.replaced]] = True
-        gain[rows] = np.maximum(gain[rows], removal.gain)
+        gain[rows] = np.maximum(gain[rows], removal.relight_factor)
     unowned = owner == 0
     dropped &= unowned
     relit = np.flatnonzero(unowned & ~dropped & (gain > 1))
     whole = np.flatnonzero(unowned & ~dropped & (gain == 1))
-    filled = concatenate([scene.select(slice(0)), *(removal.filled for _, removal in removals)])
+    filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in removals)])
     labels = [
         np.where(selected[whole], RowLabel.REMOVED, RowLabel.KEPT),
         np.full(sum(map(len, outer)), RowLabel.SPLIT_OUTSIDE),
@@ -123,7 +123,7 @@ def assemble_result(
     return TrimResult(
         scene=scene,
         objects=objects,
-        appended=concatenate([*outer, brightened(scene.select(relit), gain[relit]), filled]),
+        appended=concatenate([*outer, scale_radiance(scene.select(relit), gain[relit]), filled]),
         background_source=np.concatenate([whole, *split, relit, np.full(len(filled), -1, np.int64)]),
         background_label=np.concatenate(labels).astype(np.uint8),
         dropped=np.flatnonzero(dropped),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.alpha_targets import Ground, OutlineViews, resized_mask
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
 from gaussian_trimmer.scene_crop import SceneCrop
@@ -31,11 +31,6 @@ def outline_views(
     else:
         known = training_cameras(setup.cameras)
         cameras = views_at_heights(bounds, crop.cameras, known, settings.views, settings.size)
-    ground = None if plane is None else _ground(bounds, plane)
+    # What lies deeper below the middle of the plane's layer than the layer is thick is below the ground.
+    ground = None if plane is None else replace(plane.plane, offset=plane.plane.offset - 2 * plane.thickness)
     return OutlineViews(cameras, masks, bounds.radius, ground, crop.occluders)
-
-
-def _ground(bounds: Bounds, plane: SupportPlane) -> Ground:
-    """What lies deeper below the middle of the plane's layer than the layer is thick."""
-    up, top = bounds.axes[2], plane.height - 2 * plane.thickness
-    return Ground(up, float(up @ bounds.centre + top * bounds.radius))

@@ -17,8 +17,8 @@ from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.planning.diagnosis import up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
-from gaussian_trimmer.removal.place import Place
-from gaussian_trimmer.removal.removal import Removal, remove
+from gaussian_trimmer.removal.remove import Removal, remove
+from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
 from gaussian_trimmer.trimming.arguments import RoughObject, check_scene, mask_of_excluded, rough_objects, settings
@@ -113,7 +113,7 @@ def trim_objects(
             owner = _with_fragments(setup, decisions, owner, removals)
             for decision, removal in zip(decisions, removals, strict=True):
                 if removal is not None:
-                    hidden[decision.crop.rows[removal.ghosts]] = True
+                    hidden[decision.crop.rows[removal.occluded_interior]] = True
             hidden &= owner == 0
     with clock("refine"):
         fitted = partial(assemble_object, setup, owner, hidden)
@@ -157,8 +157,8 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     if decision.parts is None or not (of_crop == number).any():
         return None
     cameras = views_of_place(crop.bounds, setup.config.refinement.size)
-    place = Place(crop.local, of_crop == number, of_crop > 0, crop.bounds, cameras, setup.renderer)
-    removal = remove(place, fill=setup.config.background == "filled")
+    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, crop.bounds, cameras, setup.renderer)
+    removal = remove(views, fill=setup.config.background == "filled")
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
     return removal
@@ -172,7 +172,7 @@ def _with_fragments(
     for number, (decision, removal) in enumerate(zip(decisions, removals, strict=True), 1):
         crop, rows = decision.crop, decision.owned(owner, number)
         if removal is not None:
-            joins = removal.to_object & ~crop.excluded & (crop.selected | setup.config.evidence.recover)
+            joins = removal.fragments_of_object & ~crop.excluded & (crop.selected | setup.config.evidence.recover)
             rows = np.union1d(rows, crop.rows[joins])
         claims.append(rows)
     return resolve_overlaps(setup.scene, claims, [decision.rough.rows for decision in decisions])[0]

@@ -91,11 +91,11 @@ def test_every_row_is_in_the_object_in_the_background_or_dropped(mode, tmp_path)
     np.testing.assert_array_equal(stored.before, truth)
 
 
-def test_crumbs_of_the_object_join_it():
-    crumbs = np.flatnonzero(TRUTH)[:3]
+def test_fragments_of_the_object_join_it():
+    fragments = np.flatnonzero(TRUTH)[:3]
     scene = SCENE.replace(sh_dc=SCENE.sh_dc.copy())
-    result = trim(scene, TRUTH, config=CONFIG, segmenter=Holes(scene.means[crumbs]))
-    assert result.object_mask[crumbs].all()
+    result = trim(scene, TRUTH, config=CONFIG, segmenter=Holes(scene.means[fragments]))
+    assert result.object_mask[fragments].all()
     assert result.count(RowLabel.REMOVED) == 0
 
 

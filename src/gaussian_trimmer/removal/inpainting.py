@@ -1,4 +1,4 @@
-"""The surfaces that an object hid go on: new Gaussians in the hole, and no shadow around it.
+"""Inpaint the surfaces behind an object: new Gaussians in the hole, and no shadow around it.
 
 Nobody has seen the surface there, so what is new is a guess: it continues what is seen around it.
 """
@@ -6,7 +6,6 @@ Nobody has seen the surface there, so what is new is a guess: it continues what 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -21,11 +20,10 @@ from gaussian_trimmer.gaussians import (
     logit,
     quaternions_of,
 )
-from gaussian_trimmer.removal.ghosts import Hidden
-from gaussian_trimmer.removal.place import Place
+from gaussian_trimmer.removal.shift_map import inpaint_shift_map
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
-from gaussian_trimmer.removal.texture_completion import complete
+from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.views import HALF_COVERAGE, grown
 
 _RIM_PIXELS = 4
@@ -47,66 +45,59 @@ _SQUARES = (4, 2, 1)
 """Widths of these squares in pixels, the largest first."""
 _ALIKE = 0.02
 """Range of colours in a square that one Gaussian may stand for."""
-_LEAST_GAIN = 1.02
+_LEAST_RELIGHT_FACTOR = 1.02
 """Gaussians in a shadow that makes them less dark than this stay as they are."""
 
 
-@dataclass(frozen=True, eq=False)
-class Continuation:
-    """How the surfaces go on, for N Gaussians."""
+def inpaint_surfaces(
+    views: RemovalViews, surfaces: Sequence[Surface], gone: BoolArray, isolated: FloatArray
+) -> tuple[Gaussians, BoolArray, Float64Array] | None:
+    """Return new Gaussians where the object hid the surfaces, those that they replace (N,), and relight factors (N,).
 
-    filled: Gaussians
-    """New Gaussians where the object hid the surfaces."""
-    replaced: BoolArray
-    """Gaussians that these take the place of, (N,)."""
-    gain: Float64Array
-    """How many times brighter each Gaussian is without the object's shadow, at least 1, (N,)."""
-
-
-def continue_surfaces(place: Place, surfaces: Sequence[Surface], hidden: Hidden) -> Continuation | None:
-    """Let the surfaces go on where the object hid them; None if none of those that it hid is seen around it.
+    The factors are how many times brighter each Gaussian is without the object's shadow, at least 1. None where none of
+    the surfaces that it hid is seen around it.
 
     Args:
-        place: the object in views from all around.
+        views: the object from all around.
         surfaces: what it stands on, hangs on or leans against.
-        hidden: what only the object hid.
+        gone: what only the object hid, and fragments of it, (N,).
+        isolated: blend weight of each Gaussian in the views without the object, (N,).
     """
-    gaussians, gone = place.gaussians, hidden.ghosts | hidden.to_object
-    visible = place.seen.sum(axis=1) > _MAX_VISIBLE_SHARE * hidden.shown
-    replaced, gain = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
+    gaussians, background = views.gaussians, ~(views.removed | gone)
+    visible = views.total_visible > _MAX_VISIBLE_SHARE * isolated
+    replaced, factor = np.zeros(len(gaussians), np.bool_), np.ones(len(gaussians))
     new, unknown = [gaussians.select(slice(0))], False
     for surface in surfaces:
-        picture = take_picture(place, surface, surfaces, hidden.shown, gone)
+        picture = take_picture(views, surface, surfaces, isolated, gone)
         if not picture.hole.any():
             continue
         if not _is_seen_around(picture):
             unknown = True
             continue
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
-        completed = complete(picture.rgb, picture.known, hole)
+        rgb, relight = inpaint_shift_map(picture.rgb, picture.known, hole)
         hole &= _where_it_is(picture, hole)
-        new.append(_new_gaussians(picture, hole, completed.rgb, gaussians.sh_rest.shape[2]))
+        new.append(_new_gaussians(picture, hole, rgb, gaussians.sh_rest.shape[2]))
         (rows, columns), inside = picture.pixels_of(gaussians.means)
-        inside &= ~(place.removed | gone)
+        inside &= background
         height = surface.heights(gaussians.means)
         there = inside & hole[rows, columns] & (height < _HEIGHT_RADII)
         replaced |= there & ((height > -_HEIGHT_RADII) | ((height > -_DEPTH_RADII) & ~visible))
         in_it = inside & (np.abs(height) < THICKNESS_RADII)
-        gain = np.where(in_it, np.maximum(gain, completed.gain[rows, columns]), gain)
+        factor = np.where(in_it, np.maximum(factor, relight[rows, columns]), factor)
     if unknown and len(new) == 1:
         return None
-    filled = concatenate(new)
-    return Continuation(filled, replaced, np.where(replaced | (gain < _LEAST_GAIN), 1, gain))
+    return concatenate(new), replaced, np.where(replaced | (factor < _LEAST_RELIGHT_FACTOR), 1, factor)
 
 
 def _is_seen_around(picture: SurfacePicture) -> bool:
-    """Whether the surface is seen around its hole: the side of a thing may be as flat as a wall, but a wall goes on."""
+    """Return whether the surface is seen around its hole; the side of a thing may be as flat as a wall, but ends."""
     ring = grown(picture.hole, _RING_PIXELS) & ~picture.hole
     return bool(picture.known[ring].sum() >= _MIN_KNOWN_SHARE * ring.sum())
 
 
 def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
-    """Where in a hole the surface goes on rather than ends, as it does around it, (P, P)."""
+    """Return where in a hole the surface goes on rather than ends, as it does around it, (P, P)."""
     unknown = (hole | ~(picture.known | picture.empty)).astype(np.uint8)
     ends = np.where(picture.empty, 0, 255).astype(np.uint8)
     if not picture.empty.any():
@@ -115,7 +106,7 @@ def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
 
 
 def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, rest: int) -> Gaussians:
-    """Flat Gaussians in the surface, one for each square of the hole that has about one colour."""
+    """Return flat Gaussians in the surface, one for each square of the hole that has about one colour."""
     left, surface = hole.copy(), picture.surface
     parts: list[tuple[Float64Array, FloatArray, Float64Array]] = []
     for width in _SQUARES:
@@ -139,8 +130,8 @@ def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, re
     )
 
 
-def brightened(gaussians: Gaussians, gain: FloatArray | Float64Array) -> Gaussians:
-    """The Gaussians with colours some times brighter (N,), from wherever they are seen."""
-    factor = gain.astype(np.float32)[:, None]
-    sh_dc = ((0.5 + SH_C0 * gaussians.sh_dc) * factor - 0.5) / SH_C0
-    return gaussians.replace(sh_dc=sh_dc.astype(np.float32), sh_rest=gaussians.sh_rest * factor[..., None])
+def scale_radiance(gaussians: Gaussians, factor: FloatArray | Float64Array) -> Gaussians:
+    """Return the Gaussians with their radiance times a factor (N,), from wherever they are seen."""
+    scale = factor.astype(np.float32)[:, None]
+    sh_dc = ((0.5 + SH_C0 * gaussians.sh_dc) * scale - 0.5) / SH_C0
+    return gaussians.replace(sh_dc=sh_dc.astype(np.float32), sh_rest=gaussians.sh_rest * scale[..., None])

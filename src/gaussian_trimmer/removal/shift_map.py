@@ -1,15 +1,15 @@
-"""A picture with a hole, completed by the shifts under which it repeats.
+"""Inpaint a picture by the shifts under which it repeats, and estimate the shadow around the hole.
 
-Boards continue along themselves, a check from square to square, plaster in any direction. So what lies around the hole
-is compared with the picture moved by every shift at once (the sum of squared differences, by Fourier transforms); the
-shifts that agree best give what the hole shows, each where it agrees nearby, and the middle half of what they say is
-averaged. The same prediction tells where the object darkened the picture: near the hole, where the picture is darker
-than its repetitions, by more than these differ from it farther away, lay a shadow.
+After He and Sun, "Statistics of Patch Offsets for Image Completion" (ECCV 2012): what a hole shows is found at a few
+offsets that dominate in the picture, since boards continue along themselves, a check from square to square, plaster in
+any direction. Here the offsets are those under which the surroundings of the hole agree best with the moved picture
+(the sum of squared differences, by Fourier transforms). In place of a graph cut each is weighted by how well it agrees
+nearby, and the middle half of what they show is averaged. The same prediction tells where the object darkened the
+picture: a shadow lay near the hole where the picture is darker than its repetitions, by more than these differ from it
+farther away.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -52,24 +52,16 @@ _SHADOW_DEVIATIONS = 2.0
 _LEAST_DEVIATION = 0.01
 _FAR_SHARE = 0.7
 """Share of the reach beyond which no shadow is expected."""
-_MAX_GAIN = 4.0
-_SHADOWED_GAIN = 1.04
-"""From this gain on a pixel is not taken as an example of the surface."""
+_MAX_RELIGHT_FACTOR = 4.0
+_SHADOWED_FACTOR = 1.04
+"""From this relight factor on a pixel is not taken as an example of the surface."""
 _DARK = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Completed:
-    """The completed picture."""
+def inpaint_shift_map(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return a picture (H, W, 3) with its hole filled, without shadow, and relight factors (H, W).
 
-    rgb: FloatArray
-    """Colours, without shadow, (H, W, 3)."""
-    gain: FloatArray
-    """Factor that takes the shadow away from what was seen, at least 1, (H, W)."""
-
-
-def complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> Completed:
-    """Fill the hole of a picture, and tell the shadow that lies around it.
+    The factors, at least 1, take the shadow around the hole away from what was seen.
 
     Args:
         rgb: colours between 0 and 1, (H, W, 3).
@@ -77,24 +69,24 @@ def complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> Completed:
         hole: pixels to be filled, (H, W).
     """
     window = box_slices(bounding_box(hole, _MARGIN_PIXELS))
-    completed = Completed(rgb.copy(), np.ones(hole.shape, np.float32))
-    completed.rgb[window], completed.gain[window] = _complete(rgb[window], (known & ~hole)[window], hole[window])
-    return completed
+    filled, factor = rgb.copy(), np.ones(hole.shape, np.float32)
+    filled[window], factor[window] = _inpaint(rgb[window], (known & ~hole)[window], hole[window])
+    return filled, factor
 
 
-def _complete(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """The completed part of a picture, (H, W, 3), and its gain, (H, W)."""
+def _inpaint(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the same of the part of the picture around the hole."""
     if known.sum() < _FEWEST_PIXELS:
         return _smoothed_into(rgb, known, hole), np.ones(hole.shape, np.float32)
-    gain = _shadow(rgb, known, hole)
-    lit = np.clip(rgb * gain[..., None], 0, 1).astype(np.float32)
-    clear = known & ~grown(gain > _SHADOWED_GAIN, 1)
+    factor = _relight_factor(rgb, known, hole)
+    lit = np.clip(rgb * factor[..., None], 0, 1).astype(np.float32)
+    clear = known & ~grown(factor > _SHADOWED_FACTOR, 1)
     examples = clear if (clear & grown(hole, 2 * _RING_PIXELS)).sum() >= _FEWEST_PIXELS else known
-    return _filled(lit, examples, hole, _RING_PIXELS), gain
+    return _filled(lit, examples, hole, _RING_PIXELS), factor
 
 
-def _shadow(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
-    """How many times brighter the picture would be without the shadow around the hole, (H, W)."""
+def _relight_factor(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
+    """Return how many times brighter the picture would be without the shadow around the hole, (H, W)."""
     height, width = hole.shape
     small = (width // 2, height // 2)
 
@@ -128,12 +120,14 @@ def _shadow(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
     logarithm, weight = (
         cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.0) for image in (np.where(shadow, darker, 0), outside)
     )
-    gain = np.exp(logarithm / np.maximum(weight, _DARK))
-    return np.asarray(np.clip(cv2.resize(gain, (width, height), interpolation=cv2.INTER_LINEAR), 1, _MAX_GAIN))
+    factor = np.exp(logarithm / np.maximum(weight, _DARK))
+    return np.asarray(
+        np.clip(cv2.resize(factor, (width, height), interpolation=cv2.INTER_LINEAR), 1, _MAX_RELIGHT_FACTOR)
+    )
 
 
 def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: int) -> FloatArray:
-    """The picture with its hole filled from examples (H, W), from the rim inwards where no shift spans it."""
+    """Return the picture with its hole filled from examples (H, W), from the rim inwards where no shift spans it."""
     examples = examples & ~hole
     around = examples & grown(hole, 2 * ring_width)
     if not around.any():
@@ -153,7 +147,7 @@ def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: i
 
 
 def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray) -> BoolArray:
-    """Fill those pixels of the hole that a shift reaches, in place; returns which, (H, W)."""
+    """Fill those pixels of the hole that a shift reaches, in place; return which, (H, W)."""
     shifts, differences = _best_shifts(rgb, examples, ring, hole)
     if not len(shifts):
         return np.zeros_like(hole)
@@ -186,7 +180,7 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
 def _best_shifts(
     rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray
 ) -> tuple[list[tuple[int, int]], list[float]]:
-    """The shifts down and right under which ring and examples agree best, and their mean squared differences."""
+    """Return the shifts down and right under which ring and examples agree best, and their mean squared differences."""
     height, width = hole.shape
     squared, pairs = _differences(rgb, ring, examples)
     reached = _overlaps(hole, examples)
@@ -214,7 +208,7 @@ def _best_shifts(
 
 
 def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Sum of squared differences between pixels and those a shift farther, and their number, for all shifts.
+    """Return the sum of squared differences between pixels and those a shift farther, and their number, for all shifts.
 
     Only pixels of `here` are compared, with pixels of `there`, both (H, W). Shifts run from -H and -W, (2 H, 2 W).
     """
@@ -230,7 +224,7 @@ def _differences(rgb: FloatArray, here: BoolArray, there: BoolArray) -> tuple[Fl
 
 
 def _overlaps(here: BoolArray, there: BoolArray) -> FloatArray:
-    """How many pixels of `here` meet one of `there` under each shift, (2 H, 2 W)."""
+    """Return how many pixels of `here` meet one of `there` under each shift, (2 H, 2 W)."""
     return _by_shift(np.conj(_spectrum(here)) * _spectrum(there), here.shape)
 
 
@@ -244,12 +238,12 @@ def _by_shift(spectrum: np.ndarray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _padded(shape: tuple[int, ...]) -> list[int]:
-    """Twice a picture's size or a little more, so that no shift wraps around and transforms are quick."""
+    """Return twice a picture's size or a little more, so that no shift wraps around and transforms are quick."""
     return [cv2.getOptimalDFTSize(2 * length) for length in shape]
 
 
 def _moved(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]) -> np.ndarray:
-    """A window of an image (H, W, ...) that shows what lies a shift farther; zero where nothing does."""
+    """Return a window of an image (H, W, ...) that shows what lies a shift farther; zero where nothing does."""
     height, width = image.shape[:2]
     top, left = window[0].start + down, window[1].start + right
     bottom, end = window[0].stop + down, window[1].stop + right
@@ -260,20 +254,20 @@ def _moved(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]
 
 
 def _coarsened(image: FloatArray) -> FloatArray:
-    """An image (H, W, C) on a coarser grid."""
+    """Return an image (H, W, C) on a coarser grid."""
     height, width = image.shape[:2]
     size = (max(1, width // _COARSENING), max(1, height // _COARSENING))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def _smoothed(coarse: FloatArray, deviation: float, shape: tuple[int, ...]) -> FloatArray:
-    """A Gaussian blur of an image of some shape (H, W) that was coarsened, (H, W, C)."""
+    """Return a Gaussian blur of an image of some shape (H, W) that was coarsened, (H, W, C)."""
     blurred = cv2.GaussianBlur(coarse, (0, 0), deviation / _COARSENING)
     return np.asarray(cv2.resize(blurred, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 def _middle_half(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Mean of the middle half, by weight, of S values (S, P, C) with weights (S, P), and where any weighs anything."""
+    """Return the mean of the middle half, by weight (S, P), of S values (S, P, C), and where there is weight, (P,)."""
     total = weights.sum(axis=0)
     order = np.argsort(values, axis=0)
     values = np.take_along_axis(values, order, axis=0)
@@ -285,7 +279,7 @@ def _middle_half(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, B
 
 
 def _of_usual_colour(rgb: FloatArray, around: BoolArray) -> BoolArray:
-    """Which pixels have about the colour of a fair share of those around the hole, (H, W)."""
+    """Return the pixels with about the colour of a fair share of those around the hole, (H, W)."""
     level = np.clip((rgb * _LEVELS).astype(np.int64), 0, _LEVELS - 1)
     counts = np.zeros((_LEVELS,) * 3)
     np.add.at(counts, tuple(level[around].T), 1.0)
@@ -297,7 +291,7 @@ def _of_usual_colour(rgb: FloatArray, around: BoolArray) -> BoolArray:
 
 
 def _smoothed_into(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
-    """The picture with its hole filled smoothly from the known pixels around it (Telea, 2004)."""
+    """Return the picture with its hole filled smoothly from the known pixels around it (Telea, 2004)."""
     if not known.any():
         return np.where(hole[..., None], 0.5, rgb).astype(np.float32)
     picture = np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The place of an object in small views from all around, with it and without it."""
+"""Small views of an object from all around, with it and without it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gaussian_trimmer.views import HALF
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """An object of a scene, the Gaussians around it, N in all, and small views of them."""
+class RemovalViews:
+    """An object of a scene and the Gaussians around it, N in all, and small views of them; made as they are needed."""
 
     gaussians: Gaussians
-    own: BoolArray
-    """Which Gaussians are the object, whole or in part, (N,)."""
+    of_object: BoolArray
+    """Gaussians that are the object, whole or in part, (N,)."""
     removed: BoolArray
-    """Which ones are any object that is removed, this one or another, (N,)."""
+    """Gaussians of any object that is removed, this one or another, (N,)."""
     bounds: Bounds
     """The object's bounds; their third axis is up."""
     cameras: Sequence[Camera]
@@ -32,28 +32,27 @@ class Place:
     @cached_property
     def silhouettes(self) -> list[BoolArray]:
         """The object alone in each view, (H, W)."""
-        alone = self.gaussians.select(self.own)
-        drawn = parallel_map(lambda camera: self.renderer.render(alone, camera), self.cameras, using=[self.renderer])
-        return [rendering.alpha > HALF for rendering in drawn]
+        return [rendering.alpha > HALF for rendering in self._render(self.gaussians.select(self.of_object))]
 
     @cached_property
     def renderings(self) -> list[Rendering]:
-        """The views with everything in them."""
-        return list(
-            parallel_map(lambda c: self.renderer.render(self.gaussians, c), self.cameras, using=[self.renderer])
-        )
+        """Everything in each view."""
+        return self._render(self.gaussians)
 
     @cached_property
-    def seen(self) -> FloatArray:
+    def visible(self) -> FloatArray:
         """Blend weight of each Gaussian outside and inside the silhouettes, with everything in the views, (N, 2)."""
         return self.weigh(np.ones(len(self.gaussians), np.bool_))
 
+    @cached_property
+    def total_visible(self) -> FloatArray:
+        """Blend weight of each Gaussian with everything in the views, (N,)."""
+        return np.asarray(self.visible.sum(axis=1))
+
     def weigh(self, part: BoolArray) -> FloatArray:
-        """The same where only a part (N,) is in the views, (N, 2)."""
-        total, drawn = (
-            np.zeros((len(part), 2), np.float32),
-            self.gaussians if part.all() else self.gaussians.select(part),
-        )
+        """Return the same as `visible` where only a part (N,) is in the views, (N, 2)."""
+        total = np.zeros((len(part), 2), np.float32)
+        drawn = self.gaussians if part.all() else self.gaussians.select(part)
 
         def weighed(camera: Camera, silhouette: BoolArray) -> FloatArray:
             return self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
@@ -61,3 +60,6 @@ class Place:
         for weights in parallel_map(weighed, self.cameras, self.silhouettes, using=[self.renderer]):
             total[part] += weights
         return total
+
+    def _render(self, part: Gaussians) -> list[Rendering]:
+        return list(parallel_map(lambda c: self.renderer.render(part, c), self.cameras, using=[self.renderer]))
