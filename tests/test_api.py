@@ -14,13 +14,15 @@ import toy
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.select import Select
+from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.commands.trimming import ResultOptions
 from gaussian_trimmer.config import SplitConfig
-from gaussian_trimmer.output.report import result_files
 from gaussian_trimmer.output.result import RowLabel
+from gaussian_trimmer.output.saving import result_files
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.arguments import mask_of_selection
+from gaussian_trimmer.trimming.options import TrimOptions
 
 SCENE, TRUTH = toy.ball_on_floor()
 ROUGH = toy.dilated(SCENE, TRUTH)
@@ -96,9 +98,7 @@ def test_everything_after_the_selection_is_given_by_name():
 
 def test_python_and_the_command_line_have_the_same_defaults():
     defaults = {name: p.default for name, p in inspect.signature(gt.trim).parameters.items()}
-    for command in (Trim, Select):
-        assert defaults["renderer"] == command.__dataclass_fields__["renderer"].default
-    assert defaults["segmenter"] == Trim.__dataclass_fields__["segmenter"].default
+    assert (defaults["renderer"], defaults["segmenter"]) == (TrimOptions().renderer, TrimOptions().segmenter)
 
 
 def test_views_and_up_need_no_nested_settings(result):
@@ -323,8 +323,9 @@ def test_a_refused_trim_has_the_mask_of_the_selection():
 def test_saving_writes_what_the_command_writes(result, tmp_path):
     gt.write(SCENE, tmp_path / "scene.ply")
     np.save(tmp_path / "rough.npy", ROUGH)
-    settings = {"config": CONFIG, "quiet": True, "output": tmp_path / "command"}
-    Trim(tmp_path / "scene.ply", tmp_path / "rough.npy", **settings).run()
+    options, results = TrimOptions(config=CONFIG), ResultOptions(quiet=True)
+    given = {"output": tmp_path / "command", "options": options, "results": results}
+    Trim(SceneInputs(tmp_path / "scene.ply"), tmp_path / "rough.npy", **given).run()
     trimmed = gt.trim(gt.read(tmp_path / "scene.ply"), ROUGH, config=CONFIG)
     assert trimmed.save(tmp_path / "python") == tmp_path / "python"
     names = {path.relative_to(tmp_path / "python") for path in (tmp_path / "python").rglob("*")}

@@ -151,9 +151,9 @@ def test_options_are_those_of_trim(words, monkeypatch):
     monkeypatch.setattr(Trim, "run", lambda command: seen.append(command))
     main(["trim", "a.ply", *words.split()])
     (trim,), options = seen, parse(RowOptions, words.split(), "trim")
-    assert options.settings() == trim.settings()
-    assert (options.segmenter, options.used_options()) == (trim.segmenter, trim.used_options())
-    assert (options.selection_options, options.format) == (trim.selection_options, trim.format)
+    assert options.settings() == trim.options.settings()
+    assert (options.segmenter, options.used_options()) == (trim.options.segmenter, trim.options.used_options())
+    assert (options.selection_options, options.format) == (trim.selection_options, trim.options.format)
 
 
 def test_rows_with_options_of_their_own_take_little_work(tmp_path):

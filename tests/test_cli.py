@@ -59,7 +59,7 @@ def test_json_is_all_that_services_see(ball, tmp_path, capsys, monkeypatch):
     np.save(tmp_path / "labels.npy", np.load(folder / "rough.npy").astype(np.uint8))
     several = ["trim", folder / "scene.ply", "--labels", tmp_path / "labels.npy", "--up", "z", *SMALL, "--json"]
     assert run(*several, "--output", tmp_path / "several") == 0
-    assert json.loads(capsys.readouterr().out)["objects"][0]["id"] == 1
+    assert json.loads(capsys.readouterr().out)["name"] == "1"
     selecting = ["select", folder / "scene.ply", "--sphere", 0, 0, 1, 1, "--output", tmp_path / "a.npy", "--json"]
     assert run(*selecting) == 0
     told = json.loads(capsys.readouterr().out)
@@ -110,12 +110,12 @@ def test_selection_options_choose_among_several_objects(ball, tmp_path):
 
 def test_preset_changes_the_defaults_and_nothing_else():
     paper, default = paper_config(), TrimConfig()
-    assert cli._parse("trim", ["a.ply", "b.npy"]).config == default
-    assert cli._parse("trim", ["a.ply", "b.npy", "--preset", "paper"]).config == paper
+    assert cli._parse("trim", ["a.ply", "b.npy"]).options.config == default
+    assert cli._parse("trim", ["a.ply", "b.npy", "--preset", "paper"]).options.config == paper
     mixed = cli._parse("trim", ["a.ply", "--split.rule", "plane", "--preset", "paper", "--plan.fill", "0.5"])
-    assert (mixed.config.split.rule, mixed.config.plan.fill) == ("plane", 0.5)
-    assert (mixed.config.plan.framing, mixed.config.evidence) == ("paper", paper.evidence)
-    assert str(mixed.scene) == "a.ply"
+    assert (mixed.options.config.split.rule, mixed.options.config.plan.fill) == ("plane", 0.5)
+    assert (mixed.options.config.plan.framing, mixed.options.config.evidence) == ("paper", paper.evidence)
+    assert str(mixed.inputs.scene) == "a.ply"
 
 
 def test_object_alone_needs_no_selection(ball, tmp_path):
@@ -210,7 +210,7 @@ def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monke
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite", "--views", 2]
     (tmp_path / "notes.txt").write_text("mine")
     stop = getattr(signal, number)
-    monkeypatch.setattr("gaussian_trimmer.commands.trim.trim", lambda *_, **__: signal.raise_signal(stop))
+    monkeypatch.setattr("gaussian_trimmer.commands.trimming.trim_objects", lambda *_, **__: signal.raise_signal(stop))
     assert run(*command, *SMALL) == code
     assert capsys.readouterr().err == ""
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
@@ -353,7 +353,7 @@ def test_wrong_usage_is_one_sentence(arguments, said, capsys):
 )
 def test_up_is_an_axis_wherever_it_stands(given, vector):
     for command in ("trim", "select"):
-        assert cli._parse(command, ["a.ply", *given]).config.up == vector
+        assert cli._parse(command, ["a.ply", *given]).options.config.up == vector
     assert cli._parse("convert", ["a.ply", "b.html", *given]).up == vector
 
 
@@ -396,7 +396,7 @@ def test_an_earlier_trim_is_kept_out_of_the_next(ball, tmp_path, capsys):
     [
         (["--photos", "masks"], "--photos is for one object"),
         (["--segmenter", "mask-files", "--mask-files.folder", "masks"], "has masks of one object"),
-        (["--export-viewer", "a.html"], "--export-viewer shows one object"),
+        (["--export-viewer", "a.html"], "--export-viewer is for one object"),
         (["--sphere", 0, 0, 0, 1], "leave SELECTION and marks out"),
     ],
 )

@@ -326,10 +326,10 @@ def test_masks_of_something_else_are_told_in_the_report(tmp_path):
 
 def test_the_papers_preset_takes_the_papers_prompt(tmp_path):
     command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--segmenter", "sam", "--sam.model", "m"])
-    assert command.used_options() == SamConfig("m", prompt="follow", choice="score", fusion=False)
+    assert command.options.used_options() == SamConfig("m", prompt="follow", choice="score", fusion=False)
     command = cli._parse("trim", ["scene.ply", "--preset", "paper", "--sam.prompt", "expected"])
-    assert command.segmenter == "grabcut"
-    assert command.segmenter_options.sam.prompt == "expected"
+    assert command.options.segmenter == "grabcut"
+    assert command.options.segmenter_options.sam.prompt == "expected"
 
 
 def test_files_are_found_in_the_folder_onnx_and_under_the_names_of_checkpoints(tmp_path):

@@ -160,7 +160,9 @@ def print_json(document: Mapping[str, Any], results: tuple[Path, str] | None = N
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:
-    """Say on standard error, also to those who asked for quiet, that nothing was trimmed and why."""
+    """Say on standard error, also to those who asked for quiet, that nothing was trimmed and why, if that is so."""
+    if not report["refused"]:
+        return
     reason = printable(report["refused"])
     _complain(f"Not trimmed. {reason[:1].upper()}{reason[1:]}. The selection was written unchanged.")
 

@@ -10,7 +10,9 @@ from typing import Annotated
 from gaussian_trimmer import sample
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.pages import PageOptions
+from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
+from gaussian_trimmer.commands.trimming import ResultOptions
 from gaussian_trimmer.options import arg
 
 _FOLDER = Path("trimmed") / "demo"
@@ -35,13 +37,12 @@ class Demo:
         )
         folder = self.output or _FOLDER
         code = Trim(
-            sample.SCENE,
+            SceneInputs(sample.SCENE, sample.CAMERAS),
             sample.SELECTION,
-            cameras=sample.CAMERAS,
             output=folder,
-            overwrite=self.overwrite or self.output is None,
-            quiet=self.quiet,
-            pages=PageOptions(html=True),
+            results=ResultOptions(
+                overwrite=self.overwrite or self.output is None, quiet=self.quiet, pages=PageOptions(html=True)
+            ),
         ).run()
         console.print(
             f"\nLook first at {folder / 'report.html'} in a browser: before and after, and what was done.\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import open_console, print_json, print_up, refuse_existing
+from gaussian_trimmer.commands.console import print_json, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
-from gaussian_trimmer.commands.trim import Loaded, Trim
-from gaussian_trimmer.commands.trim_settings import TrimSettings
+from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
+from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.options import Positional, arg
+from gaussian_trimmer.options import arg
+from gaussian_trimmer.output.result import THE_OBJECT
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
-from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks
@@ -34,13 +34,14 @@ from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_
 from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
-from gaussian_trimmer.settings import Range, check_settings
+from gaussian_trimmer.settings import Range
+from gaussian_trimmer.trimming.options import TrimOptions
 
 _LISTING = "select --list-views"
 
 
 @dataclass(frozen=True)
-class Select(TrimSettings):
+class Select:
     """Select an object roughly: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
 
     The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
@@ -62,8 +63,7 @@ class Select(TrimSettings):
         "gaussian-trimmer select scene.ply --masks masks --cameras sparse/0 --output cup.npy",
     )
 
-    scene: Annotated[Positional[Path], arg(metavar="SCENE")]
-    """Splat file of the scene, or the folder of a training."""
+    inputs: Annotated[SceneInputs, arg(name="")]
     mark_options: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
     marks: Annotated[Path | None, arg(metavar="FILE")] = None
     """Begin with the marks of an earlier run."""
@@ -85,60 +85,69 @@ class Select(TrimSettings):
     """Bias of --masks towards the background, from -1 to 1."""
     object_ids: bool = False
     """Select all objects at once, by masks that hold their numbers. 0 is the background."""
+    options: Annotated[TrimOptions, arg(name="")] = field(default_factory=TrimOptions)
+    results: Annotated[ResultOptions, arg(name="")] = field(default_factory=ResultOptions)
 
     @property
     def selection_path(self) -> Path:
         """Where the selection is saved."""
-        return Path(f"{self._scene_name()}_selection.npy") if self.output is None else self.output
-
-    def _scene_name(self) -> str:
-        return (self.scene.name or self.scene.resolve().name).split(".")[0]
+        return Path(f"{self.inputs.name}_selection.npy") if self.output is None else self.output
 
     def run(self) -> int:
-        """Select and save the selection, then trim it if asked to; returns the exit code, that of `Trim.run`.
+        """Select and save the selection, then trim it if asked to; return the exit code, 3 where nothing was trimmed.
 
         Raises:
             InputError: something that the user gave cannot be used, or the selection is empty.
         """
-        console = open_console(quiet=self.quiet or self.json, log_level=self.log_level)
+        console = self.results.console()
         self._check()
         if self.list_views is not None:
             self._write_views(self.list_views, console)
         elif self.trim is not None:
-            settings = {known.name: getattr(self, known.name) for known in fields(TrimSettings)}
-            settings["overwrite"] = self.overwrite or is_made_of(self.trim, self.selection_path)
-            return Trim(self.scene, self.selection_path, output=self.trim, **settings).run(
-                load=lambda: self._select(console)
-            )
+            return self._run_of(self.trim).run(console, lambda: self._select(console))
         else:
             made = self._select(console)
             console.print(f"Now: {self._next_command()}")
-            if self.json:
-                counts = {"selected": int(np.count_nonzero(made.selection)), "scene": len(made.scene)}
+            if self.results.json:
+                counts = {"selected": int(np.count_nonzero(made.masks[THE_OBJECT])), "scene": len(made.scene)}
                 print_json({"selection": str(self.selection_path), "counts": counts})
         return 0
 
-    def _select(self, console: Console) -> Loaded:
+    def _run_of(self, folder: Path) -> TrimRun:
+        """Return the trim of what is selected."""
+        path, inputs = self.selection_path, self.inputs
+        results = replace(self.results, overwrite=self.results.overwrite or is_made_of(folder, path))
+        used = vars(self.options.used_options()).values() if self.options.used_options() else ()
+        return TrimRun(
+            folder=folder,
+            suffix=inputs.suffix(self.options),
+            options=self.options,
+            results=results,
+            inputs=inputs.as_json(self.options) | {"selection": str(path)},
+            files=[file for file in (inputs.scene, path, inputs.cameras, *used) if isinstance(file, Path)],
+            source=path,
+        )
+
+    def _select(self, console: Console) -> RoughObjects:
         """Make the selection and save it; returns it, and what it was made from."""
-        scene, cameras = self._read(console)
+        scene, cameras = self.inputs.read(self.options, console)
         if self.object_ids:
             labels, how = self._label(scene, cameras)
             if not labels.any():
                 raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
             save_array(labels, self.selection_path)
             console.print(f"{self.selection_path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
-            return Loaded(scene, labels != 0, cameras)
-        up = find_up(scene, cameras, self.config.up)
+            return RoughObjects(scene, cameras, {THE_OBJECT: labels != 0})
+        up = find_up(scene, cameras, self.options.config.up)
         print_up(console, up)
-        marks, model = self._resolved(scene, cameras, up), self.make_segmenter() if self.segmenter == "sam" else None
-        assert model is None or isinstance(model, SamSegmenter)
-        made = select(scene, marks, cameras=cameras, renderer=self.renderer, model=model)
-        save_selection(made, self.selection_path, self.scene)
+        marks, model = self._resolved(scene, cameras, up), self.options.promptable_model()
+        made = select(scene, marks, cameras=cameras, renderer=self.options.renderer, model=model)
+        save_selection(made, self.selection_path, self.inputs.scene)
         understood = ", ".join(made.interpretations)
         console.print(
             f"{self.selection_path}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {understood}"
         )
-        return Loaded(scene, made.mask, cameras, made.marks, made.excluded)
+        return RoughObjects(scene, cameras, {THE_OBJECT: made.mask}, made.excluded, made.marks)
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""
@@ -146,19 +155,15 @@ class Select(TrimSettings):
         marks: list[Mark] = self.mark_options.marks()
         if self.masks is not None:
             marks.insert(0, FromMasks(self.masks, self.gamma))
-        resolved = resolve_views(scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.cameras)
+        resolved = resolve_views(
+            scene, marks, cameras=cameras, up=up.direction, views=views, camera_path=self.inputs.cameras
+        )
         if self.marks is None:
             return resolved
-        return read_marks(self.marks).followed_by(resolved, self.cameras)
-
-    def _read(self, console: Console) -> tuple[Gaussians, CameraSet | None]:
-        reader = Trim(self.scene, level=self.level, cameras=self.cameras, trust_paths=self.trust_paths)
-        cameras = reader.read_cameras(console)  # first, since wrong ones are soon found
-        return reader.read_scene(console), cameras
+        return read_marks(self.marks).followed_by(resolved, self.inputs.cameras)
 
     def _check(self) -> None:
         """Refuse what is not possible or cannot go together before anything is read."""
-        check_settings(self)
         marks = self.mark_options.marks()
         if self.list_views is not None and (marks or self.masks or self.marks):
             raise InputError("--list-views only writes the views; leave the marks out.")
@@ -166,16 +171,16 @@ class Select(TrimSettings):
             raise InputError(
                 "Say what to select: --click X Y, --box X0 Y0 X1 Y1, a volume, --add FILE, --masks DIR or --marks FILE."
             )
-        if self.masks is not None and self.cameras is None:
+        if self.masks is not None and self.inputs.cameras is None:
             raise InputError("Masks need the cameras of their pictures: --cameras PATH.")
         if self.object_ids and (self.masks is None or marks or self.marks):
             raise InputError("Object numbers come from --masks alone; give it, and leave marks out.")
         if self.object_ids and self.trim is not None:
             raise InputError("Trim all objects afterwards, with 'trim SCENE --labels FILE'; leave --trim out.")
-        if self.pages.wished() and self.trim is None:
+        if self.results.pages.wished() and self.trim is None:
             raise InputError("--html and --export-viewer show a trim; add --trim DIR, or leave them out.")
         if self.trim is not None:
-            self.pages.check(self.trim, overwrite=self.overwrite)
+            self.results.pages.check(self.trim, overwrite=self.results.overwrite)
         if self.selection_path.suffix != ".npy":
             raise InputError(f"The selection '{self.selection_path}' is saved as .npy; give a name with that ending.")
         if self.list_views is None:
@@ -184,23 +189,24 @@ class Select(TrimSettings):
     def _check_files(self) -> None:
         """Refuse to replace inputs, and files that an earlier selection of this scene did not write."""
         path, note = self.selection_path, note_on(self.selection_path)
-        inputs = [file for file in (self.scene, self.cameras, *self.mark_options.files) if file is not None]
-        again = not self.object_ids and note is not None and note.is_of(self.scene)
-        if note is not None and not note.is_of(self.scene) and not self.overwrite:
+        scene, overwrite = self.inputs.scene, self.results.overwrite
+        inputs = [file for file in (scene, self.inputs.cameras, *self.mark_options.files) if file is not None]
+        again = not self.object_ids and note is not None and note.is_of(scene)
+        if note is not None and not note.is_of(scene) and not overwrite:
             raise InputError(
                 f"'{path}' is a selection of another scene ('{note.scene or 'unknown'}'); choose another name with "
                 "--output, or replace it with --overwrite."
             )
-        refuse_existing(path, inputs=inputs, overwrite=self.overwrite or again)
+        refuse_existing(path, inputs=inputs, overwrite=overwrite or again)
         if not self.object_ids:
-            refuse_existing(path.with_suffix(".json"), inputs=inputs, overwrite=self.overwrite or again)
+            refuse_existing(path.with_suffix(".json"), inputs=inputs, overwrite=overwrite or again)
 
     def _label(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
         """Object numbers (N,) by the masks, and how they came about."""
         assert self.masks is not None and cameras is not None
         posed = cameras_with_masks(cameras.pinhole_cameras(), self.masks)
         labels = [ids_of(camera, self.masks) for camera in posed]
-        found = lift_objects_by_assignment(scene, posed, labels, get_renderer(self.renderer), self.gamma)
+        found = lift_objects_by_assignment(scene, posed, labels, get_renderer(self.options.renderer), self.gamma)
         return found, f"{len(posed)} masks"
 
     def _overview(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
@@ -209,10 +215,11 @@ class Select(TrimSettings):
         return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
 
     def _write_views(self, folder: Path, console: Console) -> None:
-        overwrite = self.overwrite or is_made_of(folder, self.scene)
-        with atomic_folder(folder, _LISTING, names=VIEW_FILES, source=self.scene, overwrite=overwrite) as part:
-            scene, cameras = self._read(console)
-            up, renderer = find_up(scene, cameras, self.config.up), get_renderer(self.renderer)
+        scene_file = self.inputs.scene
+        overwrite = self.results.overwrite or is_made_of(folder, scene_file)
+        with atomic_folder(folder, _LISTING, names=VIEW_FILES, source=scene_file, overwrite=overwrite) as part:
+            scene, cameras = self.inputs.read(self.options, console)
+            up, renderer = find_up(scene, cameras, self.options.config.up), get_renderer(self.options.renderer)
             overview = self._overview(scene, cameras, up)
             drawn = [(view.camera, drawn_rows(scene.means, view)) for view in overview.views]
             write_view_listing(scene, drawn, overview.whole, self._command_of_views(), part, renderer, grid=self.grid)
@@ -225,22 +232,10 @@ class Select(TrimSettings):
 
     def _command_of_views(self) -> list[str]:
         """The command that selects in the views, without marks."""
-        parts = ["gaussian-trimmer", "select", str(self.scene), *self._common_options()]
-        for option in fields(OverviewConfig):
-            value = getattr(self.overview, option.name)
-            if value != option.default:
-                values = value if isinstance(value, tuple) else (value,)
-                parts += [f"--{option.name}", *(f"{number:.9g}" for number in values)]
-        return [*parts, "--trim", str(Path("trimmed") / self._scene_name())]
-
-    def _common_options(self) -> list[str]:
-        parts = [] if self.level is None else ["--level", str(self.level)]
-        if self.cameras:
-            parts += ["--cameras", str(self.cameras), *(["--trust-paths"] if self.trust_paths else [])]
-        if self.config.up:
-            parts += ["--up", *(f"{value:g}" for value in self.config.up)]
-        return parts
+        words = ["gaussian-trimmer", "select", *self.inputs.words(self.options), *changed_words(self.overview)]
+        return [*words, "--trim", str(Path("trimmed") / self.inputs.name)]
 
     def _next_command(self) -> str:
+        scene, *options = self.inputs.words(self.options)
         selection = [*(["--labels"] if self.object_ids else []), str(self.selection_path)]
-        return shlex.join(["gaussian-trimmer", "trim", str(self.scene), *selection, *self._common_options()])
+        return shlex.join(["gaussian-trimmer", "trim", scene, *selection, *options])

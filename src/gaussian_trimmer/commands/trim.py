@@ -1,262 +1,216 @@
-"""`gaussian-trimmer trim`: a scene and a rough selection in, a sharp object and a clean background out."""
+"""`gaussian-trimmer trim`: a scene and rough selections in, sharp objects and a clean background out."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from rich.console import Console
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.cameras import Camera, CameraSet
-from gaussian_trimmer.commands.console import (
-    announce_compiling,
-    open_console,
-    print_json,
-    print_refusal,
-    print_summary,
-    print_warnings,
-    progress_over_stages,
-)
-from gaussian_trimmer.commands.trim_inputs import TrimInputs
-from gaussian_trimmer.commands.trim_objects import trim_labels
+from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.commands.mark_options import MarkOptions
+from gaussian_trimmer.commands.replay import inputs_of_report
+from gaussian_trimmer.commands.scene_inputs import SceneInputs
+from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
 from gaussian_trimmer.config import check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.io.reading import is_folder
-from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.engines import ENGINES, engine_files, write_for_engine
-from gaussian_trimmer.output.html.report_page import REPORT
-from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
-from gaussian_trimmer.planning.photo_views import photo_views, visible_share
-from gaussian_trimmer.planning.up_vector import find_up
-from gaussian_trimmer.rendering import Renderer, get_renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter
-from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
+from gaussian_trimmer.options import Names, Positional, arg
+from gaussian_trimmer.output.result import THE_OBJECT
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
+from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selecting.marks import Marks
-from gaussian_trimmer.selecting.marks_file import write_marks
-from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
+from gaussian_trimmer.selecting.selection_input import read_selected_and_removed, read_selection
 from gaussian_trimmer.selecting.view_lookup import with_query_row
-from gaussian_trimmer.settings import check_settings, to_plain
-from gaussian_trimmer.trimming.arguments import refuse_whole_scene
-from gaussian_trimmer.trimming.options import views_of_masks
-from gaussian_trimmer.trimming.trim import trim
-
-_USUAL_PHOTOS = 8
-"""Number of photographs that are looked at, unless more views or another number are asked for."""
-NOTHING_TRIMMED = 3
-"""Exit code where the inputs could be read, but the selection was written unchanged."""
-MARKS = "selection.json"
-"""Name of the file of marks among the results."""
-
-
-class Loaded(NamedTuple):
-    """What is read before a trim."""
-
-    scene: Gaussians
-    selection: BoolArray
-    """The selection, (N,)."""
-    cameras: CameraSet | None
-    marks: Marks | None = None
-    """The marks that made the selection, if marks did."""
-    excluded: BoolArray | None = None
-    """What may not join the object, (N,): those marks removed it, or another object has it."""
+from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.selection_files.method_files import scene_of_selection
+from gaussian_trimmer.selection_files.selection_file import open_selection
+from gaussian_trimmer.selection_files.several import load_objects
+from gaussian_trimmer.selection_files.trimmed import is_trimmed
+from gaussian_trimmer.settings import to_plain
+from gaussian_trimmer.trimming.options import TrimOptions
 
 
 @dataclass(frozen=True)
-class Trim(TrimInputs):
-    """Sharpen a rough selection of one object: write the object, the scene without it, a report and pictures.
+class Trim:
+    """Sharpen a rough selection of one object, or of several: write objects, the scene without them, and a report.
 
     Without SELECTION, and without anything else that says what to select, the file is taken to hold the object alone.
     """
 
-    def run(self, load: Callable[[], Loaded] | None = None) -> int:
-        """Trim and write the results; returns the exit code, 3 where nothing was trimmed.
+    COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "the scene": ("--cameras", "--up", "--photos"),
+        "several objects": ("--labels", "--exclude"),
+        "how to trim": ("--views", "--segmenter", "--background", "--preset", "--config"),
+        "results": ("--output", "--overwrite", "--format", "--for", "--html", "--quiet"),
+    }
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "gaussian-trimmer trim scene.ply selection.npy --cameras sparse/0",
+        "gaussian-trimmer trim scene.ply cut.ply --up z --output cup --html",
+        "gaussian-trimmer trim scene.ply --labels labels.npy --cameras transforms.json",
+        "gaussian-trimmer trim object.ply --up -y --for unreal",
+        "gaussian-trimmer trim --config cup/report.json --output again",
+    )
 
-        Args:
-            load: gives scene, selection and cameras instead of the files; called when the output folder can be used.
+    inputs: Annotated[SceneInputs, arg(name="")]
+    selection: Annotated[Positional[Path | None], arg(metavar="SELECTION")] = None
+    """Which Gaussians roughly are the object. A mask, labels, row numbers, a PLY cut out of the scene, what a
+    segmentation method saved, or marks saved as .json."""
+    output: Annotated[Path | None, arg(metavar="DIR", default="trimmed/SCENE-SELECTION")] = None
+    """Folder for the results."""
+    selection_options: Annotated[SelectionOptions, arg(name="selection")] = field(default_factory=SelectionOptions)
+    """How the selection file is read; the defaults suffice unless the file can be understood in several ways."""
+    labels: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Trim several objects at once, in place of SELECTION. FILE has an id for each Gaussian, or is what a method with
+    several objects saved, or a folder of masks whose pixels are ids. Each object becomes a file object_ID, and there is
+    one background without all of them."""
+    objects: Annotated[tuple[int, ...], arg(metavar="ID ...")] = ()
+    """Which objects of --labels to trim; by default all whose ids are above zero."""
+    exclude: Annotated[tuple[Path, ...], arg(metavar="FILE ...")] = ()
+    """Selections of other objects, such as labels.npz of an earlier trim, whose Gaussians stay out of this one."""
+    marks: Annotated[MarkOptions, arg(name="")] = field(default_factory=MarkOptions)
+    options: Annotated[TrimOptions, arg(name="")] = field(default_factory=TrimOptions)
+    results: Annotated[ResultOptions, arg(name="")] = field(default_factory=ResultOptions)
+
+    @classmethod
+    def presets(cls, given: Mapping[Names, Any]) -> dict[Names, Any]:
+        """Return the files that the report named by --config read, unless others are given."""
+        report = given.get(("options", "config_file"))
+        return {} if report is None else inputs_of_report(report, given)
+
+    def run(self) -> int:
+        """Trim and write the results; return the exit code, 3 where nothing was trimmed.
 
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
-        console = open_console(quiet=self.quiet or self.json, log_level=self.log_level)
-        self._check_settings()
-        if self.labels is not None:
-            trim_labels(self, console)
-            return 0
-        with self._results() as folder:
-            loaded = load() if load else None
-            start = time.perf_counter()
-            with progress_over_stages(console) as stage:
-                report = self._write(folder, loaded, stage, console)
-        if report["refused"]:
-            print_refusal(report)
-        print_summary(console, report, time.perf_counter() - start)
-        self._say_where(console)
-        print_warnings(report)
-        if self.json:
-            print_json(report, (self.folder(), RESULTS))
-        return NOTHING_TRIMMED if report["refused"] else 0
-
-    def _say_where(self, console: Console) -> None:
-        """Say where the results are."""
-        looked_at = REPORT if self.pages.html else PICTURE
-        console.print(f"object{self.suffix()}, {looked_at} and the rest are in {self.folder()}.")
-        if self.engine is not None:
-            made = " and ".join(name for name in engine_files(self.engine) if (self.folder() / name).is_file())
-            console.print(f"For {ENGINES[self.engine].name}, upright there: {made}.")
-        if self.pages.export_viewer is not None:
-            console.print(self.pages.sentence())
-
-    def _write(
-        self, folder: Path, loaded: Loaded | None, stage: Callable[[str], None], console: Console
-    ) -> dict[str, Any]:
-        """Trim and write the results to a folder; returns the report."""
-        start = time.perf_counter()
-        stage("read")
-        loaded = loaded or self._read(console)
-        scene, selection, excluded = loaded.scene, *self.without_excluded(loaded)
-        if self.selection is not None:
-            refuse_whole_scene(loaded.selection, self.selection, self.scene)
-        seconds = {"read": time.perf_counter() - start}
-        renderer, segmenter = get_renderer(self.renderer), self.make_segmenter()
-        views = views_of_masks(segmenter, loaded.cameras, self.settings())
-        if self.photos is not None:
-            views, segmenter = self._photo_views(scene, selection, loaded.cameras, segmenter, renderer)
-        if renderer.name == "numba":
-            announce_compiling(console)
-        result = trim(
-            scene,
-            selection,
-            config=self.settings(),
-            renderer=renderer,
-            segmenter=segmenter,
-            cameras=loaded.cameras,
-            view_cameras=views,
-            excluded=excluded,
-            progress=stage,
-        )
-        stage("write")
-        if loaded.marks is not None:
-            write_marks(loaded.marks, folder / MARKS)
-        report = write_trim(result, folder, self.suffix(), self._inputs(), seconds, html=self.pages.html)
-        if self.engine is not None:
-            write_for_engine(result, self.engine, folder)
-        self.pages.write_viewer(result, self.folder(), folder)
-        return report
-
-    def without_excluded(self, loaded: Loaded) -> tuple[BoolArray, BoolArray | None]:
-        """The selection without what --exclude names, and all that may not join the object.
-
-        Raises:
-            InputError: nothing of the selection is left.
-        """
-        others = self.excluded_rows(loaded.scene)
-        selection = loaded.selection & ~others
-        if not selection.any():
-            raise InputError("Nothing is left of the selection, since --exclude takes all of it; leave a file out.")
-        return selection, others if loaded.excluded is None else others | loaded.excluded
-
-    def _results(self) -> AbstractContextManager[Path]:
-        """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
-        engine = engine_files(self.engine) if self.engine is not None else ()
-        pages = self.pages.names(self.folder())
-        return atomic_folder(
-            self.folder(),
-            RESULTS,
-            names=(*result_files(self.suffix(), html=self.pages.html), MARKS, *engine, *pages),
-            inputs=self._input_paths(),
+        console, inputs = self.results.console(), self._scene_inputs()
+        self._check()
+        run = TrimRun(
+            folder=self.folder(),
+            suffix=inputs.suffix(self.options),
+            options=self.options,
+            results=self.results,
+            inputs=self.inputs.as_json(self.options) | self._inputs(),
+            files=self._files(),
             source=self.selection,
-            overwrite=self.overwrite,
+            several=self.labels is not None,
         )
+        return run.run(console, lambda: self._read(console))
 
-    def _check_settings(self) -> None:
-        """Refuse settings that are not possible before anything is read, also those that this run would not use."""
-        if self.selection is not None and formats.has_splats(self.selection) and not _may_hold_splats(self.scene):
-            raise InputError(f"'{self.scene.name}' is not a splat file; the scene comes before the selection.")
-        check_config(self.settings())
-        check_settings(self.selection_options, "selection")
-        check_settings(self.segmenter_options)
-        check_settings(self.mark_options)
-        self.mark_options.marks()
-        self.pages.check(self.folder(), overwrite=self.overwrite)
+    def folder(self) -> Path:
+        """The folder for the results."""
+        if self.output is not None:
+            return self.output
+        given = self.selection or self.labels
+        names = [self.inputs.name, *([given.name.split(".")[0]] if given else [])]
+        return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
 
-    def _input_paths(self) -> list[Path]:
-        """Files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
-        cameras = self.cameras if self.cameras is not None and self.cameras.is_file() else None
-        options = [vars(options) for options in (self.selection_options, self.used_options()) if options]
-        given = [
-            self.scene,
-            self.selection,
-            cameras,
-            *self.exclude,
-            *(value for values in options for value in values.values()),
-        ]
-        return [path for path in (*given, *self.mark_options.files) if isinstance(path, Path)]
+    def _scene_inputs(self) -> SceneInputs:
+        """Return the inputs, whose scene is the selection's own where a folder is given as both."""
+        return replace(self.inputs, scene=scene_of_selection(self.inputs.scene, self.selection))
 
-    def _read(self, console: Console) -> Loaded:
-        scene, cameras, options = self.read_scene(console), self.read_cameras(console), self.selection_options
+    def _check(self) -> None:
+        """Refuse what is not possible, or cannot go together, before anything is read."""
+        scene = self.inputs.scene
+        is_scene = formats.has_splats(scene) or is_folder(scene)
+        if self.selection is not None and formats.has_splats(self.selection) and not is_scene:
+            raise InputError(f"'{scene.name}' is not a splat file; the scene comes before the selection.")
+        check_config(self.options.settings())
+        self.results.pages.check(self.folder(), overwrite=self.results.overwrite)
+        marks = self.marks.marks()
+        if self.labels is None:
+            return
+        if self.selection is not None or marks:
+            raise InputError("--labels says what to trim; leave SELECTION and marks out.")
+        self.results.check_several()
+        if hasattr(self.options.make_segmenter(), "own_cameras"):
+            raise InputError(
+                f"The segmenter '{self.options.segmenter}' has masks of one object; with --labels choose another, or "
+                "give --labels a folder of masks whose pixels are ids."
+            )
+
+    def _read(self, console: Console) -> RoughObjects:
+        scene, cameras = self._scene_inputs().read(self.options, console)
+        if self.labels is None:
+            selection, removed, marks = self._selected(scene, cameras, console)
+            masks: dict[Any, BoolArray] = {THE_OBJECT: selection}
+        else:
+            masks, removed, marks = dict(self._labelled(scene, cameras)), np.zeros(len(scene), np.bool_), None
+        others = np.zeros(len(scene), np.bool_)
+        for path in self.exclude:
+            others |= _rows_of(path, scene)
+        left = {number: mask & ~others for number, mask in masks.items()}
+        for number, mask in left.items():
+            if not mask.any():
+                what = "the selection" if self.labels is None else f"object {number}"
+                raise InputError(f"Nothing is left of {what}, since --exclude takes all of it; leave a file out.")
+        return RoughObjects(scene, cameras, left, others | removed, marks)
+
+    def _selected(
+        self, scene: Gaussians, cameras: CameraSet | None, console: Console
+    ) -> tuple[BoolArray, BoolArray, Marks | None]:
+        """Return what SELECTION and marks select, what marks removed, each (N,), and all marks, if there are any."""
+        options, renderer = self.selection_options, self.options.renderer
         if options.query_point is not None:
-            views: list[str | int] = [*self.mark_options.view, *self.mark_options.view_index]
-            options = with_query_row(options, scene, views[0] if views else None, cameras, get_renderer(self.renderer))
-        selection, excluded, marks = read_selected_and_removed(
+            views: list[str | int] = [*self.marks.view, *self.marks.view_index]
+            options = with_query_row(options, scene, views[0] if views else None, cameras, get_renderer(renderer))
+        return read_selected_and_removed(
             self.selection,
             scene,
             options,
-            self.mark_options.marks(),
+            self.marks.marks(),
             cameras=cameras,
-            camera_path=self.cameras,
-            up=self.config.up,
-            renderer=self.renderer,
+            camera_path=self.inputs.cameras,
+            up=self.options.config.up,
+            renderer=renderer,
             say=console.print,
         )
-        return Loaded(scene, selection, cameras, marks, excluded)
 
-    def _photo_views(
-        self,
-        scene: Gaussians,
-        selection: BoolArray,
-        cameras: CameraSet | None,
-        segmenter: Segmenter,
-        renderer: Renderer,
-    ) -> tuple[list[Camera], Segmenter]:
-        """Crops of the training pictures that show the object best, and the segmenter that is shown these pictures."""
-        if self.photos is None or cameras is None or hasattr(segmenter, "own_cameras"):
-            raise InputError("--photos needs the cameras that took the pictures, --cameras, and a segmenter for them.")
-        listed = zip(cameras.pinhole_cameras(), cameras.train, strict=True)
-        known = cameras_with_photos([camera for camera, train in listed if train], self.photos)
-        up = find_up(scene, cameras, self.settings().up, selection)
-        bounds = robust_bounds(scene.select(selection), up_frame(up.direction))
-        plan = self.settings().plan
-        number = self.views or max(plan.views, _USUAL_PHOTOS)
-        shown = partial(visible_share, scene, selection, renderer=renderer)
-        views = photo_views(known, bounds, number, plan.size, plan.fill, shown)
-        if not views:
-            raise InputError(f"None of the {len(known)} cameras with pictures in '{self.photos}' sees the object.")
-        return views, PhotoSegmenter(segmenter, self.photos, known)
+    def _labelled(self, scene: Gaussians, cameras: CameraSet | None) -> dict[int, BoolArray]:
+        """Return the objects of --labels, as masks (N,) by their ids."""
+        assert self.labels is not None
+        if not self.labels.is_dir():
+            return load_objects(self.labels, scene, self.objects, self.selection_options)
+        if cameras is None:
+            raise InputError("Masks with ids need the cameras of their pictures: --cameras PATH.")
+        posed = cameras_with_masks(cameras.pinhole_cameras(), self.labels)
+        images = [ids_of(camera, self.labels) for camera in posed]
+        labels = lift_objects_by_assignment(scene, posed, images, get_renderer(self.options.renderer))
+        present = [int(number) for number in np.unique(labels) if number > 0]
+        if absent := sorted(set(self.objects) - set(present)):
+            raise InputError(f"The masks in '{self.labels}' show no object {absent[0]}; they show {present[:24]}.")
+        return {number: np.asarray(labels == number) for number in (self.objects or present)}
+
+    def _files(self) -> list[Path]:
+        """Return the files, and folders of masks, that are read. A folder with cameras may hold the results as well."""
+        cameras, labels = (
+            path if path is not None and path.is_file() else None for path in (self.inputs.cameras, self.labels)
+        )
+        options = [vars(options) for options in (self.selection_options, self.options.used_options()) if options]
+        within = (value for values in options for value in values.values())
+        given = [self.inputs.scene, self.selection, cameras, labels, *self.exclude, *within, *self.marks.files]
+        return [path for path in given if isinstance(path, Path)]
 
     def _inputs(self) -> dict[str, Any]:
-        """Files and choices, for the report."""
-        used = self.used_options()
+        """Return what the report says of the selection."""
         return {
-            "scene": str(self.scene),
-            "level": self.level,
             "selection": str(self.selection) if self.selection else None,
             "selection_options": to_plain(self.selection_options),
-            "cameras": str(self.cameras) if self.cameras else None,
-            "photos": str(self.photos) if self.photos else None,
-            "for": self.engine,
+            "labels": str(self.labels) if self.labels else None,
+            "objects": list(self.objects),
             "exclude": [str(path) for path in self.exclude],
-            "preset": self.preset,
-            "segmenter_options": to_plain(used) if used else {},
         }
 
 
-def _may_hold_splats(path: Path) -> bool:
-    return formats.has_splats(path) or is_folder(path)
+def _rows_of(path: Path, scene: Gaussians) -> BoolArray:
+    """Return which Gaussians of the scene a file for --exclude means, (N,)."""
+    if path.suffix == ".npz" and is_trimmed(open_selection(path, len(scene))):
+        return np.asarray(np.any(list(load_objects(path, scene).values()), axis=0))
+    return read_selection(path, scene)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.config import PlanConfig, TrimConfig, paper_config
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.options import Names, arg
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, RENDERER_CHOICES
 from gaussian_trimmer.segmentation.segmenters import (
@@ -17,10 +19,13 @@ from gaussian_trimmer.segmentation.segmenters import (
     SEGMENTERS,
     Segmenter,
     all_options,
+    field_name,
+    options_kind,
     options_of,
     paper_options,
     segmenter_with,
 )
+from gaussian_trimmer.settings import from_plain, hints_of
 
 SegmenterOptions = all_options()
 
@@ -37,6 +42,9 @@ class TrimOptions:
     """Format of object and background: ply, compressed.ply, splat, spz, sog, ksplat or glb."""
     preset: Literal["default", "paper"] = "default"
     """Defaults of all settings: this program's, or those of the GaussianTrimmer paper."""
+    config_file: Annotated[Path | None, arg(metavar="FILE", name="config")] = None
+    """Trim as an earlier run did: with the settings in its report.json or settings.json, to which options given beside
+    it are added. 'trim' also takes scene, selection and cameras from there."""
     views: Annotated[int | None, arg(metavar="INT")] = None
     """Number of virtual views. Short for --plan.views."""
     segmenter: Annotated[str, arg(metavar="{" + ",".join(SEGMENTERS) + "}")] = DEFAULT_SEGMENTER
@@ -48,8 +56,13 @@ class TrimOptions:
 
     @classmethod
     def presets(cls, given: Mapping[Names, Any]) -> dict[Names, Any]:
-        """Return the values that a preset has for fields; options given beside it come on top."""
-        return preset_values(given)
+        """Return the values that a file of settings or a preset has for fields; options beside it come on top."""
+        path = given.get(("config_file",))
+        if path is None:
+            return preset_values(given)
+        if ("preset",) in given:
+            raise InputError("--config has the value of every setting, so that --preset changes none; leave one out.")
+        return settings_in(path)
 
     def settings(self) -> TrimConfig:
         """The settings of all stages."""
@@ -65,6 +78,10 @@ class TrimOptions:
         """The segmenter with its options."""
         return segmenter_with(self.segmenter, self.segmenter_options)
 
+    def promptable_model(self) -> Any:
+        """The segmenter if it also draws masks for clicks and boxes; None for others."""
+        return self.make_segmenter() if self.segmenter == "sam" else None
+
 
 def preset_values(given: Mapping[Names, Any]) -> dict[Names, Any]:
     """Return the paper's `config`, `segmenter` and `segmenter_options` if the option `preset` asks for them."""
@@ -72,6 +89,32 @@ def preset_values(given: Mapping[Names, Any]) -> dict[Names, Any]:
         return {}
     options = paper_options(SegmenterOptions())
     return {("config",): paper_config(), ("segmenter",): PAPER_SEGMENTER, ("segmenter_options",): options}
+
+
+def settings_in(path: Path) -> dict[Names, Any]:
+    """Return the fields of `TrimOptions` that a report, or the settings of an evaluation, has values for.
+
+    Raises:
+        InputError: the file cannot be read, holds no settings, or has one that is not possible.
+    """
+    data = read_json(path)
+    config = data.get("configuration", data.get("config")) if isinstance(data, dict) else None
+    if not isinstance(config, dict):
+        raise InputError(f"'{path}' holds no settings; give the report.json of a trim, or a settings.json.")
+    where, inputs = f"'{path}': ", data.get("inputs", data)
+    found: dict[Names, Any] = {("config",): from_plain(config, TrimConfig, f"{where}configuration")}
+    chosen = {"segmenter": data.get("segmenter"), "renderer": data.get("renderer")} | inputs
+    for name, known in (("segmenter", SEGMENTERS), ("renderer", RENDERER_CHOICES)):
+        if chosen[name] in known:
+            found[name,] = chosen[name]
+    for name in ("level", "trust_paths", "format", "preset"):
+        if inputs.get(name) is not None:
+            found[name,] = from_plain(inputs[name], hints_of(TrimOptions)[name], f"{where}{name}")
+    kind = options_kind(str(found.get(("segmenter",), DEFAULT_SEGMENTER)))
+    if kind is not None and inputs.get("segmenter_options"):
+        own = from_plain(inputs["segmenter_options"], kind, f"{where}segmenter_options")
+        found["segmenter_options", field_name(chosen["segmenter"])] = own
+    return found
 
 
 def views_of_masks(segmenter: Segmenter, cameras: CameraSet | None, config: TrimConfig) -> list[Camera] | None:

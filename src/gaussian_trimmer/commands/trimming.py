@@ -1,0 +1,263 @@
+"""What `trim`, `select --trim` and `objects --trim` do: trim rough objects, and write and say the results."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from rich.console import Console
+
+from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.commands.console import (
+    announce_compiling,
+    open_console,
+    print_json,
+    print_refusal,
+    print_summary,
+    print_warnings,
+    progress_over_stages,
+)
+from gaussian_trimmer.commands.pages import PageOptions
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.options import arg
+from gaussian_trimmer.output.engines import ENGINES, EngineName, engine_files, write_for_engine
+from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
+from gaussian_trimmer.output.report import object_entries
+from gaussian_trimmer.output.result import title_of
+from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
+from gaussian_trimmer.planning.photo_views import photo_views, visible_share
+from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.rendering import Renderer, get_renderer
+from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
+from gaussian_trimmer.selecting.marks import Marks
+from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.settings import to_plain
+from gaussian_trimmer.trimming.arguments import refuse_whole_scene
+from gaussian_trimmer.trimming.options import TrimOptions, views_of_masks
+from gaussian_trimmer.trimming.trim import trim_objects
+
+_USUAL_PHOTOS = 8
+"""Number of photographs that are looked at, unless more views or another number are asked for."""
+NOTHING_TRIMMED = 3
+"""Exit code where the inputs could be read, but the selections were written unchanged."""
+_LISTED = 4
+MARKS = "selection.json"
+"""Name of the file of marks among the results."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultOptions:
+    """What is written beside object and background, and what is said."""
+
+    photos: Annotated[Path | None, arg(metavar="DIR")] = None
+    """Folder of the training pictures, in which to segment the object in place of virtual views. Those that show it
+    best are taken. Needs --cameras."""
+    engine: Annotated[EngineName | None, arg(name="for")] = None
+    """Also write object and background for this program, in a format that it reads and upright."""
+    overwrite: bool = False
+    """Replace earlier results in the output folder. Other files in it are left alone."""
+    quiet: bool = False
+    """Print nothing but errors."""
+    json: bool = False
+    """Print one JSON document on standard output, and nothing else there: the report, the folder and its files."""
+    log_level: Literal["debug", "info", "warning", "error"] | None = None
+    """Log each stage on standard error."""
+    pages: Annotated[PageOptions, arg(name="")] = field(default_factory=PageOptions)
+
+    def console(self) -> Console:
+        """Return what to print to."""
+        return open_console(quiet=self.quiet or self.json, log_level=self.log_level)
+
+    def check_several(self) -> None:
+        """Refuse what a trim of several objects would have to ignore.
+
+        Raises:
+            InputError: something of it is asked for.
+        """
+        for name, wished in (
+            ("--export-viewer", self.pages.export_viewer), ("--for", self.engine), ("--photos", self.photos),
+        ):  # fmt: skip
+            if wished is not None:
+                raise InputError(f"{name} is for one object; leave it out, or trim the objects one by one.")
+
+
+@dataclass(frozen=True, eq=False)
+class RoughObjects:
+    """What is read before a trim: a scene, and its objects as they were selected."""
+
+    scene: Gaussians
+    cameras: CameraSet | None
+    masks: Mapping[Any, BoolArray]
+    """Selections (N,), by the objects' ids or names."""
+    excluded: BoolArray | None = None
+    """What may not join an object, (N,): marks removed it, or another object has it."""
+    marks: Marks | None = None
+    """The marks that made the selection, if marks did."""
+
+
+@dataclass(frozen=True)
+class TrimRun:
+    """One trim, from its inputs to its folder."""
+
+    folder: Path
+    suffix: str
+    """Ending of the splat files."""
+    options: TrimOptions
+    results: ResultOptions
+    inputs: Mapping[str, Any]
+    """Files and choices, for the report."""
+    files: Sequence[Path]
+    """Files, and folders of masks, that are read, and that results may not replace."""
+    source: Path | None = None
+    """The file that the results are made of, for the manifest."""
+    several: bool = False
+    """Objects have ids or names, also if there is but one."""
+
+    def run(self, console: Console, read: Callable[[], RoughObjects]) -> int:
+        """Trim and write the results; return the exit code, 3 where nothing was trimmed.
+
+        Args:
+            console: where to say what becomes of it.
+            read: gives the rough objects; called once the folder for the results can be used.
+
+        Raises:
+            InputError: something that the user gave cannot be used; nothing has been written then.
+        """
+        start, results = time.perf_counter(), self.results
+        with self._locked_folder() as part, progress_over_stages(console) as stage:
+            stage("read")
+            rough = read()
+            if self.source is not None:
+                for mask in rough.masks.values():
+                    refuse_whole_scene(mask, self.source, self.inputs["scene"])
+            seconds = {"read": time.perf_counter() - start}
+            report = self._write(part, rough, seconds, stage, console)
+        entries, taken = object_entries(report), time.perf_counter() - start
+        for entry in entries:
+            print_refusal(entry)
+        if self.several:
+            _print_objects(console, report, taken)
+        else:
+            print_summary(console, report, taken)
+        self._say_where(console, report)
+        for entry in entries:
+            print_warnings(entry)
+        if results.json:
+            print_json(report, (self.folder, RESULTS))
+        return NOTHING_TRIMMED if all(entry["refused"] for entry in entries) else 0
+
+    def _locked_folder(self) -> Any:
+        """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
+        pages, engine = self.results.pages, self.results.engine
+        names = result_files(self.suffix, html=pages.html) + result_files(self.suffix, several=self.several)
+        return atomic_folder(
+            self.folder,
+            RESULTS,
+            names=(*names, MARKS, *(engine_files(engine) if engine else ()), *pages.names(self.folder)),
+            inputs=self.files,
+            source=self.source,
+            overwrite=self.results.overwrite,
+        )
+
+    def _write(
+        self,
+        part: Path,
+        rough: RoughObjects,
+        seconds: dict[str, float],
+        stage: Callable[[str], None],
+        console: Console,
+    ) -> dict[str, Any]:
+        """Trim and write the results to a folder; return the report."""
+        renderer, segmenter = get_renderer(self.options.renderer), self.options.make_segmenter()
+        views = views_of_masks(segmenter, rough.cameras, self.options.settings())
+        if self.results.photos is not None:
+            views, segmenter = self._photo_views(rough, self.results.photos, segmenter, renderer)
+        if renderer.name == "numba":
+            announce_compiling(console)
+        result = trim_objects(
+            rough.scene,
+            rough.masks,
+            config=self.options.settings(),
+            renderer=renderer,
+            segmenter=segmenter,
+            cameras=rough.cameras,
+            view_cameras=views,
+            excluded=rough.excluded,
+            progress=stage,
+        )
+        stage("write")
+        pages, inputs = self.results.pages, dict(self.inputs) | self._choices()
+        if rough.marks is not None:
+            write_marks(rough.marks, part / MARKS)
+            inputs["marks"] = MARKS
+        report = write_trim(result, part, self.suffix, inputs, seconds, html=pages.html)
+        if self.results.engine is not None:
+            write_for_engine(result, self.results.engine, part)
+        pages.write_viewer(result, self.folder, part)
+        return report
+
+    def _choices(self) -> dict[str, Any]:
+        """What the report says beside the configuration, so that `--config` makes the same trim again."""
+        options, used = self.options, self.options.used_options()
+        photos = str(self.results.photos) if self.results.photos else None
+        return {
+            "preset": options.preset, "segmenter": options.segmenter,
+            "segmenter_options": to_plain(used) if used else {},
+            "format": options.format, "photos": photos, "for": self.results.engine,
+        }  # fmt: skip
+
+    def _photo_views(
+        self, rough: RoughObjects, photos: Path, segmenter: Segmenter, renderer: Renderer
+    ) -> tuple[list[Camera], Segmenter]:
+        """Return crops of the training pictures that show the object best, and the segmenter that is shown these."""
+        if rough.cameras is None or hasattr(segmenter, "own_cameras"):
+            raise InputError("--photos needs the cameras that took the pictures, --cameras, and a segmenter for them.")
+        (selection,) = rough.masks.values()
+        listed = zip(rough.cameras.pinhole_cameras(), rough.cameras.train, strict=True)
+        known = cameras_with_photos([camera for camera, train in listed if train], photos)
+        settings = self.options.settings()
+        up = find_up(rough.scene, rough.cameras, settings.up, selection)
+        bounds = robust_bounds(rough.scene.select(selection), up_frame(up.direction))
+        number = self.options.views or max(settings.plan.views, _USUAL_PHOTOS)
+        share = partial(visible_share, rough.scene, selection, renderer=renderer)
+        views = photo_views(known, bounds, number, settings.plan.size, settings.plan.fill, share)
+        if not views:
+            raise InputError(f"None of the {len(known)} cameras with pictures in '{photos}' sees the object.")
+        return views, PhotoSegmenter(segmenter, photos, known)
+
+    def _say_where(self, console: Console, report: Mapping[str, Any]) -> None:
+        """Say where the results are."""
+        pages, engine = self.results.pages, self.results.engine
+        files = [entry["file"] for entry in object_entries(report) if entry["file"]]
+        listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
+        looked_at = REPORT if pages.html else PICTURE
+        console.print(f"{listed}, background{self.suffix}, {looked_at} and the rest are in {self.folder}.")
+        if engine is not None:
+            made = " and ".join(name for name in engine_files(engine) if (self.folder / name).is_file())
+            console.print(f"For {ENGINES[engine].name}, upright there: {made}.")
+        if pages.export_viewer is not None:
+            console.print(pages.sentence())
+
+
+def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) -> None:
+    """Say what became of several objects, from their report, and the time of the trim."""
+    entries, counts = object_entries(report), report["counts"]
+    for entry in entries:
+        numbers = counts | entry.get("counts", {})
+        said = f"{entry['gaussians']:,} Gaussians. {sentence_of(numbers)}."
+        said = f"not trimmed: {entry['refused']}" if entry["refused"] else said
+        console.print(f"{title_of(entry['name'])}: {said}")
+    console.print(
+        f"{len(entries)} objects, {sum(entry['gaussians'] for entry in entries):,} Gaussians; "
+        f"{counts.get('claimed_by_several', 0):,} claimed by two objects; time {seconds:.1f} s"
+    )
+    if counts["dropped"]:
+        console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
