@@ -17,7 +17,7 @@ _SECOND_SHARE = 0.25
 BOUND_PERCENTILES = (1.0, 99.0)
 """Percentiles of an object's points along an axis that are taken for its ends, so that floaters do not count."""
 _REACH_DEVIATIONS = 1.5
-"""Standard deviations out to which a Gaussian reaches; two whose reaches meet hang together."""
+"""Standard deviations out to which a Gaussian reaches; two whose reaches meet are connected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Bounds:
 
 
 def up_frame(up: Float64Array) -> Float64Array:
-    """Two horizontal axes and the unit up vector as rows of a right-handed (3, 3) matrix.
+    """Return two horizontal axes and the unit up vector as rows of a right-handed (3, 3) matrix.
 
     Raises:
         InputError: the vector is zero or not finite.
@@ -55,14 +55,14 @@ def up_frame(up: Float64Array) -> Float64Array:
 
 
 def plain_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
-    """The box that holds every centre, as in the paper."""
+    """Return the box that holds every centre, as in the paper."""
     local = target.means.astype(np.float64) @ axes.T
     low, high = local.min(0), local.max(0)
     return Bounds((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, 1e-9))
 
 
 def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
-    """The box of the object's dominant cluster: far floaters of a bad selection do not move it.
+    """Return the box of the object's dominant cluster: far floaters of a bad selection do not move it.
 
     Gaussians are weighted by opacity. The box spans percentiles 1 to 99 of the centres of those in the dominant
     clusters, or of points on their ellipsoids where these are large, and is nowhere thinner than a typical one is wide.
@@ -77,7 +77,7 @@ def robust_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
 
 
 def dominant_cluster(target: Gaussians) -> BoolArray:
-    """Which Gaussians belong to the heaviest cluster of connected voxels, or to one of a quarter of its weight, (N,).
+    """Return the Gaussians of the heaviest cluster of connected voxels, and of others of a quarter of its weight, (N,).
 
     The voxels are a sixteenth of the weighted interdecile range wide, so the result does not depend on units; they grow
     until the heaviest cluster holds half of the weight, since a few sparse Gaussians are one object as well. Clusters
@@ -87,7 +87,7 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
 
 
 def _standing_points(target: Gaussians) -> tuple[Float64Array, float]:
-    """Points in the world that stand for each Gaussian, (N, P, 3), and the width of the voxels that connect them.
+    """Return world points that stand for each Gaussian, (N, P, 3), and the width of the voxels that connect them.
 
     That is its centre. Where a typical Gaussian is wider than a voxel, the centres tell little of where the object is,
     and each stands for points on its ellipsoid as well; none reaches farther than the median one does.
@@ -116,13 +116,13 @@ def _dominant_cluster(target: Gaussians, points: Float64Array, size: float) -> B
 
 
 def _voxel_size(target: Gaussians, points: Float64Array) -> float:
-    """A sixteenth of the largest weighted interdecile range along an axis of the points (N, P, 3) of Gaussians."""
+    """Return a sixteenth of the largest weighted interdecile range along an axis of points (N, P, 3)."""
     low, high = _percentiles(points, target.opacities.astype(np.float64), (10, 90))
     return float((high - low).max()) / _VOXELS_ACROSS
 
 
 def touching(target: Gaussians, group: BoolArray) -> BoolArray:
-    """Gaussians outside a group that touch it: their reach and that of the group's nearest member meet, (N,).
+    """Return Gaussians outside a group that touch it: their reach and that of the group's nearest member meet, (N,).
 
     A Gaussian reaches 1.5 of its largest standard deviations far, but no farther than the group's median one does: a
     huge Gaussian of the background would touch everything.
@@ -141,7 +141,7 @@ def touching(target: Gaussians, group: BoolArray) -> BoolArray:
 
 
 def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: IntArray) -> BoolArray:
-    """The dominant clusters and, step by step, each cluster that touches them, (N,)."""
+    """Return the dominant clusters and, step by step, each cluster that touches them, (N,)."""
     while not dominant.all():
         found = np.isin(cluster, cluster[touching(target, dominant)])
         if not found.any():
@@ -151,7 +151,7 @@ def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: Int
 
 
 def _percentiles(points: Float64Array, weights: Float64Array, percents: tuple[float, ...]) -> list[Float64Array]:
-    """For each of the percentages, the weighted percentiles (3,) of points (N, P, 3) of weights (N,)."""
+    """Return, for each of the percentages, the weighted percentiles (3,) of points (N, P, 3) of weights (N,)."""
     flat, repeated = points.reshape(-1, 3), np.repeat(weights, points.shape[1])
     found = np.empty((len(percents), 3))
     for axis in range(3):

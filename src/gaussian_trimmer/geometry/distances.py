@@ -9,7 +9,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array
 
 
 def distance_to_outside(mask: BoolArray, beyond: bool = True) -> Float64Array:
-    """Distance of every pixel to the nearest one outside a mask (H, W) in pixels, (H, W); zero outside.
+    """Return the distance of every pixel to the nearest one outside a mask (H, W) in pixels, (H, W); zero outside.
 
     OpenCV's last bits depend on the processor and, with one thread, on the call; the squares are whole numbers, and
     the same always.

@@ -1,4 +1,4 @@
-"""Which numbers a scene may hold: those that the stages can square and add up in single precision."""
+"""Limits of the numbers that a scene may hold: those that the stages can square and add up in single precision."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.io.reading import LARGEST
 
 LARGEST_LOG_SCALE = 80.0
-"""Greatest log scale of a scene; standard deviations a few thousand times larger are no float32."""
+"""Greatest log scale of a scene; standard deviations a few thousand times larger do not fit in a float32."""
 SMALLEST_SCENE = 1e-15
 """Least extent of a scene, in its units."""
 _LARGEST_FLOAT = float(np.finfo(np.float32).max)
@@ -58,11 +58,11 @@ def check_magnitudes(scene: Gaussians) -> None:
     check_values(scene)
     size = max(float(np.ptp(scene.means, axis=0).max()), float(np.exp(scene.log_scales.max())))
     if size < SMALLEST_SCENE:
-        raise InputError(f"The whole scene is {size:.3g} units large; scale it up, to {SMALLEST_SCENE:g} at the least.")
+        raise InputError(f"The whole scene is {size:.3g} units large; scale it up, to at least {SMALLEST_SCENE:g}.")
 
 
 def has_direction(quaternions: FloatArray) -> BoolArray:
-    """Which quaternions (N, 4) are of a length that leaves no doubt about their direction, (N,)."""
+    """Return the quaternions (N, 4) whose length leaves no doubt about their direction, (N,)."""
     with np.errstate(invalid="ignore"):  # NaN of doubles that float32 has not
         squares = np.einsum("ni,ni->n", quaternions, quaternions, dtype=np.float64)
     return np.asarray((squares >= _SHORTEST_QUATERNION**2) & (squares <= _LONGEST_QUATERNION**2))
@@ -82,7 +82,7 @@ def check_size(radius: float) -> None:
 
 
 def _all_within(values: FloatArray, low: float, high: float) -> bool:
-    """Whether all values (N, K) are finite where the limits are, and between them; neither is true of NaN."""
+    """Return whether all values (N, K) are finite where the limits are, and between them; neither is true of NaN."""
     if not values.size:
         return True
     with np.errstate(invalid="ignore", over="ignore"):

@@ -21,7 +21,7 @@ _jit = numba.njit(cache=CACHE, nogil=True)
 
 
 def min_cut(unaries: NDArray[np.floating], edges: IntArray, weights: NDArray[np.floating]) -> BoolArray:
-    """Which nodes of a graph are object in the labelling of least cost, (N,).
+    """Return the nodes of a graph that are object in the labelling of least cost, (N,).
 
     The cost is the sum of positive unary terms over background nodes, of the absolute values of negative ones over
     object nodes, and of the weights of edges between object and background. Nodes that nothing draws to the object are
