@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 import tyro
 from quality import DATA, TrialOptions, table_of
 from tyro.conf import Positional, arg
@@ -120,8 +119,6 @@ class Ablations:
     """Width of the virtual views."""
     times: bool = False
     """Let SAM encode the views of every trim anew; otherwise trims of one object share them, and seconds mislead."""
-    plot: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Picture of gain and latency by number of views."""
     options: Annotated[TrialOptions, arg(name="")] = field(default_factory=TrialOptions)
     judging: Annotated[RuleOptions, arg(name="")] = field(default_factory=RuleOptions)
     output: Annotated[TableOptions, arg(name="")] = field(default_factory=TableOptions)
@@ -143,8 +140,6 @@ class Ablations:
                     segmenter.forget()
         if not runs:
             raise InputError(f"Nothing to measure in '{self.root}': it has no such objects and selections.")
-        if self.plot is not None:
-            draw_views(self._groups("views", runs), self.plot)
         tables: dict[str, ScoreTable] = {}
         for name in self.tables:
             tables[name] = ablation_table(name, self.rules, self._groups(name, runs), [judge.describe()])
@@ -187,23 +182,6 @@ def ablation_table(name: Table, rules: Rules, groups: Mapping[str, Sequence[Run]
     rows: list[list[Cell]] = [[*row, *figures[str(row[0])]] for row in table.rows]
     source = "the paper's columns are of SAGA on NVOS, with SAM2 on a GPU"
     return replace(table, columns=[*table.columns, *headings], rows=rows, notes=[*table.notes, source])
-
-
-def draw_views(groups: Mapping[str, Sequence[Run]], path: Path) -> None:
-    """Gain in IoU and latency by number of views."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.2, 3.2), layout="constrained")
-    left = figure.subplots()
-    right = left.twinx()
-    gains = [np.mean([run.gain() for run in runs]) for runs in groups.values()]
-    seconds = [np.median([run.seconds for run in runs]) for runs in groups.values()]
-    left.plot(VIEW_COUNTS, gains, marker="o", color="tab:blue")
-    right.plot(VIEW_COUNTS, seconds, marker="o", color="tab:orange")
-    left.set(xlabel="virtual views", xticks=VIEW_COUNTS)
-    left.set_ylabel("gain in IoU (points)", color="tab:blue")
-    right.set_ylabel("seconds", color="tab:orange")
-    figure.savefig(path, dpi=120)
 
 
 if __name__ == "__main__":

@@ -9,12 +9,12 @@ import dataset_layouts
 import numpy as np
 import pytest
 import toy
-from ablations import Ablations, ablation_table, draw_views
+from ablations import Ablations, ablation_table
 from baselines import METHODS, Lifting, table_of
 from command_line import save_ball
 from quality import Quality, TrialOptions
 from sheets import CELL, Sheet
-from variants import VIEW_COUNTS, chosen_variants
+from variants import chosen_variants
 
 from gaussian_trimmer.commands.tables import TableOptions
 from gaussian_trimmer.errors import InputError
@@ -93,12 +93,6 @@ def test_ablations_of_a_published_data_set(tmp_path, capsys):
     assert "Full GaussianTrimmer" in printed and "paper: mAcc (%)" in printed
     with pytest.raises(InputError, match="--predictions"):
         Ablations(tmp_path / "nvos", layout="nvos").run()
-
-
-@pytest.mark.needs("matplotlib")
-def test_views_are_plotted(tmp_path):
-    draw_views({str(n): [run_of(gain=n)] for n in VIEW_COUNTS}, tmp_path / "views.png")
-    assert cv2.imread(str(tmp_path / "views.png")).std() > 10
 
 
 def test_variants_are_what_their_names_say():
