@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
+from gaussian_trimmer.cameras import Camera, vector_of_up
 from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
@@ -37,20 +37,14 @@ class RoughObject:
         return mask
 
 
-def check_scene(scene: Any, cameras: Any) -> None:
-    """Refuse paths, bare arrays and lists where a scene and a set of cameras are needed.
+def check_scene(scene: Any) -> None:
+    """Refuse paths and bare arrays where a scene is needed.
 
     Raises:
-        InputError: the scene is not `Gaussians`, or holds numbers with which nothing can be computed; or the cameras
-            are neither a `CameraSet` nor None.
+        InputError: the scene is not `Gaussians`, or holds numbers with which nothing can be computed.
     """
     if not isinstance(scene, Gaussians):
         raise InputError(f"The scene is a {type(scene).__name__}; give Gaussians, from gaussian_trimmer.read(path).")
-    if cameras is not None and not isinstance(cameras, CameraSet):
-        raise InputError(
-            f"The cameras are a {type(cameras).__name__}; give a CameraSet, from gaussian_trimmer.read_cameras(path), "
-            "or use view_cameras for cameras to look from."
-        )
     check_magnitudes(scene)
 
 

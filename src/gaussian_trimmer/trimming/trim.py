@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import Gaussians, LabelArray
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
@@ -57,7 +57,7 @@ def trim_objects(
     config: TrimConfig | None = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
     segmenter: Segmenter | str = DEFAULT_SEGMENTER,
-    cameras: CameraSet | None = None,
+    cameras: CameraSet | Sequence[Camera] | None = None,
     views: int | None = None,
     view_cameras: Sequence[Camera] | None = None,
     up: str | ArrayLike | None = None,
@@ -76,8 +76,8 @@ def trim_objects(
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
-        cameras: the cameras that the scene was trained with, if known: they give the up vector and the range of
-            angles from which an object was observed.
+        cameras: the cameras that the scene was trained with, a set or a list, if known: they give the up vector and
+            the range of angles from which an object was observed.
         views: number of virtual views of each object, in place of `config.plan.views`.
         view_cameras: cameras to look from in place of virtual ones: the "no virtual cameras" ablation, or those of
             given masks.
@@ -90,7 +90,8 @@ def trim_objects(
             a setting is out of its range; the scene holds numbers with which nothing can be computed; or a renderer or
             segmenter of the caller's gives something else than its contract says.
     """
-    check_scene(scene, cameras)
+    check_scene(scene)
+    cameras = as_camera_set(cameras)
     rough, clock = rough_objects(objects, len(scene)), Clock(progress)
     setup = Setup(
         scene=scene,
