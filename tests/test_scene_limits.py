@@ -6,6 +6,7 @@ import toy
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=400, floor_side=20)
@@ -13,15 +14,12 @@ SELECTION = toy.dilated(SCENE, TRUTH)
 CONFIG = toy.small_config()
 
 
-class NoRenderer:
-    """Fails when it is asked for anything."""
+class NoRenderer(NumbaRenderer):
+    """Draws what plug-ins are tried with, and fails when it is asked for the scene."""
 
-    name = "none"
-
-    def render(self, *args, **options):
-        raise AssertionError("Nothing is to be drawn.")
-
-    blend_values = blend_weights = top_contributors = render
+    def render(self, gaussians, *args, **options):
+        assert len(gaussians) == 2, "Nothing is to be drawn."
+        return super().render(gaussians, *args, **options)
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")
