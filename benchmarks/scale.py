@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.local import cores
+from gaussian_trimmer.batch.processes import cores
 from gaussian_trimmer.gaussians import rotation_matrices
 from gaussian_trimmer.io.reading import is_file
 from gaussian_trimmer.output.engines import turned

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import toy
 
 import gaussian_trimmer
 from gaussian_trimmer import formats
-from gaussian_trimmer.batch.trimming import trim_items
+from gaussian_trimmer.batch.trimming import ItemTrimmer
 
 QUICK = "--plan.size 96 --views 2 --refine off"
 SLOW = "--plan.size 256 --views 4 --refine off"
@@ -41,21 +42,27 @@ def write_manifest(folder, names, options=QUICK, file="manifest.csv"):
 class InlineProcesses:
     """In place of `LocalProcesses`: trims everything in this process."""
 
-    workers = 1
+    workers, lost = 1, BrokenProcessPool
 
     def __init__(self, workers, options):
         self._options = options
 
-    def submit(self, part):
+    def start(self, need):
+        self._trimmer = ItemTrimmer(**self._options)
+        return self
+
+    def submit(self, item):
         future = Future()
-        future.set_result(trim_items(part.items, **self._options))
+        future.set_result(self._trimmer.trim(item))
         return future
 
-    def result(self, future):
-        return future.result()
+    def fits(self, need):
+        return True
 
-    def close(self):
+    def end(self):
         pass
+
+    close = end
 
 
 def start(manifest, output, *options):

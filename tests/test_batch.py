@@ -1,9 +1,9 @@
 """Batches in one process: what is made, made again, told and recorded, and whom a failure costs."""
 
 import csv
+import json
 import os
 import shutil
-from collections import deque
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,11 +13,11 @@ import toy
 from batch_runs import QUICK, InlineProcesses, contents, save_scenes, write_manifest
 
 import gaussian_trimmer as gt
-from gaussian_trimmer.batch import execution
+from gaussian_trimmer.batch import running
 from gaussian_trimmer.batch.items import Item
-from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part, scene_need, shard_of
-from gaussian_trimmer.batch.storage import Store
-from gaussian_trimmer.batch.summary import as_html, doubt
+from gaussian_trimmer.batch.memory import PROCESS_BYTES, scene_need
+from gaussian_trimmer.batch.store import Store
+from gaussian_trimmer.batch.summary import as_csv, as_html, look_first, write_summaries
 from gaussian_trimmer.batch.trimming import trim_item
 from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands import batch as command
@@ -25,11 +25,13 @@ from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.config import PlanConfig
 from gaussian_trimmer.errors import FolderInUseError, InputError
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig, MaskFilesSegmenter
+from gaussian_trimmer.selecting.marks import Sphere
+from gaussian_trimmer.selecting.saved_selection import save_selection
 
 
 @pytest.fixture(autouse=True)
 def inline(monkeypatch):
-    monkeypatch.setattr(execution, "LocalProcesses", InlineProcesses)
+    monkeypatch.setattr(running, "LocalProcesses", InlineProcesses)
     with toy.one_thread():
         yield
 
@@ -40,7 +42,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("batch")
     manifest = write_manifest(folder, save_scenes(folder))
     with pytest.MonkeyPatch.context() as patch, toy.one_thread():
-        patch.setattr(execution, "LocalProcesses", InlineProcesses)
+        patch.setattr(running, "LocalProcesses", InlineProcesses)
         gt.batch.run(gt.batch.read_manifest(manifest), folder / "out")
     return folder
 
@@ -63,14 +65,54 @@ def fresh(outcomes):
     return [name for name, outcome in outcomes.items() if outcome.fresh]
 
 
-def test_an_item_is_what_a_trim_in_python_is(folder, tmp_path):
-    scene = gt.read(folder / "s1.ply")
-    config = gt.TrimConfig(up=(0.0, 0.0, 1.0), plan=PlanConfig(size=96, views=2), refine="off")
-    gt.trim(scene, gt.read_selection(folder / "s1-1.npy", scene), config=config).save(tmp_path / "one")
-    expected = contents(folder / "out")
-    for path in (tmp_path / "one").rglob("*"):
-        if path.is_file() and path.name not in ("report.json", "manifest.json"):
-            assert expected[f"s1-1/{path.relative_to(tmp_path / 'one').as_posix()}"] == path.read_bytes()
+@pytest.mark.parametrize("name", ["s1-1.npy", "marked.npy", "marked.json"])
+def test_a_batch_of_one_is_the_command(copy, name):
+    """Byte for byte, also where marks have removed something."""
+    save_marked(copy)
+    (found,) = batch(copy, f"s1.ply,{name},one,z,{QUICK}", output="new").values()
+    arguments = ["--up", "z", *QUICK.split(), "--output", str(copy / "one"), "--quiet"]
+    assert main(["trim", str(copy / "s1.ply"), str(copy / name), *arguments]) == 0
+    own = {"report.json", "manifest.json", "item.json", "selection.json"}
+    ours = {path: data for path, data in contents(copy / "new").items() if path.rpartition("/")[2] not in own}
+    theirs = {
+        f"one/{path.relative_to(copy / 'one').as_posix()}": path.read_bytes()
+        for path in (copy / "one").rglob("*")
+        if path.is_file() and path.name not in own
+    }
+    assert found.state == "done"
+    assert ours == theirs
+
+
+def save_marked(folder):
+    """A selection of s1.ply whose marks have removed something, as marked.npy and marked.json."""
+    marks = [Sphere((0, 0, 1), 1.1), Sphere((0, -1, 1), 0.6, effect="remove")]
+    save_selection(gt.select(gt.read(folder / "s1.ply"), marks, up=toy.UP), folder / "marked.npy")
+
+
+def test_seconds_are_kept_and_marks_are_inputs(copy):
+    save_marked(copy)
+    row = f"s1.ply,marked.npy,one,z,{QUICK}"
+    first, again = (batch(copy, row, output="new")["one"] for _ in range(2))
+    assert (again.fresh, again.seconds) == (False, round(first.seconds, 3))
+    assert again.seconds > 0
+    (copy / "marked.json").unlink()
+    assert batch(copy, row, output="new")["one"].fresh
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [("items/a/manifest.json", "{}"), ("items/a/manifest.json", '{"files":[]}'), ("items/a/item.json", '{"views": 3}'),
+     ("items/a/item.json", "[1]"), ("records/a.json", "{}"), ("records/a.json", '{"seconds": "x"}')],
+)  # fmt: skip
+def test_damaged_records_are_none(copy, file, text):
+    """Of an item of this run, and of another shard's, which the summary looks up."""
+    row = f"s0.ply,s0-0.npy,a,z,{QUICK}"
+    batch(copy, row, output="new")
+    (copy / "new" / file).write_text(text)
+    store, items = Store(copy / "new"), gt.batch.read_manifest(copy / "rows.csv")
+    write_summaries(store, items, [])
+    found = batch(copy, row, output="new")["a"]  # a result that was changed is nobody's to replace
+    assert found.state == "done" if file.startswith("records") else file.rpartition("/")[2] in found.message
 
 
 def test_only_what_has_changed_is_made_again(copy):
@@ -103,7 +145,7 @@ def test_failures_cost_their_items_alone_and_are_tried_again_when_mended(copy):
     (copy / "s1.ply").write_bytes(data)
     found = batch(copy, *rows, output="new")
     assert (found["cut"].state, found["good"].fresh) == ("done", False)
-    assert not (copy / "new" / "records" / "cut.json").exists()
+    assert json.loads((copy / "new" / "records" / "cut.json").read_text())["message"] == ""
 
 
 def test_a_batch_stops_when_nothing_can_be_written(copy, monkeypatch):
@@ -116,7 +158,7 @@ def test_a_batch_stops_when_nothing_can_be_written(copy, monkeypatch):
         batch(copy, output="new", on_result=told.append)
     assert [outcome.state for outcome in told] == ["failed"] * 3 + ["left"]
     monkeypatch.undo()
-    monkeypatch.setattr(execution, "LocalProcesses", InlineProcesses)
+    monkeypatch.setattr(running, "LocalProcesses", InlineProcesses)
     assert len(fresh(batch(copy, output="new"))) == 4
 
 
@@ -130,7 +172,6 @@ def test_what_another_run_is_writing_comes_last(copy, monkeypatch):
         return plain(store, name, suffix, inputs)
 
     monkeypatch.setattr(Store, "result_folder", busy_once)
-    monkeypatch.setattr(execution, "_PARTS_OF_WORKER", 1)
     assert {outcome.state for outcome in batch(copy, output="new").values()} == {"done"}
     assert asked == ["s0-0", "s0-1", "s0-0", "s1-0", "s1-1"]
 
@@ -146,12 +187,12 @@ def test_a_scene_may_be_the_folder_of_a_training(copy):
 
 
 def test_views_that_cannot_be_had_are_refused(tmp_path, monkeypatch):
-    scene, truth = toy.ball_on_floor()
+    scene, _ = toy.ball_on_floor()
     monkeypatch.setattr(MaskFilesSegmenter, "own_cameras", lambda segmenter, cameras: [])
     config, options = gt.TrimConfig(plan=PlanConfig(views=7)), MaskFilesConfig(tmp_path)
     item = Item("a.ply", segmenter="mask-files", segmenter_options=options, config=config)
     with pytest.raises(InputError, match="7 virtual views cannot be had"):
-        trim_item(scene, truth, item, None)
+        trim_item(scene, item, None)
 
 
 def test_the_command(copy, capsys):
@@ -180,14 +221,24 @@ def test_the_command(copy, capsys):
     assert not list((copy / "new").rglob("background.ply"))
 
 
-def test_progress(monkeypatch, capsys):
-    monkeypatch.setattr(command, "_SECONDS_BETWEEN_LINES", 0)
+def test_progress(capsys):
+    """A line for each item without a terminal too."""
     shown = command._Progress(open_console(quiet=False), None)
     shown.show_outcome(outcome("x", state="failed", message="it is\x1b[31m broken"))
+    shown.show_outcome(outcome("y", seconds=1.25))
+    shown.show_outcome(outcome("z", fresh=False))
     shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1))
-    text = capsys.readouterr().out
-    assert "failed: x: it is\\x1b[31m broken" in text
-    assert "5 of 10 items, 1 failed, 1 from before" in text
+    shown.show_status(gt.batch.Status(total=10, done=4, failed=1, found=1))
+    failed, done, *line = capsys.readouterr().out.splitlines()
+    assert "x: it is\\x1b[31m broken" in failed
+    assert "y, 1.2 s" in done
+    assert len(line) == 1 and "5 of 10 items, 1 failed, 1 from before" in line[0]
+
+
+def test_cells_of_the_table_are_no_formulas():
+    made = gt.batch.Outcome(Item('=HYPERLINK("x").ply', "@sum.npy", "a"), "failed", "-1+1")
+    (row,) = csv.DictReader(as_csv([made]).splitlines())
+    assert [row[name][0] for name in ("scene", "selection", "message")] == ["'"] * 3
 
 
 def outcome(name, **changes):
@@ -203,7 +254,7 @@ def test_the_worst_come_first():
         outcome("d", counts={"selected": 100, "removed": 30}),
         outcome("e"),
     ]
-    doubts = [doubt(entry) for entry in ordered]
+    doubts = [look_first(entry) for entry in ordered]
     assert doubts == sorted(set(doubts), reverse=True)
     page = as_html(ordered)
     assert "5 items: 4 done, 1 failed" in page
@@ -214,29 +265,30 @@ def test_the_worst_come_first():
 # Who does what
 
 
-def scenes_of(*counts, need=1.0):
-    return [
-        Part(tuple(Item(f"s{i}.ply", name=f"{i}/{k}") for k in range(count)), need) for i, count in enumerate(counts)
-    ]
-
-
 def test_shards_are_all_scenes_once_and_about_equal():
-    scenes = scenes_of(*(1 + i * 7 % 13 for i in range(50)))
-    shards = [shard_of(scenes, number, 4) for number in (1, 2, 3, 4)]
-    assert {part for shard in shards for part in shard} == set(scenes)
-    loads = [sum(len(part.items) for part in shard) for shard in shards]
+    scenes = {(f"s{i}.ply", None): [Item(f"s{i}.ply")] * (1 + i * 7 % 13) for i in range(50)}
+    shards = [running.shard_of(scenes, number, 4) for number in (1, 2, 3, 4)]
+    assert {scene for shard in shards for scene in shard} == set(scenes)
+    loads = [sum(map(len, shard.values())) for shard in shards]
     assert max(loads) - min(loads) <= 2
-    assert shard_of(scenes_of(1), 2, 2) == []
+    assert running.shard_of({("a", None): []}, 2, 2) == {}
 
 
-def test_parts_keep_to_the_memory_and_what_was_lost_runs_alone():
-    small, large, lost = Part((), 1.0), Part((), 2.0), Part((), 0.0, losses=1)
-    waiting = deque([lost, large, small])
-    assert execution._take(waiting, [small], 2.5) is small
-    assert execution._take(waiting, [small], 2.5) is None
-    assert execution._take(waiting, [], 2.5) is lost
-    assert execution._take(waiting, [lost], 2.5) is None
-    assert execution._take(waiting, [], 1.0) is large
+def test_workers_keep_to_the_memory_and_share_the_scene_with_most_left(tmp_path):
+    """Scenes of 1, 2 and 1 parts of memory; the first is at work."""
+    items = [Item("a.ply", name="a"), Item("b.ply", name="b"), Item("c.ply", name="c")]
+    batch = running._Batch(tmp_path, items, gt.batch.BatchOptions(), print, print)
+    a, b, c = keys = [(item.scene, None) for item in items]
+    batch._needs, batch._waiting = dict(zip(keys, (1.0, 2.0, 1.0), strict=True)), {key: [1, 2] for key in keys}
+    batch._running, batch._memory = {None: running._Worker(None, a, items[0])}, 2.5
+    assert batch._next_scene() == c
+    del batch._waiting[c]
+    assert batch._next_scene() == a
+    batch._memory = 1.5
+    assert batch._next_scene() is None
+    batch._running = {}
+    del batch._waiting[a]
+    assert batch._next_scene() == b
 
 
 def test_a_scene_that_does_not_fit_is_refused_before_anything_is_done(folder, tmp_path):

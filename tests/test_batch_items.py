@@ -12,6 +12,7 @@ from gaussian_trimmer.batch import Item, read_manifest
 from gaussian_trimmer.batch.fingerprints import fingerprint
 from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.manifest import RowOptions
+from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.cli import main
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.config import TrimConfig
@@ -19,6 +20,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import parse
 from gaussian_trimmer.segmentation.segmenters.grabcut import GrabCutConfig
 from gaussian_trimmer.segmentation.segmenters.mask_files import MaskFilesConfig
+from gaussian_trimmer.segmentation.segmenters.sam import SamConfig
 from gaussian_trimmer.selection_files import SelectionOptions
 
 
@@ -123,6 +125,12 @@ def test_manifests_that_are_not_possible(tmp_path, text, said):
         read_manifest(path)
 
 
+def test_all_rows_that_are_not_possible_are_told_at_once(tmp_path):
+    path = manifest(tmp_path, "scene,up,options\na.ply,w,\nb.ply,,\nc.ply,,--plan.sise 3\n" + "d.ply,w,\n" * 20)
+    with pytest.raises(InputError, match=r"line 2.*line 4.*line 5.*14 more rows"):
+        read_manifest(path)
+
+
 @pytest.mark.parametrize("name", ["missing.csv", "known.txt"])
 def test_files_that_are_no_manifests(tmp_path, name):
     (tmp_path / "known.txt").write_text("scene\na.ply\n")
@@ -177,20 +185,30 @@ def test_rows_with_options_of_their_own_take_little_work(tmp_path):
 
 
 def test_fingerprints_tell_contents_and_settings_and_not_names(tmp_path):
-    masks = tmp_path / "masks"
-    masks.mkdir()
-    (masks / "0.png").write_bytes(b"a")
-    item = Item("a.ply", "b.npy", segmenter="mask-files", segmenter_options=MaskFilesConfig(masks))
-    mark = fingerprint(item, "1", "2", None)
-    same = [replace(item, scene="other/a.ply", name="x"), replace(item, selection="c.npy")]
-    assert {fingerprint(other, "1", "2", None) for other in same} == {mark}
+    places = {name: tmp_path / name for name in ("a.ply", "b.npy", "other.ply", "c.npy", "masks/0.png", "model.onnx")}
+    for place in places.values():
+        place.parent.mkdir(exist_ok=True)
+        place.write_bytes(b"a")
+    options = MaskFilesConfig(tmp_path / "masks")
+    item = Item(places["a.ply"], places["b.npy"], segmenter="mask-files", segmenter_options=options)
+    sam = replace(item, segmenter="sam", segmenter_options=SamConfig(str(places["model.onnx"])))
+
+    def mark_of(item, cameras=None):
+        return fingerprint(item, [Path(item.scene)], cameras)
+
+    mark = mark_of(item)
+    same = [replace(item, scene=str(places["other.ply"]), name="x"), replace(item, selection=str(places["c.npy"]))]
+    assert {mark_of(other) for other in same} == {mark}
     others = [
-        fingerprint(item, "3", "2", None), fingerprint(item, "1", "3", None), fingerprint(item, "1", "2", "3"),
-        fingerprint(replace(item, format="spz"), "1", "2", None),
-        fingerprint(replace(item, background=False), "1", "2", None),
-        fingerprint(replace(item, selection_options=SelectionOptions(object_id=(1,))), "1", "2", None),
-        fingerprint(replace(item, config=TrimConfig(up=(0.0, 0.0, 1.0))), "1", "2", None),
+        mark_of(replace(item, format="spz")), mark_of(replace(item, background=False)),
+        mark_of(replace(item, selection_options=SelectionOptions(object_id=(1,)))),
+        mark_of(replace(item, config=TrimConfig(up=(0.0, 0.0, 1.0)))),
+        mark_of(item, CameraSet((), None, (), False)), mark_of(sam),
     ]  # fmt: skip
-    (masks / "0.png").write_bytes(b"b")
-    others.append(fingerprint(item, "1", "2", None))
+    for name, changed in [("a.ply", item), ("b.npy", item), ("masks/0.png", item), ("model.onnx", sam)]:
+        places[name].write_bytes(b"b")
+        others.append(mark_of(changed))
+        places[name].write_bytes(b"a")
+    (tmp_path / "b.json").write_text('{"content": "selection marks"}')
+    others.append(mark_of(item))
     assert len({mark, *others}) == len(others) + 1

@@ -43,3 +43,20 @@ def test_without_a_folder_for_kernels_they_are_compiled_in_every_process():
     environment["NUMBA_CACHE_LOCATOR_CLASSES"] = "UserProvidedCacheLocator"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.split(maxsplit=1) == ["False", "[0, 0, 1]\n"]
+
+
+def test_kernels_that_do_not_fit_on_the_disk_are_used_all_the_same(tmp_path):
+    """Said once. The limit on the size of files stands for a full disk."""
+    pytest.importorskip("resource", reason="needs limits on the size of files")
+    code = (
+        "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+        "import numba\nfrom gaussian_trimmer.geometry.compiling import CACHE\n"
+        "made = [numba.njit(cache=CACHE)(f)(1) for f in (lambda x: x + 1, lambda x: x + 2)]\nprint(CACHE, made)"
+    )
+    (tmp_path / "code.py").write_text(code)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "code.py")], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "True [2, 3]\n", done.stderr
+    assert done.stderr.count("\n") == 1 and str(tmp_path / "kept") in done.stderr

@@ -13,12 +13,11 @@ What is named here is loaded when it is first used, so that importing the packag
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.lazy_import import late_attributes
 
-if TYPE_CHECKING:
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # `typing` takes longer to import than all that is imported here
     from gaussian_trimmer import batch
     from gaussian_trimmer.camera_files import read_camera_set as read_cameras
     from gaussian_trimmer.camera_files.arrays import cameras_from_arrays

@@ -8,9 +8,9 @@ outcomes = gt.batch.run(items, "out", on_result=lambda outcome: print(outcome.it
 
 from __future__ import annotations
 
-from gaussian_trimmer.batch.execution import BatchOptions, run
 from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.batch.outcomes import Outcome, Status
+from gaussian_trimmer.batch.running import BatchOptions, Status, run
+from gaussian_trimmer.batch.store import Outcome
 
 __all__ = ["BatchOptions", "Item", "Outcome", "Status", "read_manifest", "run"]

@@ -1,4 +1,4 @@
-"""Whether an item must be trimmed again: a digest of the contents of its inputs and of its settings.
+"""Whether an item must be trimmed again: a digest of the contents of all its inputs, and of its settings.
 
 Names and times of files do not count, so that a copy elsewhere is the same; the version of the program does.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,55 +19,87 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import is_file, is_folder
 from gaussian_trimmer.segmentation.segmenters import options_kind
+from gaussian_trimmer.selecting.marks import Viewpoint
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.settings import to_plain
 
 
-def fingerprint(item: Item, scene: str, selection: str | None, cameras: str | None) -> str:
-    """The digest of an item.
+def fingerprint(
+    item: Item, scene: Sequence[Path], cameras: CameraSet | None, digest_of: Callable[[Path], str] | None = None
+) -> str:
+    """Return the digest of an item.
 
     Args:
-        item: the item, whose other inputs (a classifier, masks, a model's folder) are read.
-        scene, selection, cameras: digests of these; None where there is none.
+        item: the item, whose selection, marks, classifier, masks and models are read.
+        scene: the files of its scene.
+        cameras: its cameras.
+        digest_of: gives the digest of what lies at a path, in place of `digest_of_contents`.
 
     Raises:
-        InputError: another input cannot be read.
+        InputError: an input cannot be read.
     """
-    options = item.segmenter_options
-    kind = options_kind(item.segmenter)
+    digest_of = digest_of or digest_of_contents
+    kind, options = options_kind(item.segmenter), item.segmenter_options
     if options is None and kind is not None:
         options = kind()
+    writers: dict[type, Callable[[Any], Any]] = {
+        Path: digest_of,
+        str: lambda text: digest_of(Path(text)) if _exists(text) else text,
+    }
     settings = {
         "version": __version__,
-        "scene": scene,
+        "scene": [digest_of(path) for path in scene],
         "level": item.level,
-        "selection": selection,
-        "cameras": cameras,
+        "selection": None if item.selection is None else _selection(Path(item.selection), digest_of),
+        "cameras": None if cameras is None else _cameras(cameras),
         "format": item.suffix,
         "background": item.background,
         "config": to_plain(item.config),
         "renderer": item.renderer,
         "segmenter": item.segmenter,
-        "segmenter_options": _with_contents(options) if options is not None else None,
-        "selection_options": _with_contents(item.selection_options),
+        "segmenter_options": to_plain(options, writers),
+        "selection_options": to_plain(item.selection_options, writers),
     }
     text = json.dumps(settings, sort_keys=True, allow_nan=False, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def digest_of_file(path: Path) -> str:
-    """The SHA-256 of a file's contents.
+def digest_of_contents(place: Path) -> str:
+    """Return the SHA-256 of a file, of all files in a folder, or of all that a pattern with * matches.
 
     Raises:
         InputError: there is no such file.
     """
-    if not is_file(path):  # A device or a pipe may never end.
-        raise InputError(f"There is no file '{path}'.")
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    if is_folder(place):
+        files = sorted(path for path in place.rglob("*") if path.is_file())
+    elif "*" in str(place):
+        files = sorted(Path(place.anchor).glob(str(place.relative_to(place.anchor))))
+    else:
+        files = [place]
+    total = hashlib.sha256()
+    for path in files:
+        if not is_file(path):  # A device or a pipe may never end.
+            raise InputError(f"There is no file '{path}'.")
+        with path.open("rb") as file:
+            total.update(hashlib.file_digest(file, "sha256").digest())
+        total.update(path.relative_to(place).as_posix().encode() if is_folder(place) else b"")
+    return total.hexdigest()
 
 
-def digest_of_cameras(cameras: CameraSet) -> str:
-    """The SHA-256 of all that a set of cameras says, whichever kind of file it came from."""
+def _selection(path: Path, digest_of: Callable[[Path], str]) -> list[object]:
+    """Return digests of a selection, of the marks beside it, and of the files that marks name."""
+    beside = path.with_suffix(".json")
+    found: list[object] = [digest_of(path), digest_of(beside) if beside != path and is_marks_file(beside) else None]
+    if is_marks_file(path):
+        marks = read_marks(path)
+        named = [mark.path for mark in marks.marks if hasattr(mark, "path")]
+        found += [_selection(file, digest_of) for file in named]
+        found.append(to_plain(marks.marks, {Path: digest_of, Viewpoint: lambda view: None}))
+    return found
+
+
+def _cameras(cameras: CameraSet) -> str:
+    """Return the SHA-256 of all that cameras say, whichever kind of file they came from."""
     total = hashlib.sha256()
     for camera, train in zip(cameras.cameras, cameras.train, strict=True):
         total.update(f"{camera.name!r} {camera.width} {camera.height} {camera.near!r} {train}".encode())
@@ -77,20 +110,6 @@ def digest_of_cameras(cameras: CameraSet) -> str:
     return total.hexdigest()
 
 
-def _with_contents(options: Any) -> dict[str, Any]:
-    """Options, with digests in place of the files and folders that they name."""
-    return {name: _contents(value) if _is_place(value) else value for name, value in vars(options).items()}
-
-
-def _is_place(value: Any) -> bool:
-    return isinstance(value, Path) or (isinstance(value, str) and is_folder(Path(value)))
-
-
-def _contents(place: Path | str) -> str:
-    place = Path(place)
-    if not place.is_dir():
-        return digest_of_file(place)
-    total = hashlib.sha256()
-    for path in sorted(path for path in place.rglob("*") if path.is_file()):
-        total.update(f"{path.relative_to(place).as_posix()!r} {digest_of_file(path)}".encode())
-    return total.hexdigest()
+def _exists(text: str) -> bool:
+    """Return whether a text is a path, as that of a model may be."""
+    return ("/" in text or "." in text) and (is_file(Path(text)) or is_folder(Path(text)))

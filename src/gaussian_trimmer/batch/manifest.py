@@ -38,6 +38,8 @@ from gaussian_trimmer.trimming.options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 Row = Mapping[str, Any]
+_MOST_TOLD = 8
+"""Wrong rows that one message describes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +68,15 @@ def read_manifest(path: str | Path, options: str = "") -> list[Item]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"'{path}' is not text in UTF-8 (byte {error.start}); save it as such.") from error
-    rows, items = _Rows(path.parent, _words(options)), list[Item]()
+    rows, items, wrong = _Rows(path.parent, _words(options)), list[Item](), list[str]()
     for line, found in readers[path.suffix.lower()](text):
         try:
             items += rows.items_of(_row(found))
         except InputError as error:
-            raise InputError(f"'{path}', line {line}: {error}") from error
+            wrong.append(f"line {line}: {error}")
+    if wrong:
+        more = f" {len(wrong) - _MOST_TOLD} more rows are wrong." if len(wrong) > _MOST_TOLD else ""
+        raise InputError(f"'{path}', {' '.join(wrong[:_MOST_TOLD])}{more}")
     if not items:
         raise InputError(f"'{path}' has no rows.")
     return items
@@ -96,6 +101,7 @@ def _table(text: str) -> Iterator[tuple[int, Any]]:
         header = reader.fieldnames or ()
         if header and not {"scene"} <= set(header) <= set(COLUMNS):  # what is wrong stands in the first line
             yield reader.line_num, dict.fromkeys(header, "")
+            return
         yield from ((reader.line_num, row) for row in reader if any(row.values()))
     except csv.Error as error:
         raise InputError(f"The manifest cannot be read from line {reader.line_num} on: {error}.") from error

@@ -1,84 +1,102 @@
-"""Tasks on a Ray cluster, which Ray places, and repeats if they are lost."""
+"""Actors on a Ray cluster, which Ray places where there is room for their scenes."""
 
 from __future__ import annotations
 
 import logging
 import os
 import re
+import signal
 import socket
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any
 
-from gaussian_trimmer.batch.outcomes import Outcome
-from gaussian_trimmer.batch.scenes import PROCESS_BYTES, Part
-from gaussian_trimmer.batch.trimming import trim_items
+from gaussian_trimmer.batch.items import Item
+from gaussian_trimmer.batch.memory import PROCESS_BYTES
+from gaussian_trimmer.batch.store import Outcome
+from gaussian_trimmer.batch.trimming import ItemTrimmer
 from gaussian_trimmer.errors import InputError
 
 _SECONDS_TO_ANSWER = 10.0
 
 
-class RayTasks:
-    """Tasks that trim parts of batches.
+class RayCluster:
+    """Starts actors that trim items.
 
     Args:
         address: that of the cluster, "auto" for the one this machine is part of; None: one is started here.
-        workers: number of tasks at a time; None: as many as the cluster has processors.
-        gpus: what a task takes of a GPU.
-        retries: how many times Ray repeats a task that is lost.
-        options: arguments of `trim_items`.
+        workers: number of actors at a time; None: as many as the cluster has processors.
+        gpus: what an actor takes of a GPU.
+        options: arguments of `ItemTrimmer`.
 
     Raises:
         InputError: Ray is not installed, or there is no such cluster.
     """
 
-    def __init__(
-        self, address: str | None, workers: int | None, gpus: float, retries: int, options: dict[str, Any]
-    ) -> None:
+    def __init__(self, address: str | None, workers: int | None, gpus: float, options: dict[str, Any]) -> None:
         self._ray, self._is_own = _connect(address)
-        self._options = options
+        self.lost = self._ray.exceptions.RayError
+        """What the future of an item raises whose process died."""
+        self._options, self._gpus = {**options, "threads": 1}, gpus
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
         self.workers = workers or max(1, int(sum(node.get("CPU", 0) for node in nodes)))
         self.most_memory = max((node.get("memory", 0.0) for node in nodes), default=0.0)
-        """Bytes that the node with most memory has for tasks."""
-        self._task = self._ray.remote(num_cpus=1, num_gpus=gpus, max_retries=retries)(_trim_items)
-        self._references: dict[Future[list[Outcome]], Any] = {}
+        """Bytes that the node with most memory has for actors."""
+        self._started: list[RayActor] = []
 
-    def submit(self, part: Part) -> Future[list[Outcome]]:
-        """Have a task trim a part."""
-        task = self._task.options(memory=int(PROCESS_BYTES + part.need))
-        reference = task.remote(part.items, **self._options)
-        future: Future[list[Outcome]] = reference.future()
-        self._references[future] = reference
-        return future
+    def start(self, need: float) -> RayActor:
+        """Start an actor for scenes that need up to so many bytes."""
+        kind = self._ray.remote(num_cpus=1, num_gpus=self._gpus, memory=int(PROCESS_BYTES + need))(ItemTrimmer)
+        self._started.append(RayActor(self._ray, kind.remote(**self._options), need))
+        return self._started[-1]
 
-    def result(self, future: Future[list[Outcome]]) -> list[Outcome] | None:
-        """What became of the items of a part; None if its task was lost."""
-        del self._references[future]
-        try:
-            return future.result()
-        except self._ray.exceptions.RayError:
-            return None
+    def check(self) -> None:
+        """Refuse to go on without a cluster.
+
+        Raises:
+            InputError: no node of it answers.
+        """
+        answer = self._ray.remote(num_cpus=0)(int).remote()
+        with suppress(self._ray.exceptions.RayError):
+            if self._ray.wait([answer], timeout=_SECONDS_TO_ANSWER)[0]:
+                self._ray.get(answer)
+                return
+        raise InputError(
+            "The Ray cluster is gone, or the node that this machine reaches it by; what is finished stays. Start the "
+            "batch again when the cluster is back."
+        )
 
     def close(self) -> None:
-        """End all tasks, and the cluster if it was started for this."""
-        for reference in self._references.values():
-            self._ray.cancel(reference, force=True)
+        """End all actors, and the cluster if it was started for this."""
+        for actor in self._started:
+            actor.end()
         if self._is_own:
             self._ray.shutdown()
 
 
-def _trim_items(*arguments: Any, **options: Any) -> list[Outcome]:
-    """`trim_items` on one processor."""
-    import cv2
-    import numba
+class RayActor:
+    """An actor that trims items."""
 
-    cv2.setNumThreads(1)
-    numba.set_num_threads(1)
-    return trim_items(*arguments, **options)
+    def __init__(self, ray: Any, actor: Any, need: float) -> None:
+        self._ray, self._actor, self._need = ray, actor, need
+
+    def submit(self, item: Item) -> Future[Outcome | None]:
+        """Have it trim an item."""
+        future: Future[Outcome | None] = self._actor.trim.remote(item).future()
+        return future
+
+    def fits(self, need: float) -> bool:
+        """Return whether it may trim a scene that needs so many bytes."""
+        return need <= self._need
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        with suppress(self._ray.exceptions.RayError):
+            self._ray.kill(self._actor)
 
 
 def _connect(address: str | None) -> tuple[Any, bool]:
-    """Ray, connected to a cluster, and whether the cluster was started for this."""
+    """Return Ray, connected to a cluster, and whether the cluster was started for this."""
     try:
         import ray
     except ImportError as error:
@@ -96,6 +114,7 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     logging.getLogger("ray").setLevel(logging.ERROR)  # `init` sets it too late, after messages about tokens.
     # Without an address, `init` would join the cluster that was started last on this machine.
     options = {"address": "local", "include_dashboard": False} if address is None else {"address": address}
+    handler = signal.getsignal(signal.SIGTERM)
     try:
         ray.init(log_to_driver=False, logging_level=logging.ERROR, **options)
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
@@ -104,4 +123,6 @@ def _connect(address: str | None) -> tuple[Any, bool]:
             f"No Ray cluster {place} ({' '.join(str(error).split())[:300]}). One that asks for a token needs "
             "RAY_AUTH_MODE=token."
         ) from error
+    with suppress(ValueError, TypeError):  # in another thread, or a handler that Python did not set
+        signal.signal(signal.SIGTERM, handler)  # in place of Ray's, which ends the process with code 15
     return ray, address is None

@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from urllib.parse import quote
 
 from gaussian_trimmer.batch.items import Item
-from gaussian_trimmer.batch.outcomes import Outcome, earlier_outcome
-from gaussian_trimmer.batch.storage import Store
+from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
 _COUNTS = ("selected", "object", "kept", "cut", "removed", "recovered")
 COLUMNS = (
-    *("name", "state", "doubt", "message", "scene_gaussians", *_COUNTS),
+    *("name", "state", "look_first", "message", "scene_gaussians", *_COUNTS),
     *("views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint"),
 )
 _MOST_PICTURES = 500
@@ -26,7 +25,7 @@ _CSS = (
 )
 
 
-def doubt(outcome: Outcome) -> float:
+def look_first(outcome: Outcome) -> float:
     """How much an outcome should be looked at, from 0 to 3, which is a failure.
 
     Of what was trimmed, the share of views that were rejected and that of the selection that changed count; what was
@@ -56,7 +55,7 @@ def write_summaries(store: Store, items: Sequence[Item], outcomes: Sequence[Outc
         found = [_found(store, item) for item in others]
         if found == written:
             return
-        rows = sorted([*mine.values(), *found], key=lambda outcome: (-doubt(outcome), outcome.item.name))
+        rows = sorted([*mine.values(), *found], key=lambda outcome: (-look_first(outcome), outcome.item.name))
         store.write(CSV, as_csv(rows))
         store.write(HTML, as_html(rows))
         written = found
@@ -71,12 +70,17 @@ def as_csv(outcomes: Sequence[Outcome]) -> str:
     writer.writerow(COLUMNS)
     for outcome in outcomes:
         item = outcome.item
-        told = [item.name, outcome.state, round(doubt(outcome), 4), outcome.message or outcome.refused]
+        told = [item.name, outcome.state, round(look_first(outcome), 4), outcome.message or outcome.refused]
         counts = [outcome.counts.get(name, "") for name in ("scene", *_COUNTS)]
         up, seconds = round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else ""
         inputs = [item.scene, item.selection or "", outcome.fingerprint]
-        writer.writerow([*told, *counts, *outcome.views, up, seconds, *inputs])
+        writer.writerow([_as_text(cell) for cell in (*told, *counts, *outcome.views, up, seconds, *inputs)])
     return text.getvalue()
+
+
+def _as_text(cell: object) -> object:
+    """Return a cell that a spreadsheet does not take for a formula."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "+", "-", "@", "\t", "\r")) else cell
 
 
 def as_html(outcomes: Sequence[Outcome]) -> str:
@@ -86,7 +90,7 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
     lines = [
         f"<h1>{len(outcomes)} items: {counts}</h1>\n<p>The worst first: what failed, what was left as "
         "it was selected, then by rejected views and by how much of the selection changed.</p>\n<table>\n"
-        "<tr><th>item</th><th>state</th><th>Gaussians</th><th>views</th><th></th></tr>"
+        "<tr><th>item</th><th>state</th><th>look first</th><th>Gaussians</th><th>views</th><th></th></tr>"
     ]
     shown = 0
     for outcome in outcomes:
@@ -111,10 +115,11 @@ def _row(outcome: Outcome, picture: str) -> str:
     words = text(outcome.message or outcome.refused)
     return (
         f'<tr class="{outcome.state}"><td>{text(outcome.item.name)}</td><td>{outcome.state}<br>{words}</td>'
+        f"<td>{look_first(outcome):.2f}</td>"
         f"<td>{numbers}</td><td>{views}</td><td>{picture}</td></tr>"
     )
 
 
 def _found(store: Store, item: Item) -> Outcome:
     """What the output says of an item that another run had."""
-    return earlier_outcome(store, item) or Outcome(item, "left", "no run has come to it yet", fresh=False)
+    return store.earlier(item) or Outcome(item, "left", "no run has come to it yet", fresh=False)

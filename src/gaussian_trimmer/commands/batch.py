@@ -12,17 +12,14 @@ from typing import Annotated, ClassVar
 from rich.console import Console
 from rich.status import Status as RichStatus
 
-from gaussian_trimmer.batch.execution import BatchOptions, run
 from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.batch.outcomes import Outcome, Status
-from gaussian_trimmer.batch.storage import Store
+from gaussian_trimmer.batch.running import BatchOptions, Status, run
+from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.batch.summary import HTML, write_summaries
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import Positional, arg
-
-_SECONDS_BETWEEN_LINES = 30.0
 
 
 @dataclass(frozen=True)
@@ -97,27 +94,29 @@ class Batch:
 
 @dataclass
 class _Progress:
-    """A line for each item that fails, and one on how far the batch is: always on a terminal, else now and then."""
+    """A line for each item that fails, and how far the batch is: below them, or without a terminal after each item."""
 
     console: Console
     live: RichStatus | None
     started: float = field(default_factory=time.monotonic)
-    printed: float = field(default_factory=time.monotonic)
+    finished: list[str] = field(default_factory=list)
+    """Items that this run has done since the last line."""
 
     def show_outcome(self, outcome: Outcome) -> None:
-        """Say that an item has failed."""
+        """Say that an item has failed, or remember that it is done."""
         if outcome.state == "failed":
             self.console.print(f"failed: {outcome.item.name}: {outcome.message}")
+        elif outcome.state == "done" and outcome.fresh:
+            self.finished.append(f"done: {outcome.item.name}, {outcome.seconds:.1f} s")
 
     def show_status(self, status: Status) -> None:
-        """Say how far the batch is."""
-        now = time.monotonic()
-        line = _line(status, now - self.started)
+        """Say how far the batch is, if that is farther than before."""
+        line = _line(status, time.monotonic() - self.started)
         if self.live is not None:
             self.live.update(line)
-        elif now - self.printed >= _SECONDS_BETWEEN_LINES:
-            self.printed = now
-            self.console.print(line)
+        elif self.finished:
+            self.console.print("\n".join([*self.finished, line]))
+        self.finished.clear()
 
 
 def _line(status: Status, seconds: float) -> str:

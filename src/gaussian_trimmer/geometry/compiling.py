@@ -1,8 +1,13 @@
-"""How kernels are compiled: kept on disk where Numba finds a folder that it may write to."""
+"""How kernels are compiled: kept on disk where Numba finds a folder that it may write to, and that has room."""
 
 from __future__ import annotations
 
+import logging
+from functools import cache
+from typing import Any
+
 import numba
+from numba.core.caching import FunctionCache
 
 
 def _can_cache() -> bool:
@@ -14,5 +19,25 @@ def _can_cache() -> bool:
     return True
 
 
+def _go_on_without_room() -> None:
+    """Have Numba use a kernel that it cannot keep, say because the disk is full, rather than raise."""
+    save = FunctionCache.save_overload
+
+    def save_where_possible(kept: Any, signature: Any, compiled: Any) -> None:
+        try:
+            save(kept, signature, compiled)
+        except OSError as error:
+            _say_once(str(kept.cache_path), error.strerror or str(error))
+
+    FunctionCache.save_overload = save_where_possible
+
+
+@cache
+def _say_once(folder: str, why: str) -> None:
+    sentence = "Compiled kernels cannot be kept in '%s': %s. They are compiled again by every run until that is mended."
+    logging.getLogger(__name__).warning(sentence, folder, why)
+
+
+_go_on_without_room()
 CACHE = _can_cache()
 """Whether Numba keeps compiled kernels on disk; they are compiled in every process where it cannot."""

@@ -48,6 +48,12 @@ def listed_sizes(folder: Path) -> dict[str, int]:
     return sizes if isinstance(sizes, dict) else {}
 
 
+def is_complete(folder: Path) -> bool:
+    """Return whether all files are in a folder that its manifest lists, as large as they were written."""
+    sizes = listed_sizes(folder)
+    return bool(sizes) and all(has_size(folder, name, size) for name, size in sizes.items())
+
+
 def is_made_of(folder: Path, source: Path) -> bool:
     """Whether a folder holds results of an earlier run that were made of a given file or folder."""
     return _read(folder).get("source") == str(source.resolve())
