@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -21,7 +22,7 @@ def _can_cache() -> bool:
 
 def _go_on_without_room() -> None:
     """Have Numba use a kernel that it cannot keep, say because the disk is full, rather than raise."""
-    save = FunctionCache.save_overload
+    save: Callable[..., None] = FunctionCache.save_overload
 
     def save_where_possible(kept: Any, signature: Any, compiled: Any) -> None:
         try:
@@ -29,7 +30,7 @@ def _go_on_without_room() -> None:
         except OSError as error:
             _say_once(str(kept.cache_path), error.strerror or str(error))
 
-    FunctionCache.save_overload = save_where_possible
+    FunctionCache.save_overload = save_where_possible  # type: ignore[method-assign, unused-ignore]
 
 
 @cache
