@@ -132,6 +132,7 @@ def objects_together(wait: Wait) -> float:
 
 def click(wait: Wait, path: Path | None = None) -> float:
     """A click in the app's session, in the view that shows most of the object, where it is thickest."""
+    from gaussian_trimmer.app import edits
     from gaussian_trimmer.app.session import Session
     from gaussian_trimmer.selecting.marks import Click, Viewpoint
 
@@ -147,7 +148,7 @@ def click(wait: Wait, path: Path | None = None) -> float:
     assert document.cameras is not None
     camera = next(camera for camera in document.cameras.cameras if Path(camera.name).name == name)
     mark = Click(int(x), int(y), Viewpoint(camera))
-    return _warm(lambda: session.mark(mark), session.clear)
+    return _warm(lambda: session.do(edits.mark, mark), lambda: session.do(edits.clear))
 
 
 def click_in_a_million(wait: Wait) -> float:

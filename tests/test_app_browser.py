@@ -79,7 +79,7 @@ def marked(tab, lighthouse):
 
 
 def finish(app):
-    until(lambda: not app.controller.worker.busy, "the program to finish")
+    until(lambda: not app.controller.jobs.worker.busy, "the program to finish")
 
 
 def size_in_pixels(tab, lighthouse):
@@ -98,13 +98,13 @@ def test_who_sees_the_app_for_the_first_time_cuts_the_sample_out(browser, lighth
         tab.wait("and click on the object that you want")
         marked(tab, lighthouse)
         tab.press("Cut out")
-        tab.wait("views accepted")
+        tab.wait("is cut out:")
         assert app.controller.panels.showing.part == "object"
         tab.panel("Save")
         with tab.page.expect_download() as download:
             tab.page.get_by_role("button", name="Object", exact=True).click()
         download.value.save_as(tmp_path / "object.ply")
-        assert len(formats.read(tmp_path / "object.ply")) == len(app.controller.session.now.object.result.object)
+        assert len(formats.read(tmp_path / "object.ply")) == len(app.controller.session.now.object.fresh.object)
         assert tab.errors == []
 
 
@@ -123,14 +123,14 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     tab.until_colour(lighthouse, lambda colour: np.abs(colour - tinted).max() < 40)
 
     tab.page.keyboard.press("t")
-    tab.wait("views accepted")
+    tab.wait("is cut out:")
     tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() < 60)  # in its own colours
     beside = lighthouse + np.array([0.4, 0, 0])
     tab.until_colour(beside, lambda colour: colour.max() < 10)
     tab.switch("White")
     tab.until_colour(beside, lambda colour: colour.min() > 245)
 
-    first = session.now.object.result
+    first = session.now.object.fresh
     tab.switch("Brush")
     tab.wait("Paint.")
     x, y = tab.place(lighthouse)
@@ -139,8 +139,8 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     tab.page.keyboard.down("Control")
     drag(tab, (x - 30, y), (x + 30, y))
     tab.page.keyboard.up("Control")
-    until(lambda: session.now.object.result not in (None, first), "the corrected object")
-    assert len(session.now.object.result.object) < len(first.object)
+    until(lambda: session.now.object.fresh not in (None, first), "the corrected object")
+    assert len(session.now.object.fresh.object) < len(first.object)
     assert panels.showing.part == "object"
 
     tab.switch("Scene without it")
@@ -150,10 +150,10 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     tab.page.reload()
     tab.wait("Scene without it")
     (tab.client,) = until(lambda: list(app.server.get_clients()), "the page to come back")
-    assert session.now.object.result is not None  # nothing is lost
+    assert session.now.object.fresh is not None  # nothing is lost
 
     tab.until_said(lambda: tab.page.keyboard.press("Control+z"), "Undone: mark (brush).")
-    assert session.now.object.result is first
+    assert session.now.object.fresh is first
     tab.page.keyboard.press("Control+Shift+z")
     tab.wait("Done again: mark (brush).")
     tab.panel("Save")
@@ -171,13 +171,13 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
 
 @pytest.mark.slow
 def test_a_line_is_dragged_between_the_scene_with_the_object_and_without_it(browser, app, lighthouse):
-    panels, session = app.controller.panels, app.controller.session
+    session = app.controller.session
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
-    app.controller.do("Loading", lambda: app.controller.files.load(sample.SELECTION))
+    app.controller.load(sample.SELECTION)
     tab.wait("Gaussians selected")
     tab.switch("Scene without it")
-    until(lambda: session.now.object.result is not None, "the scene without it")
+    until(lambda: session.now.object.fresh is not None, "the scene without it")
     finish(app)
     beside = lighthouse + np.array([0.4, 0, 0])
     tab.until_colour(beside, lambda colour: colour.max() > 60)
@@ -185,7 +185,7 @@ def test_a_line_is_dragged_between_the_scene_with_the_object_and_without_it(brow
     without, view = tab.colour(lighthouse), tab.place(lighthouse)
     tab.page.keyboard.press("Shift+Space")
     tab.wait("Left of the line: with it; right: without it.")
-    until(lambda: panels.compared is not None, "the page's picture")
+    until(lambda: app.controller.jobs.presenter._has_still, "the page's picture")
     box = tab.page.locator("canvas").first.bounding_box()
 
     def drag_line(x):
@@ -199,7 +199,7 @@ def test_a_line_is_dragged_between_the_scene_with_the_object_and_without_it(brow
     tab.until_colour(lighthouse, lambda colour: np.abs(colour - with_it).max() < 8)
     assert tab.place(lighthouse) == view  # the drag moves the line, not the view
     tab.page.mouse.wheel(0, -200)
-    until(lambda: panels.compared is None, "the end of the comparison")
+    until(lambda: app.controller.jobs.presenter.wipe is None, "the end of the comparison")
     until(lambda: not tab.page.get_by_text("Without it", exact=True).is_visible(), "the line to go")
     assert tab.errors == []
 
@@ -286,6 +286,35 @@ def test_files_are_dropped_and_work_is_back_after_the_program_ended(browser, tmp
 
 
 @pytest.mark.slow
+def test_the_address_alone_opens_the_app_and_esc_and_enter_leave_fields_and_questions(browser, app):
+    tab, panels = Tab(browser, app, *SMALL), app.controller.panels
+    tab.wait("59,472 Gaussians")
+    stranger = browser.new_page()
+    assert stranger.goto(app.address.rsplit("/", 2)[0] + "/").status == 403
+    tab.page.reload()  # the tab keeps the key
+    tab.wait("59,472 Gaussians")
+    tab.page.keyboard.press("c")
+    until(lambda: panels.tool.value == "Click", "the keyboard to be the app's")
+    tab.panel("Objects")
+    for key, left in (("Enter", "b"), ("Escape", "l")):
+        name = tab._field("Name")
+        name.fill(f"bottle {key}")
+        name.press(key)
+        tab.page.keyboard.press(left)  # the tool, not a letter of the name
+        until(lambda left=left: panels.tool.value.lower().startswith(left), "the key to be the tool's")
+        until(lambda key=key: app.controller.session.now.object.name == f"bottle {key}", "the name")
+    data = base64.b64encode(sample.SCENE.read_bytes()).decode()
+    tab.page.evaluate(DROP, ["seal.ply", data])
+    tab.wait("What is seal.ply?")
+    tab.page.keyboard.press("c")
+    tab.page.keyboard.press("Escape")
+    until(lambda: not tab.page.get_by_text("What is seal.ply?").is_visible(), "the question to close")
+    finish(app)
+    assert panels.tool.value == "Lasso" and app.controller.session.document.path == sample.SCENE
+    assert tab.errors == []
+
+
+@pytest.mark.slow
 def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lighthouse, tmp_path):
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
@@ -298,7 +327,7 @@ def test_what_goes_wrong_is_a_message_and_the_page_goes_on(browser, app, lightho
     tab.wait("Nothing is selected; mark an object first.")
     tab.panel("Save")
     tab.press("Save in this folder")
-    tab.wait("has not been trimmed since it was marked")
+    tab.wait("has not been cut out since it was marked")
 
     other = Tab(browser, app, *SMALL)
     other.wait("All tabs show and change the same scene.")

@@ -1,4 +1,4 @@
-"""Tests of controls and tools with a running server, to which no browser is connected."""
+"""Tests of controls, tools and files with a running server, to which no browser is connected."""
 
 import io
 import threading
@@ -9,20 +9,23 @@ import made_room as room
 import numpy as np
 import pytest
 import toy
+from app_session import BALL, FLOOR
 from command_line import save_ball
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.app import edits
 from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.display import Showing, shown_rows
+from gaussian_trimmer.app.display import shown_rows
+from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
 from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture
-from gaussian_trimmer.app.wipe import compared
+from gaussian_trimmer.app.showing import Due, Event, Showing
+from gaussian_trimmer.app.snapshots import CutState
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 
 pytest.importorskip("viser", reason="needs viser: the app extra")
-BALL = Sphere((0.0, 0.0, 1.0), 1.2)
 TINY = Sphere((2.5, 2.5, 0.0), 0.3)
 """Beside the ball."""
 
@@ -35,131 +38,242 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory):
+def running(tmp_path_factory):
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, port=0, state=tmp_path_factory.mktemp("state")) as running:
-        yield running.controller
+    with serving(None, None, port=0, state=tmp_path_factory.mktemp("state")) as app:
+        yield app.controller
 
 
 @pytest.fixture
-def controller(app, folder):
-    open_scene(app, folder / "scene.ply", folder / "cameras.json")
-    if app.session.now.has_work:
-        do(app, lambda: app.step("Undo"))  # the work of the test before
-    return app
+def app(running, folder):
+    open_scene(running, folder / "scene.ply", folder / "cameras.json")
+    if running.session.now.has_work:
+        running.step("Undo")  # the work of the test before
+        finish(running)
+    return running
 
 
-def open_scene(controller, path, camera_path=""):
-    controller.panels.path.value, controller.panels.camera_path.value = str(path), str(camera_path)
-    do(controller, controller.open)
+def finish(app):
+    for _ in range(2):  # a job, and what follows it
+        app.jobs.worker._thread.submit(lambda: None).result(100)  # without stopping what gives way
 
 
-def finish(controller):
-    controller.worker._thread.submit(lambda: None).result(100)  # without stopping what gives way
+def act(function, *arguments, **options):
+    """Have the app do one of its actions."""
+    function(*arguments, **options)
+    finish(function.__self__)
 
 
-def do(controller, act):
-    controller.do("Testing", act)
-    finish(controller)
+def open_scene(app, path, camera_path=""):
+    app.panels.path.value, app.panels.camera_path.value = str(path), str(camera_path)
+    act(app.open)
 
 
-def client(controller, eye=(0.0, -8.0, 4.0)):
-    """A tab that looks at the ball."""
+def mark(app, *marks, event=Event.MARKED):
+    app.jobs.do("Marking", lambda: app.session.do(edits.mark, *marks), None, event)
+    finish(app)
+
+
+def tab(app, eye=(0.0, -8.0, 4.0)):
+    """A tab that looks at the ball, and what was sent to it."""
     pose = look_at(np.array(eye), toy.CENTRE, toy.UP)
     turn = quaternions_of(pose[:3, :3].T[None])[0]
-    position = controller._view.frame.to_viewer(np.array(eye))
+    position, sent = app.jobs.view.frame.to_viewer(np.array(eye)), {}
     camera = SimpleNamespace(position=position, wxyz=turn, fov=0.8, image_width=200, image_height=200, near=0.01)
-    return SimpleNamespace(camera=camera, add_notification=lambda *arguments, **options: None)
+    return SimpleNamespace(
+        camera=camera,
+        add_notification=lambda *arguments, **options: None,
+        send_file_download=lambda name, data, save_immediately: sent.update({name: data}),
+        sent=sent,
+    )
 
 
-def gesture(tool, *places, effect=None):
-    return Gesture(tool, places, effect)
+def gesture(app, tool, *places, effect=None):
+    app.panels.tool.value = tool
+    app.tools.heard(Gesture(tool, places, effect), tab(app))
+    finish(app)
 
 
-def do_gesture(controller, *arguments, **options):
-    given = gesture(*arguments, **options)
-    controller.panels.tool.value = given.tool
-    controller.tools.heard(given, client(controller))
-    finish(controller)
-    finish(controller)  # the trim that follows
+EVERYWHERE = (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)
 
 
-def select_ball(controller, *marks):
-    do(controller, lambda: controller.session.mark(BALL, *marks))
-
-
-def test_opening_starts_afresh_but_for_the_work_that_was_kept(controller, folder):
-    panels = controller.panels
-    select_ball(controller)
-    panels.part.value, panels.when.value, panels.tool.value = controls.OBJECT, "After", controls.CLICK
+def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, folder):
+    panels = app.panels
+    mark(app, BALL)
+    panels.showing = Showing("object", "after", "own")
+    panels.tool.value, panels.effect.value, panels.reach.value = controls.CLICK, controls.KEEP_ONLY, controls.THROUGH
+    panels.existing.value, panels.folder.value = controls.REPLACE, "/somewhere/else"
     panels.show_command("of an earlier scene")
-    open_scene(controller, folder / "scene.ply")
-    assert (panels.part.value, panels.when.value, panels.tool.value) == (controls.EVERYTHING, "Before", controls.LOOK)
-    assert not panels.command.visible
-    assert "Your work is back" in panels.status_text
-    assert controller.session.now.object.marks == (BALL,)
-    do(controller, lambda: controller.step("Undo"))
-    assert not controller.session.now.has_work
-    open_scene(controller, folder / "scene.ply")
-    assert "click on the object" in panels.status_text
+    blocked = threading.Event()
+    app.jobs.worker.submit(lambda: blocked.wait(50))
+    app.open()
+    panels.name.value = "meant for the scene before"
+    app.describe()
+    blocked.set()
+    finish(app)
+    assert panels.showing == Showing() and panels.tool.value == controls.LOOK
+    assert (panels.effect.value, panels.reach.value, panels.existing.value) == (
+        controls.ADD, controls.SURFACE, controls.KEEP,
+    )  # fmt: skip
+    assert panels.folder.value == "trimmed/scene" and not panels.command.visible
+    assert app.session.now.object.name == panels.name.value == "object 1"
+    assert app.session.now.object.marks == (BALL,)  # the work that was kept
+    act(app.step, "Undo")
+    assert not app.session.now.has_work
+    open_scene(app, folder / "scene.ply")
+    assert not app.session.now.has_work
 
 
-def test_the_box_in_space_is_of_lines_and_around_the_selection(controller):
-    session, tools, view = controller.session, controller.tools, controller._view
-    session.mark(BALL)
-    before = session.now.object.selected.mask
-    do(controller, lambda: tools.begin(controls.BOX3D, client(controller)))
-    session.mark(view.box_mark(session.now.up.direction, "intersect"), TINY)
-    assert (session.now.object.selected.mask & before).sum() == before.sum()  # it cuts nothing off
-    edges = view._box._edges.points
-    assert edges.shape == (12, 2, 3)
-    assert np.allclose(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).max() / view.frame.scale, 2.2, atol=0.3)
+def test_keep_only_falls_back_to_add(app):
+    panels = app.panels
+    panels.effect.value = controls.KEEP_ONLY
+    gesture(app, controls.LASSO, *EVERYWHERE)  # nothing is selected: refused
+    assert panels.effect.value == controls.KEEP_ONLY and not app.session.now.has_work
+    mark(app, BALL)
+    panels.reach.value = controls.THROUGH
+    gesture(app, controls.LASSO, (0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (0.0, 0.5))
+    assert panels.effect.value == controls.ADD
+    selected = app.session.now.object.n_selected
+    gesture(app, controls.LASSO, *EVERYWHERE)
+    assert app.session.now.object.n_selected > selected
 
 
-def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(controller, folder):
-    session, panels = controller.session, controller.panels
-    select_ball(controller)
-    do(controller, controller.cut_out)
-    first, marked = session.now.object.result, session.now.object.n_selected
-    do(controller, lambda: controller.change_objects("New"))
-    open_scene(controller, folder / "scene.ply", folder / "cameras.json")
-    finish(controller)
-    again = session.now.objects[0].result
-    assert again is not first and session.now.objects[0].n_selected == marked
-    assert np.array_equal(again.only.source_index, first.only.source_index)
-    assert np.array_equal(again.object.means, first.object.means)
-    assert "What you had cut out is back: 1 object." in panels.status_text
-    do(controller, lambda: controller.step("Undo"))
+def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(app, folder):
+    session = app.session
+    mark(app, BALL)
+    act(app.cut_out)
+    first = session.now.object.fresh
+    act(app.change_objects, "New")
+    follow, app.jobs._follow = app.jobs._follow, lambda client: None  # the program ends before it comes to it
+    try:
+        for _ in range(2):
+            open_scene(app, folder / "scene.ply", folder / "cameras.json")
+            assert session.now.objects[0].cut.state is CutState.WANTED and app.jobs.due is Due.WORK_OF_LAST_TIME
+    finally:
+        app.jobs._follow = follow
+    open_scene(app, folder / "scene.ply", folder / "cameras.json")
+    again = session.now.objects[0].fresh
+    assert again is not first and np.array_equal(again.object.means, first.object.means)
+    assert app.jobs.due is Due.NOTHING
+    act(app.step, "Undo")
     assert not session.now.has_work  # it was one step
 
 
-def test_what_is_to_be_cut_out_again_is_so_after_another_restart_too(controller, folder):
-    session = controller.session
-    select_ball(controller)
-    do(controller, controller.cut_out)
-    follow, controller._follow = controller._follow, lambda client: None  # the program ends before it comes to it
+def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_out(app):
+    session, panels = app.session, app.panels
+    mark(app, BALL)
+    act(app.cut_out)
+    assert panels.showing == Showing("object", "after", "own")
+    before = session.now
+    panels.brush.value = 20
+    gesture(app, controls.BRUSH, (0.5, 0.45), (0.55, 0.45), effect="remove")
+    assert session.now.object.n_selected < before.object.n_selected
+    assert not (session.now.object.fresh.object_mask & session.now.object.selected.excluded).any()
+    assert panels.showing == Showing("object", "after", "changes")  # until something else is asked for
+    assert panels.status_text.startswith("Removed") and "again" in panels.status_text
+    act(app.step, "Undo")
+    assert session.now is before and panels.showing == Showing("object", "after", "changes")
+    act(app.show_part, OBJECT)
+    assert panels.showing == Showing("object", "after", "own")
+
+    act(app.show_part, controls.EVERYTHING)
+    panels.when.value = "Before"
+    mark(app, TINY)
+    mark(app, FLOOR)
+    marked = session.now.object
+    act(app.step, "Undo")
+    assert session.now.object.cut.state is CutState.STALE and len(session.now.object.marks) == len(marked.marks) - 1
+    assert panels.showing == Showing("both", "before", "objects")
+
+
+def test_marks_made_meanwhile_go_before_the_trim_that_follows(app):
+    session = app.session
+    mark(app, BALL)
+    act(app.cut_out)
+    app.panels.tool.value = controls.BRUSH
+    blocked = threading.Event()
+    app.jobs.worker.submit(lambda: blocked.wait(50))
+    for x in (0.42, 0.58):
+        app.tools.heard(Gesture(controls.BRUSH, ((x, 0.45),), "remove"), tab(app))
+    blocked.set()
+    finish(app)
+    assert len(session.now.object.marks) == 3 and session.now.object.fresh is not None
+    act(app.step, "Undo")
+    assert session.now.object.cut.state is CutState.STALE  # of the first stroke, which was not trimmed
+
+
+def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_gives_way(app):
+    mark(app, BALL)
+    act(app.cut_out)
+    worker, stages, shown = app.jobs.worker, [], app.panels.busy
+
+    def busy(doing, share):
+        stages.append(doing)
+        if len(stages) > 4:
+            worker.cancel()
+
+    app.panels.busy = busy
     try:
-        for _ in range(2):
-            open_scene(controller, folder / "scene.ply", folder / "cameras.json")
-            assert session.now.object.result is None and session.now.object.to_cut_out
-            assert "is being cut out again" in controller.panels.status_text
+        gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
     finally:
-        controller._follow = follow
-    do(controller, lambda: session.mark(TINY) and "")
-    finish(controller)
-    assert session.now.object.result is None  # another mark: no longer what was cut out
+        app.panels.busy = shown
+    assert app.session.now.object.cut.state is CutState.STALE and app.jobs.due is Due.NOTHING
 
 
-def test_a_face_of_the_box_in_space_is_dragged_and_the_opposite_one_stays(controller):
-    session, view, panels = controller.session, controller._view, controller.panels
-    session.mark(BALL)
-    do(controller, lambda: controller.tools.begin(controls.BOX3D, client(controller)))
-    up, before = session.now.up.direction, view.box_mark(session.now.up.direction, "add")
-    axes = up_frame(up)
+def test_the_scene_without_the_object_is_one_button_away(app):
+    mark(app, BALL)
+    act(app.show_part, WITHOUT)
+    assert app.session.now.object.fresh is not None
+    assert app.panels.showing == Showing("background", "after", "own")
+    act(app.show_part, controls.EVERYTHING)
+    assert app.panels.showing == Showing("both", "after", "objects")
+
+
+def test_two_states_are_compared_until_something_else_is_done(app):
+    panels, presenter, view = app.panels, app.jobs.presenter, tab(app)
+
+    def page_has_its_picture():
+        app.jobs._heard(Gesture(STILL_TAKEN, (), None), view)
+        finish(app)
+
+    mark(app, BALL)
+    act(app.switch_wipe, view)
+    assert presenter.wipe is None and not panels.compare[controls.WIPE]
+    act(app.cut_out)
+    shown, drawn = panels.showing, presenter._shown["splats"]
+    act(app.switch_wipe, view)
+    assert panels.compare[controls.WIPE] and presenter._shown["splats"] == drawn  # until there is a picture
+    page_has_its_picture()
+    assert presenter._shown["splats"][1] == Showing("object", "before", "own")
+    assert panels.showing == shown  # which marks and results go by
+    act(app.switch_wipe, view)
+    assert presenter._shown["splats"] == drawn and not panels.compare[controls.WIPE]
+    page_has_its_picture()  # too late
+    assert presenter._shown["splats"] == drawn
+    act(app.switch_wipe, view)
+    page_has_its_picture()
+    app.jobs._moved(view)
+    finish(app)
+    assert presenter.wipe is None
+    act(app.switch_wipe, view)
+    act(app.step, "Undo")
+    assert presenter.wipe is None and not panels.compare[controls.WIPE]
+
+
+def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone(app):
+    session, view, panels = app.session, app.jobs.view, app.panels
+    mark(app, BALL)
+    selected = session.now.object.selected.mask
+    app.tools.choose(controls.BOX3D, tab(app))
+    finish(app)
+    up = session.now.up.direction
+    axes, before = up_frame(up), view.box_mark(up, "intersect")
+    session.do(edits.mark, before, TINY)
+    assert (session.now.object.selected.mask & selected).sum() == selected.sum()  # it cuts nothing off
+    assert view._box._edges.points.shape == (12, 2, 3)  # lines: faces would hide what is behind
     for number, axis, end in ((0, 0, "low"), (5, 2, "high")):
-        face = np.array(getattr(before, end)) @ axes
-        sign = 1 if end == "high" else -1
+        face, sign = np.array(getattr(before, end)) @ axes, 1 if end == "high" else -1
         view._box.drag_face(number, view.frame.to_viewer(face + sign * 0.5 * axes[axis]))
         after = view.box_mark(up, "add")
         moved = np.array(getattr(after, end)) - getattr(before, end)
@@ -173,257 +287,138 @@ def test_a_face_of_the_box_in_space_is_dragged_and_the_opposite_one_stays(contro
     assert before.low[2] == pytest.approx(flat.low[2], abs=1e-5) and flat.high[2] > flat.low[2]
 
 
-def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(controller):
-    do(controller, lambda: controller.tools.begin(controls.BOX3D, client(controller)))
-    up = controller.session.now.up.direction
-    box = controller._view.box_mark(up, "add")
+def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(app):
+    app.tools.choose(controls.BOX3D, tab(app))
+    finish(app)
+    box = app.jobs.view.box_mark(app.session.now.up.direction, "add")
     assert isinstance(box, Box3D)
-    eye = controller.tools.viewpoint(client(controller)).camera.centre
-    centre = controller._view.frame.to_scene(controller._view._box.centre)
-    assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(controller.panels.box_size.value)
-    do(controller, lambda: controller.session.mark(box))
-    assert controller.session.now.object.n_selected  # something is in it
+    eye = app.tools.viewpoint(tab(app)).camera.centre
+    centre = app.jobs.view.frame.to_scene(app.jobs.view._box.centre)
+    assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(app.panels.box_size.value)
+    mark(app, box)
+    assert app.session.now.object.n_selected  # something is in it
 
 
-def test_up_turns_the_view(controller):
-    server = controller._server
-    assert np.allclose(server.initial_camera.up, (0, 0, 1))
-    do(controller, lambda: controller._set_up("-Y"))
-    assert np.allclose(server.initial_camera.up, (0, -1, 0))
-    do(controller, lambda: controller.step("Undo"))
-    assert np.allclose(server.initial_camera.up, (0, 0, 1))
+def test_up_turns_the_view(app):
+    camera = app.jobs.server.initial_camera
+    assert np.allclose(camera.up, (0, 0, 1))
+    app.panels.up = SimpleNamespace(value="-Y")
+    act(app._set_up, None)
+    assert np.allclose(camera.up, (0, -1, 0))
+    act(app.step, "Undo")
+    assert np.allclose(camera.up, (0, 0, 1))
 
 
-def test_cutting_out_shows_the_object_alone_in_its_own_colours(controller):
-    panels = controller.panels
-    select_ball(controller)
-    do(controller, controller.cut_out)
-    assert panels.showing == Showing("object", "after", "own")
-    do(controller, lambda: controller.show_part(controls.WITHOUT))
-    assert panels.showing == Showing("background", "after", "own")
-    do(controller, lambda: controller.show_part(controls.EVERYTHING))
-    assert panels.showing == Showing("both", "after", "objects")
-    do(controller, lambda: controller.step("Undo"))
-    assert panels.showing == Showing("both", "before", "objects")
+def test_home_and_f_without_a_selection_look_as_at_first(app):
+    looked = []
+    app.jobs.view.look = lambda client, eye, target: looked.append((client, eye, target))
+    view = tab(app)
+    try:
+        act(app.focus, view)
+        act(app.focus, view, whole=True)
+        mark(app, BALL)
+        act(app.focus, view)
+    finally:
+        del app.jobs.view.look
+    home, also, ball = looked
+    assert home == also == (view, *app._first_look()) and ball[1:] != home[1:]
 
 
-def test_the_scene_without_the_object_is_one_button_away(controller):
-    select_ball(controller)
-    do(controller, lambda: controller.show_part(controls.WITHOUT))
-    assert controller.session.now.object.result is not None
-    assert controller.panels.showing == Showing("background", "after", "own")
-
-
-def test_two_states_are_compared_until_something_else_is_done(controller):
-    panels, tab = controller.panels, client(controller)
-
-    def page_has_its_picture():
-        controller._heard(gesture(STILL_TAKEN), tab)
-        finish(controller)
-
-    def wipe():
-        controller.switch_wipe(tab)
-        finish(controller)
-
-    select_ball(controller)
-    wipe()
-    assert "cut the object out first" in panels.status_text and not panels.compare[controls.WIPE]
-    do(controller, controller.cut_out)
-    shown = panels.showing
-    wipe()
-    assert panels.compare[controls.WIPE] and panels.compared is None  # until there is a picture
-    page_has_its_picture()
-    assert panels.compared == Showing("object", "before", "own")
-    assert panels.showing == shown  # which marks and results go by
-    wipe()
-    assert panels.compared is None and not panels.compare[controls.WIPE]
-    page_has_its_picture()  # too late
-    assert panels.compared is None
-    do(controller, lambda: controller.show_part(controls.WITHOUT))
-    wipe()
-    page_has_its_picture()
-    assert panels.compared == Showing("both", "before", "own")
-    controller._moved(tab)
-    finish(controller)
-    assert panels.compared is None and "views accepted" in panels.status_text
-    wipe()
-    page_has_its_picture()
-    do(controller, lambda: controller.step("Undo"))
-    assert panels.compared is None and not panels.compare[controls.WIPE]
-
-
-@pytest.mark.parametrize(
-    ("shown", "other", "is_left"),
-    [
-        (Showing("object", "before", "changes"), Showing("object", "after", "changes"), True),
-        (Showing("object", "after", "own"), Showing("object", "before", "own"), False),
-        (Showing("background", "after", "changes"), Showing("both", "before", "own"), False),
-        (Showing("both", "before", "objects"), Showing("background", "after", "own"), True),
-    ],
-)
-def test_what_is_before_is_at_the_left(shown, other, is_left):
-    comparison = compared(shown)
-    assert (comparison.other, comparison.still.is_left) == (other, is_left)
-
-
-def test_a_correction_of_what_was_cut_out_is_cut_out_again_and_is_one_step(controller):
-    session, panels = controller.session, controller.panels
-    select_ball(controller)
-    do(controller, controller.cut_out)
-    before = session.now
-    panels.brush.value = 20
-    do_gesture(controller, controls.BRUSH, (0.5, 0.45), (0.55, 0.45), effect="remove")
-    assert session.now.object.n_selected < before.object.n_selected
-    assert session.now.object.result is not None
-    assert not (session.now.object.result.object_mask & session.now.object.selected.excluded).any()
-    assert panels.showing == Showing("object", "after", "own")
-    do(controller, lambda: controller.step("Undo"))
-    assert session.now is before
-
-
-def test_marks_made_meanwhile_go_before_the_trim_that_follows(controller):
-    session, panels = controller.session, controller.panels
-    select_ball(controller)
-    do(controller, controller.cut_out)
-    panels.tool.value = controls.BRUSH
-    blocked = threading.Event()
-    controller.worker.submit(lambda: blocked.wait(50))
-    tab = client(controller)
-    for x in (0.42, 0.58):
-        controller.tools.heard(gesture(controls.BRUSH, (x, 0.45), effect="remove"), tab)
-    blocked.set()
-    finish(controller)
-    finish(controller)
-    assert len(session.now.object.marks) == 3
-    assert session.now.object.result is not None
-    do(controller, lambda: controller.step("Undo"))
-    assert session.now.object.earlier is not None  # of the first stroke, which was not trimmed
-
-
-def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(controller):
-    session = controller.session
-    line = ((0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7))
-    numbers = {}
+def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(app):
+    line, numbers = ((0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7)), {}
     for tool in (controls.LASSO, controls.POLYGON):
-        for reach in ("Surface", controls.THROUGH):
-            controller.panels.reach.value = reach
-            do_gesture(controller, tool, *line)
-            numbers[tool, reach] = session.now.object.n_selected
-            assert session.now.object.marks[-1].tool == tool.lower()
-            do(controller, lambda: controller.step("Undo"))
-    controller.panels.reach.value = "Surface"
-    assert numbers[controls.LASSO, "Surface"] == numbers[controls.POLYGON, "Surface"]
-    assert 0 < numbers[controls.LASSO, "Surface"] <= numbers[controls.LASSO, controls.THROUGH]
+        for reach in (controls.SURFACE, controls.THROUGH):
+            app.panels.reach.value = reach
+            gesture(app, tool, *line)
+            numbers[tool, reach] = app.session.now.object.n_selected
+            assert app.session.now.object.marks[-1].tool == tool.lower()
+            act(app.step, "Undo")
+    assert numbers[controls.LASSO, controls.SURFACE] == numbers[controls.POLYGON, controls.SURFACE]
+    assert 0 < numbers[controls.LASSO, controls.SURFACE] <= numbers[controls.LASSO, controls.THROUGH]
 
 
-def test_marks_reach_nothing_that_is_not_shown(controller):
-    session, panels = controller.session, controller.panels
-    select_ball(controller)
-    before = session.now.object.selected.mask
-    panels.look_at(controls.OBJECT, "Before", controls.OWN)
-    panels.reach.value, panels.effect.value = controls.THROUGH, "Add"
-    do_gesture(controller, controls.LASSO, (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
-    assert "changes nothing that is shown" in panels.status_text
-    do(controller, lambda: controller.tools._mark(Sphere((0, 0, 1), 9.0)))
-    assert np.array_equal(session.now.object.selected.mask, before)
-    panels.reach.value = "Surface"
+def test_marks_reach_nothing_that_is_not_shown(app):
+    mark(app, BALL)
+    before = app.session.now
+    app.panels.showing = Showing("object", "before", "own")
+    app.panels.reach.value = controls.THROUGH
+    gesture(app, controls.LASSO, *EVERYWHERE)
+    assert app.session.now is before and "changes nothing that is shown" in app.panels.status_text
+    act(app.hide)
+    assert not (shown_rows(app.session.now, Showing()) & before.object.selected.mask).any()
+    act(app.change_objects, "Show all")
+    assert shown_rows(app.session.now, Showing()).all()
 
 
-def test_keys_of_the_page_change_the_brush(controller):
-    controller.panels.brush.value = 24
-    controller.tools.heard(Gesture("]", (), None), client(controller))
-    assert controller.panels.brush.value == 30
-    controller.tools.heard(Gesture("[", (), None), client(controller))
-    assert controller.panels.brush.value == 24
+def test_keys_of_the_page_change_the_brush(app):
+    app.panels.brush.value = 24
+    for key, size in (("]", 30), ("[", 24)):
+        app.tools.heard(Gesture(key, (), None), tab(app))
+        assert app.panels.brush.value == size
 
 
-def test_a_name_is_the_objects_as_soon_as_it_is_entered(controller):
-    controller.panels.name.value = " my  ball "
-    controller._describe()
-    finish(controller)
-    assert controller.session.now.object.name == "my ball"
-    assert controller.panels.name.value == " my  ball "  # somebody may go on typing
-    controller.panels.name.value = ""
-    controller._describe()
-    finish(controller)
-    assert controller.session.now.object.name == "my ball"
+def test_a_name_is_the_objects_as_soon_as_it_is_entered(app):
+    for entered in (" my  ball ", ""):
+        app.panels.name.value = entered
+        act(app.describe)
+        assert app.session.now.object.name == "my ball"
+        assert app.panels.name.value == entered  # somebody may go on typing
 
 
-def test_files_from_the_browser_are_taken_for_what_they_are(controller, folder, tmp_path):
-    session, files = controller.session, controller.files
+def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_path):
+    session, view = app.session, tab(app)
     mask = np.linalg.norm(session.document.scene.means - toy.CENTRE, axis=1) < 1.2
     np.save(tmp_path / "ball.npy", mask)
-    do(controller, lambda: files.received("../ball.npy", (tmp_path / "ball.npy").read_bytes()))
+    act(app.receive, "../ball.npy", (tmp_path / "ball.npy").read_bytes(), view)
     assert np.array_equal(session.now.object.selected.mask, mask)
-    sent = []
-    tab = SimpleNamespace(send_file_download=lambda name, data, save_immediately: sent.append((name, data)))
-    do(controller, lambda: files.download_project(tab))
-    do(controller, lambda: controller.step("Clear"))
-    do(controller, lambda: files.received(*sent[0]))
+    app.jobs.do("Saving", lambda: app._files.download_project(view))
+    act(app.step, "Clear")
+    act(app.receive, *next(iter(view.sent.items())), view)
     assert np.array_equal(session.now.object.selected.mask, mask)
-    do(controller, lambda: files.received("cameras.json", (folder / "cameras.json").read_bytes()))
-    assert "has these cameras now" in controller.panels.status_text
-    scene = (folder / "scene.ply").read_bytes()
-    do(controller, lambda: files.received("other.ply", scene, as_scene=True))
+    act(app.receive, "cameras.json", (folder / "cameras.json").read_bytes(), view)
+    assert "has these cameras now" in app.panels.status_text
+    act(app._take, "other.ply", (folder / "scene.ply").read_bytes(), view, as_scene=True)
     assert session.document.path.name == "other.ply"
     assert np.array_equal(session.now.object.selected.mask, mask)  # the work on what the scene holds, wherever it lies
-    do(controller, lambda: files.received("nonsense.npy", b"nothing"))
-    assert "nonsense.npy" in controller.panels.status_text
+    act(app.receive, "nonsense.npy", b"nothing", view)
+    assert "nonsense.npy" in app.panels.status_text
 
 
-def test_results_are_downloaded(controller, tmp_path):
-    sent = {}
-    tab = SimpleNamespace(
-        add_notification=lambda *arguments, **options: None,
-        send_file_download=lambda name, data, save_immediately: sent.update({name: data}),
-    )
-    do(controller, lambda: controller.files.download(controls.OBJECT, tab))
-    assert "press 'Cut out' first" in controller.panels.status_text
-    select_ball(controller)
-    do(controller, lambda: controller.session.describe_object("my ball", (1, 2, 3)))
-    do(controller, controller.cut_out)
-    for what in controls.DOWNLOADS:
-        do(controller, lambda what=what: controller.files.download(what, tab))
-    assert set(sent) == {"my_ball.ply", "without_my_ball.ply", "my_ball.zip", "my_ball.html"}
-    (tmp_path / "object.ply").write_bytes(sent["my_ball.ply"])
-    assert len(formats.read(tmp_path / "object.ply")) == len(controller.session.now.object.result.object)
-    with zipfile.ZipFile(io.BytesIO(sent["my_ball.zip"])) as archive:
+def test_results_are_downloaded_and_saved(app, tmp_path):
+    view, panels = tab(app), app.panels
+
+    def download(what):
+        panels.download = SimpleNamespace(value=what)
+        act(app.download, view)
+
+    download(OBJECT)
+    assert not view.sent
+    mark(app, BALL)
+    app.session.do(edits.describe, 1, "my ball", (1, 2, 3))
+    act(app.cut_out)
+    for what in DOWNLOADS:
+        download(what)
+    assert set(view.sent) == {"my_ball.ply", "without_my_ball.ply", "my_ball.zip", "my_ball.html"}
+    (tmp_path / "object.ply").write_bytes(view.sent["my_ball.ply"])
+    assert len(formats.read(tmp_path / "object.ply")) == len(app.session.now.object.fresh.object)
+    with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
         assert {"my_ball/object.ply", "my_ball/report.json", "my_ball/selection.json"} <= set(archive.namelist())
-    controller.panels.placed[controls.UPRIGHT] = True
-    do(controller, lambda: controller.files.download(controls.OBJECT, tab))
-    controller.panels.placed[controls.UPRIGHT] = False
-    (tmp_path / "upright.ply").write_bytes(sent["my_ball.ply"])
+    panels.placed[controls.UPRIGHT] = True
+    download(OBJECT)
+    panels.placed[controls.UPRIGHT] = False
+    (tmp_path / "upright.ply").write_bytes(view.sent["my_ball.ply"])
     means = formats.read(tmp_path / "upright.ply").means
     assert abs(np.quantile(means[:, 1], 0.01)) < 0.01 and np.median(means[:, 1]) > 0.5
 
-
-def test_what_is_hidden_is_not_shown_and_not_marked(controller):
-    session = controller.session
-    select_ball(controller)
-    ball = session.now.object.selected.mask
-    do(controller, controller.hide)
-    assert not (shown_rows(session.now, controller.panels.showing) & ball).any()
-    do(controller, lambda: controller.change_objects("New"))
-    do(controller, lambda: session.mark(Sphere((0, 0, 1), 9.0)))
-    assert not (session.now.object.selected.mask & ball).any()
-    do(controller, lambda: controller.change_objects("Show all"))
-    assert shown_rows(session.now, controller.panels.showing).all()
-
-
-def test_sentences_about_a_trim_go_with_it(controller, tmp_path):
-    panels = controller.panels
-    select_ball(controller)
-    do(controller, controller.cut_out)
-    assert "views accepted" in panels.summary.content
     panels.folder.value = str(tmp_path / "out")
-    do(controller, controller.files.save)
+    act(app.save)
     assert str(tmp_path / "out" / "selection.json") in panels.command.value and panels.command.visible
-    do(controller, lambda: controller.step("Undo"))
-    assert panels.summary.content == ""
+    act(app.save)
+    assert controls.REPLACE in panels.status_text and "--overwrite" not in panels.status_text
     panels.folder.value = str(tmp_path / "all")
-    do(controller, controller.files.save_all)
-    assert (tmp_path / "all" / "object_1.ply").is_file()
-    assert not panels.command.visible
+    act(app.save, together=True)
+    assert (tmp_path / "all" / "object_my_ball.ply").is_file() and not panels.command.visible
+    assert panels.target == Target(tmp_path / "all")
 
 
 @pytest.fixture(scope="module")
@@ -436,67 +431,56 @@ def furnished(tmp_path_factory):
     return folder, part
 
 
-def test_objects_are_found_shown_and_saved_and_are_one_step(app, furnished, tmp_path):
-    folder, part = furnished
+def test_objects_are_found_shown_and_saved_and_are_one_step(running, furnished, tmp_path):
+    (folder, part), app = furnished, running
     open_scene(app, folder / "scene.ply", folder / "cameras.json")
     session, panels = app.session, app.panels
-    before = session.now
-    panels.look_at(controls.OBJECT, "Before", controls.OWN)
-    do(app, app.find_objects)
-    assert panels.status_text.startswith("Found 2 objects")
-    assert panels.showing == Showing("both", "before", "objects")
+    before, stages, busy = session.now, [], panels.busy
+
+    def cancel(doing, share):
+        stages.append(doing)
+        if "3/" in doing:
+            app.jobs.worker.cancel()
+
+    panels.busy = cancel
+    try:
+        act(app.find_objects)
+    finally:
+        panels.busy = busy
+    assert session.now is before and not any("surfaces" in stage for stage in stages)
+    panels.showing = Showing("object", "before", "own")
+    act(app.find_objects)
+    assert panels.status_text.startswith("Found 2 objects") and panels.showing == Showing()
     found = session.now.objects
     assert [each.name for each in found] == ["object 1", "object 2"]
     assert found[0].colour != found[1].colour
     for number in (2, 3):
         assert max(toy.jaccard(each.selected.mask, part == number) for each in found) > 0.8
-    do(app, app.find_objects)
-    assert "Left out: 2 marked already" in panels.status_text
-    assert session.now.objects == found
-    do(app, lambda: app.change_objects("Delete"))
+    act(app.find_objects)
+    assert "2 marked already" in panels.status_text and session.now.objects == found
+    act(app.change_objects, "Delete")
     panels.folder.value = str(tmp_path / "all")
-    do(app, app.files.save_all)
+    act(app.save, together=True)
     assert [path.name for path in sorted((tmp_path / "all").glob("object_*.ply"))] == ["object_2.ply"]
-    do(app, app.find_objects)
+    act(app.find_objects)
     assert session.now.objects[0] is found[1]
     np.testing.assert_array_equal(session.now.object.selected.mask, found[0].selected.mask)
     assert session.now.object.id == 3  # no other object has had it
     for _ in range(3):
-        do(app, lambda: app.step("Undo"))
+        act(app.step, "Undo")
     assert session.now is before
-
-
-def test_finding_objects_is_cancelled(app, furnished):
-    open_scene(app, furnished[0] / "scene.ply", furnished[0] / "cameras.json")
-    before, stages = app.session.now, []
-
-    def busy(doing, share):
-        stages.append(doing)
-        if "3/" in doing:
-            app.worker.cancel()
-
-    shown, app.panels.busy = app.panels.busy, busy
-    try:
-        do(app, app.find_objects)
-    finally:
-        app.panels.busy = shown
-    assert "Cancelled" in app.panels.status_text
-    assert app.session.now is before
-    assert not any("surfaces" in stage for stage in stages)
 
 
 def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder, tmp_path):
     from gaussian_trimmer.app.serving import serving
 
-    with serving(None, None, port=0, state=tmp_path) as app:
-        controller = app.controller
-        controller.tools.choose(controls.POINTS, None)
-        finish(controller)
-        assert controller.panels.tool.value == controls.LOOK
-        open_scene(controller, folder / "scene.ply")
-        controller.tools.choose(controls.POINTS, None)
-        finish(controller)
-        assert controller.panels.status_text == "Click three points on the ground."
-        controller.tools.choose(controls.CLICK, None)
-        finish(controller)
-        assert "click on the object" in controller.panels.status_text
+    with serving(None, None, port=0, state=tmp_path) as started:
+        app = started.controller
+        app.tools.choose(controls.POINTS, None)
+        finish(app)
+        assert app.panels.tool.value == controls.LOOK
+        open_scene(app, folder / "scene.ply")
+        for tool, said in ((controls.POINTS, "three points"), (controls.CLICK, "click on the object")):
+            app.tools.choose(tool, None)
+            finish(app)
+            assert said in app.panels.status_text

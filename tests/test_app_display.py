@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.detail import thinned
-from gaussian_trimmer.app.display import Painter, Showing, changed_rows, shown_rows
-from gaussian_trimmer.app.documents import Document, up_of
+from gaussian_trimmer.app import edits
+from gaussian_trimmer.app.display import Painter, changed_rows, shown_rows, thinned
+from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.snapshots import first_snapshot
+from gaussian_trimmer.app.showing import Showing
+from gaussian_trimmer.app.snapshots import Cut, CutState, Snapshot, TrimChoices
 from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.config import SplitConfig, TrimConfig
@@ -34,11 +35,11 @@ def session(tmp_path_factory):
     np.save(folder / "rough.npy", toy.dilated(scene, truth))
     opened = Session()
     opened.open(folder / "scene.ply")
-    opened.set_up((0.0, 0.0, 1.0))
-    opened.mark(FromFile(folder / "rough.npy"))
-    opened.trim()
-    opened.add_object()
-    opened.mark(Sphere((2.5, 2.5, 0.0), 0.5))
+    opened.do(edits.set_up, (0.0, 0.0, 1.0))
+    opened.do(edits.mark, FromFile(folder / "rough.npy"))
+    opened.do(edits.cut_out, TrimChoices())
+    opened.do(edits.add_object)
+    opened.do(edits.mark, Sphere((2.5, 2.5, 0.0), 0.5))
     return opened
 
 
@@ -63,7 +64,7 @@ def test_before_the_objects_have_their_colours_and_nothing_else(session, painter
 
 def test_parts_are_the_object_and_the_rest(session, painter):
     now, scene = session.now, session.document.scene
-    result = now.objects[0].result
+    result = now.objects[0].fresh
     for when, rest in (("before", now.objects[0].selected.mask), ("after", result.object_mask)):
         object_ = painter.paint(now, Showing("object", when))
         background = painter.paint(now, Showing("background", when))
@@ -77,14 +78,14 @@ def test_parts_are_the_object_and_the_rest(session, painter):
 
 
 def test_after_the_active_object_is_what_was_trimmed(session, painter):
-    session.activate(1)
+    session.do(edits.activate, 1, joined=True)
     try:
         splats = painter.paint(session.now, Showing("object", "after", "own"))
-        trimmed = session.now.object.result.object
+        trimmed = session.now.object.fresh.object
         centres = painter.frame.to_scene(splats.centres.astype(np.float64))
         assert np.allclose(np.sort(centres, axis=0), np.sort(trimmed.means, axis=0), atol=1e-5)
     finally:
-        session.activate(2)
+        session.do(edits.activate, 2, joined=True)
 
 
 def large_ball():
@@ -99,10 +100,9 @@ def test_split_parts_and_filled_gaussians_are_shown():
     n_split = result.count(RowLabel.SPLIT_OUTSIDE)
     assert n_split > 0
     document = Document(Path("a.ply"), None, scene, None, get_renderer("numba"))
-    first = first_snapshot(document, up_of(document, (0.0, 0.0, 1.0)))
-    now = first.with_object(
-        replace(first.object, selected=SelectionState(truth, np.zeros_like(truth)), result=result), "trim"
-    )
+    first = Snapshot.first(document, document.find_up((0.0, 0.0, 1.0)))
+    selected, cut = SelectionState(truth, np.zeros_like(truth)), Cut(CutState.FRESH, result)
+    now = first.with_object(replace(first.object, selected=selected, cut=cut), "cut out")
     painter = Painter(scene, 10**6)
     assert len(painter.paint(now, Showing("object", "after"))) == len(result.object)
     assert len(painter.paint(now, Showing("background", "after"))) == len(result.background)
@@ -154,10 +154,10 @@ def test_colours_are_those_that_the_eye_sees(session):
 
 
 def test_changes_have_their_colours(session, painter):
-    session.activate(1)
+    session.do(edits.activate, 1, joined=True)
     try:
         now = session.now
-        result = now.object.result
+        result = now.object.fresh
         added, removed, cut, relit = changed_rows(now.object)
         assert np.array_equal(removed, result.selection & ~result.object_mask) and removed.any()
         shown = painter.paint(now, Showing("object", "after", "changes"))
@@ -172,22 +172,28 @@ def test_changes_have_their_colours(session, painter):
         assert not added.any() or (added & result.object_mask).any()
         assert relit.sum() == result.count(RowLabel.RELIT)
     finally:
-        session.activate(2)
+        session.do(edits.activate, 2, joined=True)
 
 
-def test_after_further_marks_the_trim_is_seen_with_them(session):
-    session.activate(1)
-    before = session.now.object.after
+def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_theirs(session, painter):
+    session.do(edits.activate, 1, joined=True)
+    before, changes = session.now.object.mask, Showing("object", "after", "changes")
     top = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
-    session.mark(top)
-    part = session.now.object
+    session.do(edits.mark, top)
+    stale = session.now.object
     try:
         inside = np.linalg.norm(session.document.scene.means - np.array(top.centre), axis=1) <= top.radius
-        assert part.result is None and np.array_equal(part.after, before & ~inside)
-        assert np.array_equal(changed_rows(part)[1], before & inside)
+        assert stale.fresh is None and np.array_equal(stale.mask, before & ~inside)
+        assert np.array_equal(changed_rows(stale)[1], before & inside)
+        red = len(painter.paint(session.now, changes))
+        assert shown_rows(session.now, changes)[before & inside].all()  # until it is cut out again
+        session.do(edits.cut_out_again, TrimChoices(), joined=True)
+        fresh = session.now.object
+        assert np.array_equal(changed_rows(fresh)[1], before & ~fresh.mask)
+        assert len(painter.paint(session.now, changes)) < red
     finally:
         session.undo()
-        session.activate(2)
+        session.do(edits.activate, 2, joined=True)
 
 
 def test_the_frame_makes_any_scene_a_few_units_large():
@@ -238,15 +244,16 @@ def test_surface_points_lie_on_the_surface_and_are_none_in_the_void():
 
 
 def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_before_it(session):
-    session.add_object()
-    session.mark(Box3D((-2.0, -2.0, 0.02), (2.0, 2.0, 3.0)))  # the ball without the floor
+    session.do(edits.add_object)
+    session.do(edits.mark, Box3D((-2.0, -2.0, 0.02), (2.0, 2.0, 3.0)))  # the ball without the floor
     now, scene = session.now, session.document.scene
     shown = scene.select(np.flatnonzero(shown_rows(now, Showing("object"))))
     view = browser(Frame(np.zeros(3), 1.0), eye=(0.5, 0.0, -6.0), width=160, height=160)
     before = now.object.n_selected
     with pytest.raises(InputError, match="not selected"):
-        session.mark(Click(80, 88, view, "remove"))  # meets the floor
-    session.mark(Click(80, 88, before_what_shows(shown, view, [(0.5, 0.55)], get_renderer("numba")), "remove"))
+        session.do(edits.mark, Click(80, 88, view, "remove"))  # meets the floor
+    past = before_what_shows(shown, view, [(0.5, 0.55)], get_renderer("numba"))
+    session.do(edits.mark, Click(80, 88, past, "remove"))
     assert session.now.object.n_selected < before
     with pytest.raises(InputError, match="Nothing that is shown"):
         before_what_shows(shown, view, [(0.0, 0.0)], get_renderer("numba"))

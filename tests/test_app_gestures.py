@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.freehand import drawn_mask, rows_drawn
+from gaussian_trimmer.app.files import stood_upright
 from gaussian_trimmer.app.gestures import Gesture, parse_gesture
-from gaussian_trimmer.app.placing import stood_upright
+from gaussian_trimmer.app.viewpoints import drawn_mask, rows_drawn
 from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.geometry.bounds import up_frame

@@ -1,38 +1,66 @@
-"""Tests of the app's state, without a browser: what is opened, marked, undone, trimmed and saved."""
+"""Tests of the app's state, without a browser: what is opened, marked, undone, cut out, kept and saved."""
 
 import itertools
 import json
 import re
 import shlex
 import shutil
+import stat
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import toy
 from app_session import BALL, FLOOR, TOP, click_on_ball
 from command_line import run
 
+import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.documents import TrimChoices, normal_of
-from gaussian_trimmer.app.saving import Target, command_for
+from gaussian_trimmer.app import edits
+from gaussian_trimmer.app.documents import SPZ_UP
+from gaussian_trimmer.app.files import Target, command_for, save
+from gaussian_trimmer.app.project import (
+    autosave_path,
+    is_project,
+    project_as_json,
+    read_project,
+    restore,
+    write_private,
+)
 from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.snapshots import PALETTE, CutState, TrimChoices
 from gaussian_trimmer.app.worker import Cancelled
-from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.selecting.marks import Box3D, Sphere
+from gaussian_trimmer.errors import InputError, OutputExistsError
+from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.selecting.marks import Box3D, FromFile, Sphere
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
+from gaussian_trimmer.selecting.select import SelectionResult, select
+from gaussian_trimmer.selecting.view_lookup import resolve_views
+
+DEFAULT = TrimChoices()
 
 
 def state(session):
     now = session.now
-    return [(part.name, part.colour, part.marks, part.n_selected, part.result) for part in now.objects], now.active
+    parts = [(part.name, part.colour, part.marks, part.n_selected, part.cut.state, part.fresh) for part in now.objects]
+    return parts, now.active
+
+
+def mark(session, *marks, **options):
+    return session.do(edits.mark, *marks, **options)
+
+
+def refused(session, edit, *arguments, match="."):
+    """An edit is refused and changes nothing."""
+    before = session.now
+    with pytest.raises(InputError, match=match):
+        session.do(edit, *arguments)
+    assert session.now is before
 
 
 def test_nothing_can_be_done_before_a_scene_is_open():
     empty = Session()
     assert empty.glance() is None
-    for act in (empty.undo, empty.redo, empty.clear, empty.trim, lambda: empty.mark(BALL), lambda: empty.now):
+    for act in (empty.undo, empty.redo, lambda: mark(empty, BALL), lambda: empty.now):
         with pytest.raises(InputError, match="Open a scene first"):
             act()
 
@@ -41,41 +69,29 @@ def test_opening_tells_its_stages_and_keeps_the_scene_where_a_file_is_bad(sessio
     stages = []
     session.open(session.document.path, None, stages.append)
     assert len(stages) == len(set(stages)) >= 3
-    session.mark(BALL)
-    before = state(session)
+    before = session.now
     (tmp_path / "broken.ply").write_bytes(b"ply\nformat nonsense")
-    for path, message in ((tmp_path / "broken.ply", "broken.ply"), (tmp_path / "none.ply", "no file")):
-        with pytest.raises(InputError, match=message):
-            session.open(path)
-    assert state(session) == before
+    for name in ("broken.ply", "none.ply"):
+        with pytest.raises(InputError, match=name):
+            session.open(tmp_path / name)
+    assert session.now is before
 
 
-def test_cameras_are_added_to_the_open_scene_and_marks_are_kept(session, ball):
+def test_cameras_are_added_and_marks_are_kept_but_not_those_of_another_scene(session, ball, tmp_path):
     session.open(session.document.path)
-    session.mark(BALL)
-    before = state(session)
-    session.use_cameras(ball[0] / "cameras.json")
-    assert session.document.cameras is not None
-    assert session.now.up.source == "camera file"
-    assert state(session) == before
-    assert session.undo() == "cameras"
-    assert session.document.cameras is None
-
-
-def test_cameras_of_another_scene_are_refused(session, ball, tmp_path):
-    session.mark(BALL)
+    mark(session, BALL)
     before = state(session)
     document = json.loads((ball[0] / "cameras.json").read_text())
     for frame in document["frames"]:
         pose = np.array(frame["world_to_camera"])
-        pose[:3, :3] = np.diag([-1, 1, -1]) @ pose[:3, :3]  # they look away from the scene
-        pose[:3, 3] = np.diag([-1, 1, -1]) @ pose[:3, 3]
-        frame["world_to_camera"] = pose.tolist()
+        frame["world_to_camera"] = (np.diag([-1, 1, -1, 1]) @ pose).tolist()  # they look away from the scene
     (tmp_path / "away.json").write_text(json.dumps(document))
-    for act in (session.use_cameras, lambda path: session.open(ball[0] / "scene.ply", path)):
-        with pytest.raises(InputError, match="0 % of this scene"):
-            act(tmp_path / "away.json")
-        assert state(session) == before
+    refused(session, edits.use_cameras, tmp_path / "away.json", match="0 % of this scene")
+    session.do(edits.use_cameras, ball[0] / "cameras.json")
+    assert session.document.cameras is not None and session.now.up.source == "camera file"
+    assert state(session) == before
+    session.undo()
+    assert session.document.cameras is None
 
 
 def test_cameras_of_a_nerfstudio_training_are_brought_to_its_coordinates(ball, tmp_path):
@@ -91,55 +107,98 @@ def test_cameras_of_a_nerfstudio_training_are_brought_to_its_coordinates(ball, t
         np.testing.assert_allclose(other.centre, one.centre + np.array([0.1, 0, 0]), atol=1e-9)
 
 
-def test_marks_add_up_as_select_has_them(session, ball):
-    from gaussian_trimmer.selecting.select import select
-    from gaussian_trimmer.selecting.view_lookup import resolve_views
+def test_spz_files_are_y_up_unless_something_else_is_known(session, tmp_path):
+    formats.write(session.document.scene, tmp_path / "floor.spz")
+    lone = session.document.scene.select(np.flatnonzero(np.arange(len(session.document.scene)) < 40))
+    formats.write(lone, tmp_path / "lone.spz")  # too few for a ground plane
+    opened = Session()
+    opened.open(tmp_path / "floor.spz")
+    assert opened.now.up.source == "ground plane" and opened.now.given_up is None
+    opened.open(tmp_path / "lone.spz")
+    assert opened.now.up is SPZ_UP
+    assert opened.now.given_up == (0, 1, 0)  # the trim, and the command that repeats it, are told
 
+
+def test_marks_add_up_as_select_has_them(session, ball):
     marks = [click_on_ball(session), TOP, Box3D((-3, -3, 0.3), (3, 3, 3), "up", "intersect")]
-    for mark in marks:
-        session.mark(mark)
+    for one in marks:
+        mark(session, one)
     scene, cameras = session.document.scene, session.document.cameras
     expected = select(scene, resolve_views(scene, marks, cameras=cameras), cameras=cameras).mask
     assert np.array_equal(session.now.object.selected.mask, expected)
     assert 0 < expected.sum() < ball[2].sum()
 
 
-def test_a_mark_after_which_nothing_is_selected_is_refused(session):
-    with pytest.raises(InputError, match="nothing is selected before"):
-        session.mark(TOP)
-    session.mark(BALL)
-    before = state(session)
-    with pytest.raises(InputError, match="nothing would be selected"):
-        session.mark(Sphere((0.0, 0.0, 1.0), 9.0, effect="remove"))
-    assert state(session) == before
-
-
-def test_a_mark_that_changes_nothing_is_not_made(session):
-    assert re.match(r"Added (\d+): a sphere. \1 Gaussians selected", session.mark(BALL))
-    session.trim()
-    before = state(session)
-    with pytest.raises(InputError, match="changes nothing"):
-        session.mark(Sphere((0.0, 0.0, 1.0), 0.5))
-    assert state(session) == before  # with the trim
+def test_a_mark_that_changes_nothing_or_leaves_nothing_is_not_made(session):
+    refused(session, edits.mark, TOP, match="Nothing is selected yet")
+    refused(session, edits.mark, replace(BALL, effect="intersect"), match="mode")
+    assert re.match(r"Added (\d+): a sphere. \1 Gaussians selected", mark(session, BALL))
+    session.do(edits.cut_out, DEFAULT)
+    refused(session, edits.mark, Sphere((0.0, 0.0, 1.0), 0.5), match="changes nothing")  # the cut-out stays
+    refused(session, edits.mark, Sphere((0.0, 0.0, 1.0), 9.0, effect="remove"), match="nothing would be selected")
     outside = Sphere((2.0, 2.0, 0.0), 0.5, effect="remove")
-    assert "the trim will leave out" in session.mark(outside)
-    with pytest.raises(InputError, match="changes nothing"):
-        session.mark(outside)
+    mark(session, outside)
+    assert session.now.object.selected.excluded.any()
+    refused(session, edits.mark, outside, match="changes nothing")
+
+
+def test_marks_among_some_change_no_others(session):
+    mark(session, BALL)
+    before = session.now.object.selected.mask
+    upper = session.document.scene.means[:, 2] > 1
+    mark(session, Sphere((0.0, 0.0, 1.0), 1.2, effect="remove"), among=upper)
+    after = session.now.object.selected.mask
+    assert np.array_equal(after[~upper], before[~upper])
+    assert after[upper].sum() < before[upper].sum()
+    with pytest.raises(InputError, match="changes nothing that is shown"):
+        mark(session, BALL, among=np.zeros(len(before), np.bool_))
+
+
+def test_what_others_hide_or_lock_is_left_alone_and_the_marks_say_so(session):
+    for kept in ({"hidden": True, "locked": False}, {"hidden": False, "locked": True}):
+        session.open(session.document.path)
+        mark(session, BALL)
+        ours = session.now.object.selected.mask
+        session.do(edits.keep_object, **kept)
+        session.do(edits.add_object)
+        mark(session, Sphere((0.0, 0.0, 0.0), 3.0))
+        now = session.now
+        assert now.object.n_selected and not (now.object.selected.mask & ours).any()
+        again = select(session.document.scene, replace(now.basis, marks=now.object.marks))
+        assert np.array_equal(again.mask, now.object.selected.mask)
+    session.do(edits.show_all)
+    assert not any(part.hidden for part in session.now.objects)
+
+
+def test_what_lies_far_away_does_not_touch():
+    means = np.array([[0, 0, 0], [0, 0, 1], [0, 0.05, 0], [0, 3, 0]], np.float32)
+    selected = np.array([True, True, False, False])
+    assert edits.touches(means, selected, np.array([False, False, True, True]))
+    assert not edits.touches(means, selected, np.array([False, False, False, True]))
+
+
+def test_inverting_twice_is_nothing(session):
+    mark(session, BALL)
+    mask = session.now.object.selected.mask
+    session.do(edits.invert)
+    assert np.array_equal(session.now.object.selected.mask, ~mask)
+    session.do(edits.invert)
+    assert np.array_equal(session.now.object.selected.mask, mask)
 
 
 def test_undo_and_redo_go_through_everything(session):
     states = [state(session)]
-    for act in (
-        lambda: session.mark(BALL),
-        lambda: session.mark(TOP, FLOOR),
-        session.trim,
-        session.add_object,
-        lambda: session.mark(BALL),
-        lambda: session.describe_object("ball", (1, 2, 3)),
-        session.remove_object,
-        session.clear,
+    for edit, *arguments in (
+        (edits.mark, BALL),
+        (edits.mark, TOP, FLOOR),
+        (edits.cut_out, DEFAULT),
+        (edits.add_object,),
+        (edits.mark, BALL),
+        (edits.describe, 2, "ball", (1, 2, 3)),
+        (edits.remove_object,),
+        (edits.clear,),
     ):
-        act()
+        session.do(edit, *arguments)
         states.append(state(session))
     assert all(one != other for one, other in itertools.pairwise(states))
     for expected in states[-2::-1]:
@@ -154,108 +213,185 @@ def test_undo_and_redo_go_through_everything(session):
         session.redo()
 
 
-def test_a_trim_is_that_of_the_library_and_a_mark_makes_it_out_of_date(session, ball):
-    import gaussian_trimmer as gt
-
-    session.mark(click_on_ball(session))
-    stages = []
-    said = session.trim(progress=stages.append)
-    result = session.now.object.result
-    alone = gt.trim(session.document.scene, session.now.object.selected.mask, cameras=session.document.cameras)
-    assert np.array_equal(result.only.source_index, alone.only.source_index)
-    assert toy.jaccard(result.object_mask, ball[2]) > 0.9
-    assert "views accepted" in said
+@pytest.mark.parametrize("marks", [(), (TOP, Sphere((2.0, 2.0, 0.0), 0.5, effect="remove"))])
+def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed(session, marks):
+    mark(session, click_on_ball(session), *marks)
+    now, stages = session.now, []
+    session.do(edits.cut_out, DEFAULT, stages.append)
+    ours, selected = session.now.object.fresh, now.object.selected
+    given = SelectionResult(selected.mask, now.basis, selected.interpretations, selected.excluded)
+    theirs = gt.trim_objects(now.document.scene, {1: given}, cameras=now.document.cameras)
+    for one, other in ((ours.object, theirs.object), (ours.background, theirs.background)):
+        for name, values in one.to_arrays().items():
+            assert values.tobytes() == other.to_arrays()[name].tobytes(), name
+    assert bool(marks) == selected.excluded.any()
     assert stages[0] == "plan"
-    session.mark(TOP)
-    assert session.now.object.result is None
+
+
+def test_a_cut_out_is_none_fresh_stale_or_wanted(session, tmp_path):
+    def cut():
+        return session.now.object.cut
+
+    assert cut().state is CutState.NONE
+    mark(session, BALL)
+    session.do(edits.cut_out, TrimChoices(fit=False))
+    first, cut_out = cut().result, session.now
+    assert cut().state is CutState.FRESH and session.now.object.before is None
+    mark(session, TOP)
+    assert (cut().state, cut().result) == (CutState.STALE, first)
+    assert session.now.object.fresh is None
+    had = session.now.object.before
+    mark(session, FLOOR)
+    assert session.now.object.before is had  # since the cut-out
+    session.do(edits.cut_out_again, DEFAULT, joined=True)  # belongs to the step before
+    assert cut().state is CutState.FRESH and cut().result is not first
     session.undo()
-    assert session.now.object.result is result
+    assert cut().state is CutState.STALE
+    session.undo()
+    assert session.now is cut_out
+    write_private(tmp_path / "a.json", project_as_json(session.now, tmp_path))
+    session.do(restore, read_project(tmp_path / "a.json"))
+    assert (cut().state, cut().result, cut().choices) == (CutState.WANTED, None, TrimChoices(fit=False))
+    session.do(edits.cut_out_wanted, joined=True)
+    assert cut().state is CutState.FRESH
+    assert np.array_equal(cut().result.object.means, first.object.means)
+    session.do(edits.clear)
+    assert cut().state is CutState.NONE
+    refused(session, edits.cut_out, DEFAULT, match="Nothing is selected")
 
 
-def test_a_cancelled_trim_changes_nothing(session):
-    session.mark(BALL)
-    before, stages = state(session), []
+def test_a_cancelled_edit_changes_nothing(ball):
+    asked = []
+    session = Session(lambda: bool(asked))
+    session.open(ball[0] / "scene.ply")
+    mark(session, BALL)
+    before = session.now
+    asked.append(True)
     with pytest.raises(Cancelled):
-        session.trim(progress=stages.append, cancelled=lambda: len(stages) == 3)
-    assert len(stages) == 3
-    assert state(session) == before
+        session.do(edits.clear)
+    assert session.now is before
 
 
 def test_up_by_axis_by_points_and_found(session):
     assert session.now.up.source == "camera file"
-    session.mark(Box3D((-1.2, -1.2, 0.1), (1.2, 1.2, 2.2), "up"))
+    mark(session, Box3D((-1.2, -1.2, 0.1), (1.2, 1.2, 2.2), "up"))
     selected = session.now.object.n_selected
-    up = session.set_up(normal_of([(0, 0, 0), (1, 0, 0.5), (0, 1, 0)], (0, 0, -5)))
-    assert up.direction @ np.array([0.5, 0, -1]) / np.hypot(1, 0.5) == pytest.approx(1)
+    session.do(edits.set_up, edits.normal_of([(0, 0, 0), (1, 0, 0.5), (0, 1, 0)], (0, 0, -5)))
+    assert session.now.up.direction @ np.array([0.5, 0, -1]) / np.hypot(1, 0.5) == pytest.approx(1)
     assert session.now.object.n_selected != selected  # a box that stands upright has turned
-    assert session.set_up(None).source == "camera file"
-    assert session.now.object.n_selected == selected
+    session.do(edits.set_up, None)
+    assert session.now.up.source == "camera file" and session.now.object.n_selected == selected
     with pytest.raises(InputError, match="in a line"):
-        normal_of([(0, 0, 0), (1, 1, 1), (2, 2, 2)], (0, 0, 5))
-    with pytest.raises(InputError, match="up vector"):
-        session.set_up((0, 0, 0))
+        edits.normal_of([(0, 0, 0), (1, 1, 1), (2, 2, 2)], (0, 0, 5))
+    refused(session, edits.set_up, (0, 0, 0), match="up vector")
 
 
 def test_objects_have_names_and_colours_of_their_own(session):
-    session.mark(BALL)
-    added = session.add_object()
-    assert added.colour != session.now.objects[0].colour
+    mark(session, BALL)
+    own = np.clip(0.5 + SH_C0 * session.document.scene.sh_dc[session.now.object.selected.mask], 0, 1).mean(axis=0) * 255
+    distances = [np.linalg.norm(own - colour) for colour in PALETTE]
+    assert session.now.object.colour == PALETTE[int(np.argmax(distances))]  # it stands out
+    session.do(edits.add_object)
+    assert session.now.objects[1].colour != session.now.objects[0].colour
     assert session.now.object.n_selected == 0
-    with pytest.raises(InputError, match="Another object"):
-        session.describe_object("object 1", (1, 2, 3))
+    refused(session, edits.describe, 2, "object 1", (1, 2, 3), match="object 1")
     for name in ("", "x" * 61, "a\x1b[31m"):
-        with pytest.raises(InputError, match="cannot be a name"):
-            session.describe_object(name, (1, 2, 3))
-    session.activate(1)
+        refused(session, edits.describe, 2, name, (1, 2, 3), match="cannot be a name")
+    before = session.now
+    for name in ("b", "ba", "  ba  ll "):
+        session.do(edits.describe, 2, name, before.object.colour)
+    assert session.now.object.name == "ba ll"
+    session.undo()
+    assert session.now is before  # letters of one name are one step
+    session.do(edits.activate, 1, joined=True)
     assert session.now.object.n_selected > 0
-    with pytest.raises(InputError, match="no object 7"):
-        session.activate(7)
-    session.activate(2)
-    session.remove_object()
-    with pytest.raises(InputError, match="only object"):
-        session.remove_object()
-    assert session.add_object().id == 3  # a number never means two objects
+    refused(session, edits.activate, 7, match="7")
+    session.do(edits.activate, 2, joined=True)
+    session.do(edits.remove_object)
+    refused(session, edits.remove_object, match="only object")
+    session.do(edits.add_object)
+    assert session.now.object.id == 3  # a number never means two objects
 
 
 def test_selection_files_and_marks_files_are_loaded(session, ball, tmp_path):
     np.save(tmp_path / "ball.npy", ball[2])
-    session.mark(TOP.__class__((0.0, 0.0, 0.0), 1.0))
-    session.load(tmp_path / "ball.npy")
+    mark(session, FLOOR)
+    session.do(edits.load, tmp_path / "ball.npy")
     assert np.array_equal(session.now.object.selected.mask, ball[2])
-    session.mark(TOP)
+    mark(session, TOP)
     write_marks(session.now.basis.__class__(session.now.object.marks, (0.0, 0.0, 1.0)), tmp_path / "marks.json")
     expected = session.now.object.selected.mask
-    session.clear()
-    session.load(tmp_path / "marks.json")
+    session.do(edits.clear)
+    session.do(edits.load, tmp_path / "marks.json")
     assert np.array_equal(session.now.object.selected.mask, expected)
 
 
 def test_files_that_do_not_fit_change_nothing(session, tmp_path):
-    session.mark(BALL)
-    before = state(session)
-    n = len(session.document.scene)
+    mark(session, BALL)
+    n, basis = len(session.document.scene), session.now.basis
     np.save(tmp_path / "long.npy", np.ones(n + 1, bool))
     np.save(tmp_path / "empty.npy", np.zeros(n, bool))
     (tmp_path / "text.npy").write_text("no array")
-    basis = session.now.basis
     write_marks(basis.__class__((BALL,), basis.up, scene_size=n + 1), tmp_path / "other.json")
     for name in ("long.npy", "empty.npy", "text.npy", "other.json", "none.npy"):
+        refused(session, edits.load, tmp_path / name)
+
+
+def test_a_project_brings_objects_and_marks_back(session, tmp_path):
+    session.do(edits.set_up, (0.0, 0.0, 2.0))
+    mark(session, click_on_ball(session), TOP)
+    session.do(edits.describe, 1, "ball", (1, 2, 3))
+    session.do(edits.keep_object, hidden=False, locked=True)
+    session.do(edits.add_object)
+    mark(session, FLOOR)
+    path = tmp_path / "new" / "a.json"
+    write_private(path, project_as_json(session.now, path.parent))
+    assert is_project(path)
+    assert [stat.S_IMODE(each.stat().st_mode) for each in (path.parent, path)] == [0o700, 0o600]
+    project = read_project(path)
+    assert project.scene == session.document.path and project.cameras == session.document.camera_path
+    other = Session()
+    other.open(project.scene, project.cameras)
+    other.do(restore, project)
+    for one, back in zip(session.now.objects, other.now.objects, strict=True):
+        assert np.array_equal(one.selected.mask, back.selected.mask)
+        assert np.array_equal(one.selected.excluded, back.selected.excluded)
+        assert (one.name, one.colour, one.locked) == (back.name, back.colour, back.locked)
+    assert other.now.active == 1 and np.array_equal(other.now.up.direction, session.now.up.direction)
+    other.undo()
+    assert not other.now.has_work
+
+
+def test_projects_of_other_scenes_and_damaged_ones_are_refused(session, tmp_path):
+    mark(session, BALL)
+    document = json.loads(project_as_json(session.now, tmp_path))
+    for change in (
+        {"scene_size": 5}, {"active": 3}, {"objects": []}, {"content": "else"}, {"objects": [{}]},
+        {"objects": 2 * document["objects"]},
+    ):  # fmt: skip
+        (tmp_path / "b.json").write_text(json.dumps(document | change))
         with pytest.raises(InputError):
-            session.load(tmp_path / name)
-        assert state(session) == before
+            restore(session.now, read_project(tmp_path / "b.json"))
+
+
+def test_work_is_kept_by_what_a_scene_holds(session, ball, tmp_path):
+    shutil.copy(ball[0] / "scene.ply", tmp_path / "copy.ply")
+    scene, copy = session.document.scene, formats.read(tmp_path / "copy.ply")
+    assert autosave_path(tmp_path, scene) == autosave_path(tmp_path, copy)
+    assert autosave_path(tmp_path, scene) != autosave_path(tmp_path, scene.replace(means=scene.means + 1))
 
 
 @pytest.mark.parametrize(
     ("choices", "up", "format"),
-    [(TrimChoices(), None, None), (TrimChoices(False, False, True, False), (0.0, 0.1, 1.0), "splat")],
+    [(DEFAULT, None, None), (TrimChoices(False, False, True, False), (0.0, 0.1, 1.0), "splat")],
 )
 def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch, choices, up, format):
     if up:
-        session.set_up(up)
-    session.mark(BALL if up else click_on_ball(session))
-    session.mark(TOP)
-    session.trim(choices)
-    command = session.save(Target(tmp_path / "by app", format))
+        session.do(edits.set_up, up)
+    mark(session, BALL if up else click_on_ball(session))
+    mark(session, TOP)
+    session.do(edits.cut_out, choices)
+    _, command = save(session.now, Target(tmp_path / "by app", format))
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in (tmp_path / "by app").rglob("*"):
@@ -267,16 +403,17 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
     }
 
 
-def test_saving_asks_for_a_trim_and_never_replaces_unasked(session, tmp_path):
-    session.mark(BALL)
-    with pytest.raises(InputError, match="trim it first"):
-        session.save(Target(tmp_path / "out"))
-    session.trim()
-    session.save(Target(tmp_path / "out"))
-    with pytest.raises(InputError):
-        session.save(Target(tmp_path / "out"))
-    with pytest.raises(InputError, match="Unknown format"):
-        session.save(Target(tmp_path / "other", "obj"))
+def test_saving_asks_for_a_cut_out_and_never_replaces_unasked(session, tmp_path):
+    mark(session, BALL)
+    with pytest.raises(InputError, match="object 1"):
+        save(session.now, Target(tmp_path / "out"))
+    session.do(edits.cut_out, DEFAULT)
+    save(session.now, Target(tmp_path / "out"))
+    with pytest.raises(OutputExistsError):
+        save(session.now, Target(tmp_path / "out"))
+    save(session.now, Target(tmp_path / "out", overwrite=True))
+    with pytest.raises(InputError, match="obj"):
+        save(session.now, Target(tmp_path / "other", "obj"))
     assert not (tmp_path / "other").exists()
 
 
@@ -285,27 +422,28 @@ def test_a_scene_of_a_format_that_is_only_read_is_saved_in_the_nearest(ball, tmp
     shutil.unpack_archive(tmp_path / "scene.sog", tmp_path / "unpacked", "zip")
     opened = Session()
     opened.open(tmp_path / "unpacked" / "meta.json")
-    opened.mark(BALL)
-    opened.trim()
-    opened.save(Target(tmp_path / "out"))
+    mark(opened, BALL)
+    opened.do(edits.cut_out, TrimChoices(fit=False))
+    save(opened.now, Target(tmp_path / "out"))
     assert (tmp_path / "out" / "object.sog").is_file()
 
 
 def test_the_command_holds_wherever_it_is_run_and_whatever_files_are_called(session, monkeypatch):
     monkeypatch.chdir(session.document.path.parent)
-    name = Path("a\n```b'.ply")
+    folder = session.document.path.parent.__class__
+    name = folder("a\n```b'.ply")
     now = replace(session.now, document=replace(session.document, path=name))
-    parts = shlex.split(command_for(now, Target(Path("out"), "ply")))
+    parts = shlex.split(command_for(now, Target(folder("out"), "ply")))
     assert parts[2] == str(name.absolute())
-    assert parts[parts.index("--marks") + 1] == str(Path("out", "selection.json").absolute())
+    assert parts[parts.index("--marks") + 1] == str(folder("out", "selection.json").absolute())
 
 
-def test_several_objects_share_nothing(session, tmp_path):
-    session.mark(BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
-    session.add_object()
-    session.mark(BALL, Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
-    session.describe_object("the floor's", (1, 2, 3))
-    session.save_objects(Target(tmp_path / "out", "ply"))
+def test_several_objects_share_nothing(session, ball, tmp_path):
+    mark(session, BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
+    session.do(edits.add_object)
+    mark(session, FromFile(ball[0] / "rough.npy"), Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
+    session.do(edits.describe, 2, "the floor's", (1, 2, 3))
+    save(session.now, Target(tmp_path / "out", "ply"), together=True)
     labels = np.load(tmp_path / "out" / "labels.npz")
     ends = np.cumsum([*labels["object_rows"], len(labels["source_index"])])
     first, second = (labels["source_index"][start:end] for start, end in zip((0, *ends), ends[:2], strict=False))
@@ -314,9 +452,7 @@ def test_several_objects_share_nothing(session, tmp_path):
     assert sum(len(formats.read(tmp_path / "out" / f"{name}.ply")) for name in names) == len(labels["label"])
     assert read_marks(tmp_path / "out" / "selection_the_floor_s.json").marks == session.now.object.marks
     report = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert [(each["name"], each["file"]) for each in report["objects"]] == [
-        ("object 1", "object_1.ply"), ("the floor's", "object_the_floor_s.ply"),
-    ]  # fmt: skip
-    with pytest.raises(Cancelled):
-        session.save_objects(Target(tmp_path / "never"), cancelled=lambda: True)
+    assert [each["name"] for each in report["objects"]] == ["object 1", "the floor's"]
+    with pytest.raises(ZeroDivisionError):
+        save(session.now, Target(tmp_path / "never"), lambda stage: 1 / 0, together=True)
     assert not (tmp_path / "never").exists()

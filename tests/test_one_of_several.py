@@ -10,8 +10,11 @@ from command_line import run
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
-from gaussian_trimmer.app.saving import Target
+from gaussian_trimmer.app import edits
+from gaussian_trimmer.app.files import Target
+from gaussian_trimmer.app.files import save as save_by_app
 from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.snapshots import TrimChoices
 from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.trimming import trim_items
 from gaussian_trimmer.config import RefineConfig, SplitConfig
@@ -151,10 +154,10 @@ def test_labels_of_one_object_make_what_its_selection_does(files):
 def test_the_app_cuts_out_what_the_command_does(files):
     session = Session()
     session.open(files / "scene.ply")
-    session.set_up((0.0, 0.0, 1.0))
-    session.load(files / "rough.json")
-    session.trim()
-    session.save(Target(files / "app", "ply"))
+    session.do(edits.set_up, (0.0, 0.0, 1.0))
+    session.do(edits.load, files / "rough.json")
+    session.do(edits.cut_out, TrimChoices())
+    save_by_app(session.now, Target(files / "app", "ply"))
     assert splats(files / "app") == splats(files / "trim")
 
 

@@ -1,348 +1,303 @@
-"""What controls and keys do: a worker's thread has the session do it, and all tabs see what comes of it."""
+"""What a user can ask for, by controls, keys and files. Everything is done by `Jobs`, one thing after the other."""
 
 from __future__ import annotations
 
-import sys
-import threading
-import traceback
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.files import Files, ask_whether_scene, path_of
-from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture, GestureChannel
-from gaussian_trimmer.app.keys import bind_keys
-from gaussian_trimmer.app.panels import EVERYTHING, OBJECT, OBJECTS, OWN, PROGRAM_ENDED, WITHOUT, Panels
-from gaussian_trimmer.app.presenter import Presenter
-from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.snapshots import Snapshot
+from gaussian_trimmer.app import edits, files, panels
+from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
+from gaussian_trimmer.app.keys import Binding, bind_keys, help_text
+from gaussian_trimmer.app.project import is_project
+from gaussian_trimmer.app.showing import Event
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import first_look, look_at_points
-from gaussian_trimmer.app.wipe import Wipe
-from gaussian_trimmer.app.worker import Cancelled, Worker
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.selecting.marks import Point
 
-_STAGES_OF_A_TRIM, _STAGES_OF_FINDING = 12, 19
-"""About as many stages as a trim and finding objects have, for the progress bar."""
-_REST_SECONDS = 0.4
-"""How long a view has to rest until it is refined."""
+_STAGES_OF_FINDING = 19
+"""About as many stages as finding objects has, for the progress bar."""
+_OBJECT_EDITS = {"New": edits.add_object, "Delete": edits.remove_object, "Show all": edits.show_all}
+_TOOL_KEYS = dict(zip(("escape", "C", "R", "L", "P", "B", "X"), panels.TOOLS, strict=True))
+_PART_KEYS = dict(zip("123", panels.PARTS, strict=True))
 
 
 class Controller:
-    """Connects controls, session and 3D view. Everything that takes time is done in one worker's thread."""
+    """The actions of the app."""
 
-    def __init__(self, server: Any, session: Session, most: int, state: Path, path: str, camera_path: str) -> None:
-        self._server, self.session = server, session
-        self.panels = Panels(server.gui, path, camera_path)
-        self._view = SceneView(server)
-        self._presenter = Presenter(session, self.panels, self._view, most)
-        self.worker = Worker()
-        self._rest: threading.Timer | None = None
-        self.files = Files(session, self.panels, state, self._stages, self.worker.cancelled)
-        self._given_up: Snapshot | None = None
-        channel = GestureChannel(server.gui, self._heard)
-        self.tools = Tools(channel, session, self.panels, self._view, self.do)
-        self._wipe = Wipe(self.panels, channel)
-        self._presenter.refresh()
+    def __init__(self, jobs: Jobs) -> None:
+        """Connect controls, tools and keys to what they do."""
+        self.jobs, self.session, self.panels = jobs, jobs.session, jobs.panels
+        self._files, self._presenter, self._view = jobs.files, jobs.presenter, jobs.view
+        self.tools = Tools(jobs.channel, jobs.session, jobs.panels, jobs.view, jobs.do)
+        jobs.made_gesture = self.tools.heard
         self._connect()
-        bind_keys(server.gui, self)
+        bindings = self._bindings()
+        bind_keys(jobs.server.gui, bindings)
+        self.panels.help.content = help_text(bindings)
 
-    def open(self, client: Any = None) -> str:
-        """Open the scene that the panel names, with its cameras; returns what to do with it."""
-        return self._opened(self.files.open, client)
+    def open(self, client: Any = None) -> None:
+        """Open the scene that the panel names, with its cameras."""
+        self._open(self.panels.path.value, self.panels.camera_path.value, client)
 
-    def stop(self) -> None:
-        """End the worker, and say so in all tabs."""
-        if self._rest is not None:
-            self._rest.cancel()
-        self.worker.stop()
-        self.panels.busy("", 0)
-        self.panels.say(PROGRAM_ENDED)
-        for client in self._server.get_clients().values():
-            client.add_notification("The program has ended", PROGRAM_ENDED, color="red", auto_close_seconds=None)
-        self._server.flush()
-
-    def do(self, name: str, work: Callable[[], str], client: Any = None) -> None:
-        """Have something done in the worker's thread, and show what comes of it."""
-
-        def job() -> None:
-            if self.worker.gave_way:
-                self._given_up = None
-            self._job(name, work, client)
-            self._follow(client)
-
-        self.worker.submit(job)
-
-    def trim(self, *, joined: bool = False) -> str:
-        """Trim the active object and show it; returns the result in a sentence.
-
-        Args:
-            joined: the trim belongs to the step before.
-        """
-        panels = self.panels
-        sentence = self.session.trim(
-            panels.choices, self._stages(_STAGES_OF_A_TRIM, "Cutting out: "), self.worker.cancelled, joined=joined
-        )
-        panels.look_at(panels.part.value, "After", OWN)
-        return sentence
-
-    def cut_out(self) -> str:
+    def cut_out(self, client: Any = None) -> None:
         """Trim the active object and show it alone."""
-        sentence = self.trim()
-        self.panels.part.value = OBJECT
-        return sentence
+        self.jobs.do("Cutting out", self._cut_out, client, Event.CUT_OUT)
 
-    def find_objects(self) -> str:
-        """Add every object that is found without a mark, and show them; returns what was found."""
-        sentence = self.session.find_objects(
-            self._stages(_STAGES_OF_FINDING, "Finding objects: "), self.worker.cancelled
-        )
-        self.panels.look_at(EVERYTHING, "Before", OBJECTS)
-        return sentence
+    def find_objects(self, client: Any = None) -> None:
+        """Add every object that is found without a mark."""
+        stages = self.jobs.stages(_STAGES_OF_FINDING, "Finding objects: ")
+        self.jobs.do("Finding objects", lambda: self.session.do(edits.find, progress=stages), client, Event.OPENED)
 
-    def focus(self, client: Any, *, whole: bool = False) -> str:
-        """Let a tab look at the selection, or at the scene if nothing is selected, from where it looks now."""
-        now, means = self.session.now, self.session.document.scene.means
-        rows = now.object.selected.mask
-        points = means if whole or not rows.any() else means[rows]
-        self._view.look(client, *look_at_points(points, self.tools.viewpoint(client).camera.forward))
-        return self.panels.status_text
+    def load(self, path: Path | None, client: Any = None) -> None:
+        """Replace the marks of the active object by those of a file."""
+
+        def work() -> str:
+            if path is None:
+                raise InputError("Give the path of a selection file first.")
+            return self.session.do(edits.load, path)
+
+        self.jobs.do("Loading", work, client, Event.OPENED)
+
+    def step(self, name: str, client: Any = None) -> None:
+        """Undo, redo, or clear."""
+        steps = {
+            "Undo": self.session.undo, "Redo": self.session.redo, "Clear": lambda: self.session.do(edits.clear),
+        }  # fmt: skip
+        self.jobs.do(name, steps[name], client, Event.STEPPED)
+
+    def show_part(self, part: str, client: Any = None) -> None:
+        """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet."""
+
+        def work() -> str:
+            now = self.session.now
+            self.panels.part.value = part
+            if part == files.WITHOUT and now.object.n_selected and now.object.cut.result is None:
+                return self._cut_out()
+            return self.panels.status_text
+
+        self.jobs.do("Showing", work, client, Event.PART_CHOSEN)
+
+    def change_objects(self, name: str, client: Any = None) -> None:
+        """Add an object, delete the active one, or show all."""
+        self.jobs.do("Changing", lambda: self.session.do(_OBJECT_EDITS[name]), client, Event.STEPPED)
+
+    def hide(self, client: Any = None) -> None:
+        """Hide the active object, or show it again."""
+        self.panels.kept["Hidden"] = not self.panels.kept["Hidden"]
+        self._keep_object(client)
+
+    def focus(self, client: Any, *, whole: bool = False) -> None:
+        """Let a tab look at the selection from where it looks now, or at the scene as it did at first."""
+
+        def work() -> str:
+            now = self.session.now
+            rows = now.object.selected.mask
+            if whole or not rows.any():
+                self._view.look(client, *self._first_look())
+            else:
+                forward = self.tools.viewpoint(client).camera.forward
+                self._view.look(client, *look_at_points(now.document.scene.means[rows], forward))
+            return self.panels.status_text
+
+        self.jobs.do("Looking", work, client)
 
     def switch_wipe(self, client: Any) -> None:
         """Compare what is shown with its other state, or show one state again."""
-        on = not self._wipe.on
-        self.do("Comparing", lambda: self._wipe.begin(self.session.now) if on else self.session.now.sentence, client)
+        on = self._presenter.wipe is None
+        self.jobs.do("Comparing", lambda: self._presenter.begin_wipe() if on else self.session.now.sentence, client)
 
-    def step(self, name: str) -> str:
-        """Undo, redo, or clear; returns what was done."""
-        if name == "Clear":
-            self.session.clear()
-            done = "Cleared."
-        else:
-            done = f"Undone: {self.session.undo()}." if name == "Undo" else f"Done again: {self.session.redo()}."
-        self._show_object()
-        return done
-
-    def show_part(self, part: str) -> str:
-        """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet.
-
-        Alone they have their own colours: a tint would hide what is wrong at the edge.
-        """
-        panels = self.panels
-        panels.part.value = part
-        if part == WITHOUT and self.session.now.object.n_selected and self.session.now.object.trimmed is None:
-            return self.trim()
-        panels.colours.value = OBJECTS if part == EVERYTHING else OWN
-        return panels.status_text
-
-    def _job(self, name: str, work: Callable[[], str], client: Any) -> None:
-        self.panels.busy(name, 0)
-        self._wipe.end()
-        text, wrong = "", True
-        try:
-            try:
-                text = work()
-            finally:
-                self._presenter.refresh()
-            self.files.keep()
-            wrong = False
-        except InputError as error:
-            text = str(error)
-        except Exception as error:
-            traceback.print_exc(file=sys.stderr)
-            text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
-        self.panels.busy("", 0)
-        self.panels.say(text)
-        if wrong:
-            self._complain(text, client)
-
-    def _follow(self, client: Any) -> None:
-        """Trim again what a mark has corrected, or what was trimmed last time; whatever else is done goes first."""
-        now = self.session.glance()
-        if now is None or now is self._given_up:
-            return
-        lost = any(part.to_cut_out for part in now.objects)
-        corrected = now.object.earlier is not None and now.object.n_selected and self.panels.when.value == "After"
-        if not lost and not corrected:
-            return
-
-        def again() -> str:
-            try:
-                if not lost:
-                    return self.trim(joined=True)
-                return self.session.cut_out_again(self._stages(_STAGES_OF_A_TRIM, "Again: "), self.worker.cancelled)
-            except Cancelled:
-                return self.session.now.sentence
-            finally:
-                self._given_up = self.session.now  # unless it is to give way, it is tried once
-
-        self.worker.submit_if_idle(lambda: self._job("Cutting out again", again, client))
-
-    def _opened(self, work: Callable[[], str], client: Any) -> str:
-        """Open something, and look at it if it is another scene."""
-        before = self.session.glance()
-        sentence = work()
-        document = self.session.document
-        if before is None or document.scene is not before.document.scene:
-            self.panels.busy("Preparing the display", 0.75)
-            painter = self._presenter.painter()
-            self.tools.begin(controls.LOOK, client)
-            self._look_from_camera()
-            self.worker.submit_if_idle(self.session.warm_up)
-            n = len(document.scene)
-            room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
-            sentence = f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
-        return sentence
-
-    def _complain(self, text: str, client: Any) -> None:
-        """Show a message in the tab that it concerns, or in all."""
-        for tab in [client] if client is not None else self._server.get_clients().values():
-            tab.add_notification("Not done", text, color="red", auto_close_seconds=12.0)
-
-    def _connect(self) -> None:
-        panels, files = self.panels, self.files
-
-        def connect(control: Any, name: str, work: Callable[[], str]) -> None:
-            control.on_click(lambda event: self.do(name, work, event.client))
-
-        def connect_with_tab(control: Any, name: str, work: Callable[[Any], str]) -> None:
-            control.on_click(lambda event: self.do(name, lambda: work(event.client), event.client))
-
-        connect_with_tab(panels.open, "Opening", self.open)
-        connect(panels.use_cameras, "Reading the cameras", files.use_cameras)
-        connect_with_tab(panels.save_project, "Saving", files.download_project)
-        connect(panels.up, "Turning", lambda: self._set_up(panels.up.value))
-        connect(panels.history, "Stepping", lambda: self.step(panels.history.value))
-        connect(panels.load, "Loading", lambda: files.load(path_of(panels.selection_path.value)))
-        connect(panels.objects, "Changing", lambda: self.change_objects(panels.objects.value))
-        connect(panels.find_objects, "Finding objects", self.find_objects)
-        connect(panels.kept, "Changing", self._keep)
-        connect(panels.active, "Choosing", self._activate)
-        connect(panels.cut_out, "Cutting out", self.cut_out)
-        connect(panels.save, "Saving", files.save)
-        connect(panels.save_all, "Saving", files.save_all)
-        connect_with_tab(panels.download, "Saving", lambda client: files.download(panels.download.value, client))
-        connect(panels.part, "Showing", lambda: self.show_part(panels.part.value))
-        for choice in (panels.when, panels.colours, panels.backdrop, panels.overlays):
-            connect(choice, "Showing", lambda: panels.status_text)
-        for control in (panels.name, panels.colour):
-            control.on_update(lambda event: self._describe() if event.client is not None else None)
-        panels.compare.on_click(lambda event: self.switch_wipe(event.client))
-        panels.upload.on_upload(lambda event: self._receive(event.target.value, event.client))
-        panels.cancel.on_click(lambda event: self.worker.cancel())
-        self._server.on_client_connect(self._welcome)
-
-    def _welcome(self, client: Any) -> None:
-        """Tell a second tab that it is one, and refine what a tab sees when its view rests."""
-        client.camera.on_update(lambda camera: self._moved(client))
-        if len(self._server.get_clients()) > 1:
-            text = "All tabs show and change the same scene."
-            client.add_notification("Open in several tabs", text, auto_close_seconds=8.0)
-
-    def _heard(self, gesture: Gesture, client: Any) -> None:
-        """Do what the page has said."""
-        if gesture.tool == STILL_TAKEN:
-            self.worker.submit(lambda: self._change_wipe(self._wipe.show_other))
-        else:
-            self.tools.heard(gesture, client)
-
-    def _change_wipe(self, change: Callable[[], None]) -> None:
-        change()
-        if not self._wipe.on:
-            self.panels.say(self.session.now.sentence)
-        self._presenter.refresh()
-
-    def _moved(self, client: Any) -> None:
-        if self._wipe.on:
-            self.worker.submit(lambda: self._change_wipe(self._wipe.end))
-        if self._rest is not None:
-            self._rest.cancel()
-        look = partial(
-            self.worker.submit_if_idle, lambda: self._presenter.look_from(self.tools.viewpoint(client).camera)
-        )
-        self._rest = threading.Timer(_REST_SECONDS, look)
-        self._rest.daemon = True
-        self._rest.start()
-
-    def _stages(self, number: int, prefix: str) -> Callable[[str], None]:
-        """What to call at each of about so many stages, to show the progress."""
-        steps = iter(range(1000))
-        return lambda stage: self.panels.busy((prefix + stage).capitalize(), min(1.0, next(steps) / number))
-
-    def _show_object(self) -> None:
-        """Show the active object as it is now: trimmed, or selected; where nothing is selected, the scene."""
-        part, panels = self.session.now.object, self.panels
-        if not part.n_selected:
-            panels.look_at(EVERYTHING, "Before", OBJECTS)
-        elif part.trimmed is not None:
-            panels.when.value = "After"
-        else:
-            panels.look_at(EVERYTHING if panels.part.value == WITHOUT else panels.part.value, "Before", OBJECTS)
-
-    def choose_next(self, choice: Any) -> str:
+    def choose_next(self, choice: Any, client: Any = None) -> None:
         """Take the next option of a choice."""
         choice.value = choice.options[(choice.options.index(choice.value) + 1) % len(choice.options)]
-        return self.panels.status_text
+        self.jobs.do("Showing", lambda: self.panels.status_text, client)
 
-    def _receive(self, file: Any, client: Any) -> None:
-        """Take a file that was dropped or chosen; ask what splats are if a scene is open."""
-
-        def take(as_scene: bool | None) -> None:
-            work = partial(self.files.received, file.name, file.content, as_scene=as_scene)
-            self.do("Reading the file", lambda: self._opened(work, client), client)
-
-        if self.session.glance() is None or not any(file.name.lower().endswith(end) for end in formats.FORMATS):
-            take(None)
-        else:
-            ask_whether_scene(client, file.name, take)
-
-    def _set_up(self, name: str) -> str:
-        up = self.session.set_up(controls.UPS[name])
-        self._show_object()
-        self._look_from_camera()
-        return controls.describe_up(up)
-
-    def change_objects(self, name: str) -> str:
-        """Add an object, delete the active one, or show all."""
-        session = self.session
-        {"New": session.add_object, "Delete": session.remove_object, "Show all": session.show_all}[name]()
-        self._show_object()
-        return session.now.sentence
-
-    def _keep(self) -> str:
-        kept = self.panels.kept
-        self.session.keep_object(hidden=kept["Hidden"], locked=kept["Locked"])
-        return self.session.now.sentence
-
-    def hide(self) -> str:
-        """Hide the active object, or show it again."""
-        self.panels.kept["Hidden"] = not self.panels.kept["Hidden"]
-        return self._keep()
-
-    def _describe(self) -> None:
-        """Give the active object the name and colour that somebody has just entered, if they can be given."""
+    def save(self, client: Any = None, *, together: bool = False) -> None:
+        """Save the cut-out in the folder that the panel names, or all objects, trimmed together."""
 
         def work() -> str:
-            red, green, blue = self.panels.colour.value
-            if self.panels.name.value.strip():
-                self.session.describe_object(self.panels.name.value, (int(red), int(green), int(blue)))
-            return self.session.now.sentence
+            stages = self.jobs.stages(2 * len(self.session.now.objects), "Trimming ")
+            sentence, command = files.save(self.session.now, self.panels.target, stages, together=together)
+            self.panels.show_command(command)
+            return sentence
 
-        self.do("Naming", work)
+        self.jobs.do("Saving", work, client)
 
-    def _activate(self) -> str:
-        self.session.activate(int(self.panels.active.value.partition(":")[0]))
-        self._show_object()
-        return self.session.now.sentence
+    def download(self, client: Any) -> None:
+        """Send what the panel names to a tab."""
+        controls = self.panels
+        what, upright = controls.download.value, controls.placed[panels.UPRIGHT]
+        self.jobs.do("Saving", lambda: self._files.download(what, controls.ending, client, upright=upright), client)
 
-    def _look_from_camera(self) -> None:
+    def describe(self) -> None:
+        """Give the active object the name and colour that somebody has just entered, if they can be given."""
+        asked, name = self.session.glance(), self.panels.name.value
+        red, green, blue = (int(value) for value in self.panels.colour.value)
+
+        def work() -> str:
+            now = self.session.now
+            if asked is not None and asked.document.scene is now.document.scene and name.strip():
+                return self.session.do(edits.describe, asked.object.id, name, (red, green, blue))
+            return now.sentence  # it was meant for the scene before
+
+        self.jobs.do("Naming", work)
+
+    def receive(self, name: str, content: bytes, client: Any) -> None:
+        """Take a file that was dropped or chosen, for what it is; ask what splats are if a scene is open."""
+        if self.session.glance() is None or not any(name.lower().endswith(end) for end in formats.FORMATS):
+            self._take(name, content, client, as_scene=None)
+            return
+        question = client.gui.add_modal(f"What is {name}?")
+
+        def answer(as_scene: bool | None, event: Any) -> None:
+            question.close()
+            if as_scene is not None:
+                self._take(name, content, client, as_scene=as_scene)
+
+        answers = {"A scene to open": True, "A selection of the open scene": False, panels.CANCEL: None}
+        with question:
+            for label, as_scene in answers.items():
+                client.gui.add_button(label).on_click(partial(answer, as_scene))
+
+    def _take(self, name: str, content: bytes, client: Any, *, as_scene: bool | None) -> None:
+        """Take a file from the browser; splats for a scene, or a selection of the open one, or as they look."""
+        try:
+            path = self._files.store(name, content)
+            if as_scene is None:
+                as_scene = is_project(path) or formats.has_splats(path)
+        except InputError as error:
+            self.jobs.complain(str(error), client)
+            return
+        if path.name in files.CAMERA_NAMES:
+            self.panels.camera_path.value = str(path)
+            if self.session.glance() is not None:
+                self._use_cameras(client)
+        elif as_scene:
+            self._open(str(path), "", client)
+        else:
+            self.load(path, client)
+
+    def _open(self, path: str, camera_path: str, client: Any) -> None:
+        """Open a scene or a project, and look at it if it is another scene."""
+
+        def work() -> str:
+            before, stages = self.session.glance(), self.jobs.stages(5, "")
+            sentence = self._files.open(files.path_of(path), files.path_of(camera_path), stages)
+            document = self.session.document
+            self.panels.path.value, self.panels.camera_path.value = str(document.path), str(document.camera_path or "")
+            if before is not None and document.scene is before.document.scene:
+                return sentence
+            self.panels.start_afresh()
+            self.panels.busy("Preparing the display", 0.75)
+            painter = self._presenter.painter()
+            self.tools.begin(panels.LOOK, client)
+            self._look_from_start()
+            self.jobs.worker.submit_if_idle(self.session.warm_up)
+            n = len(document.scene)
+            room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
+            return f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
+
+        self.jobs.do("Opening", work, client, Event.OPENED)
+
+    def _cut_out(self) -> str:
+        stages = self.jobs.stages(STAGES_OF_A_TRIM, "Cutting out: ")
+        return self.session.do(edits.cut_out, self.panels.choices, stages)
+
+    def _use_cameras(self, client: Any) -> None:
+        path = files.path_of(self.panels.camera_path.value)
+
+        def work() -> str:
+            if path is None:
+                raise InputError("Give the path of the cameras first.")
+            return self.session.do(edits.use_cameras, path)
+
+        self.jobs.do("Reading the cameras", work, client, Event.STEPPED)
+
+    def _set_up(self, client: Any) -> None:
+        given = panels.UPS[self.panels.up.value]
+
+        def work() -> str:
+            sentence = self.session.do(edits.set_up, given)
+            self._look_from_start()
+            return sentence
+
+        self.jobs.do("Turning", work, client, Event.STEPPED)
+
+    def _keep_object(self, client: Any) -> None:
+        hidden, locked = (self.panels.kept[option] for option in ("Hidden", "Locked"))
+        self.jobs.do("Changing", lambda: self.session.do(edits.keep_object, hidden=hidden, locked=locked), client)
+
+    def _activate(self, client: Any) -> None:
+        number = int(self.panels.active.value.partition(":")[0])
+        work = partial(self.session.do, edits.activate, number, joined=True)
+        self.jobs.do("Choosing", work, client, Event.STEPPED)
+
+    def _first_look(self) -> tuple[Point, Point]:
+        document = self.session.document
+        return first_look(document.scene, document.cameras, self.session.now.up.direction)
+
+    def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
-        document, up = self.session.document, self.session.now.up.direction
-        eye, target = first_look(document.scene, document.cameras, up)
-        self._view.show_up(up)
-        for client in (None, *self._server.get_clients().values()):
-            self._view.look(client, eye, target)
+        self._view.show_up(self.session.now.up.direction)
+        for client in (None, *self.jobs.server.get_clients().values()):
+            self._view.look(client, *self._first_look())
+
+    def _connect(self) -> None:
+        """Have the controls do what they say."""
+        controls, do = self.panels, self.jobs.do
+
+        def connect(control: Any, act: Callable[[Any], None]) -> None:
+            control.on_click(lambda event: act(event.client))
+
+        connect(controls.open, self.open)
+        connect(controls.use_cameras, self._use_cameras)
+        connect(controls.save_project, lambda tab: do("Saving", lambda: self._files.download_project(tab), tab))
+        connect(controls.up, self._set_up)
+        connect(controls.history, lambda tab: self.step(controls.history.value, tab))
+        connect(controls.load, lambda tab: self.load(files.path_of(controls.selection_path.value), tab))
+        connect(controls.objects, lambda tab: self.change_objects(controls.objects.value, tab))
+        connect(controls.find_objects, self.find_objects)
+        connect(controls.kept, self._keep_object)
+        connect(controls.active, self._activate)
+        connect(controls.cut_out, self.cut_out)
+        connect(controls.save, self.save)
+        connect(controls.save_all, lambda tab: self.save(tab, together=True))
+        connect(controls.download, self.download)
+        connect(controls.part, lambda tab: self.show_part(controls.part.value, tab))
+        connect(controls.compare, self.switch_wipe)
+        for choice in (controls.when, controls.colours, controls.backdrop, controls.overlays):
+            connect(choice, lambda tab: do("Showing", lambda: controls.status_text, tab))
+        for control in (controls.name, controls.colour):
+            control.on_update(lambda event: self.describe() if event.client is not None else None)
+        controls.upload.on_upload(
+            lambda event: self.receive(event.target.value.name, event.target.value.content, event.client)
+        )
+        controls.cancel.on_click(lambda event: self.jobs.worker.cancel())
+
+    def _bindings(self) -> list[Binding]:
+        """Return what the keys do."""
+        tools, controls = self.tools, self.panels
+        return [
+            *(Binding(key, tool, partial(tools.choose, tool)) for key, tool in _TOOL_KEYS.items()),
+            Binding("G", "grow the selection", partial(tools.change_selection, "Grow")),
+            Binding("G", "shrink the selection", partial(tools.change_selection, "Shrink"), "shift"),
+            Binding("I", "invert the selection", partial(tools.change_selection, "Invert")),
+            Binding("Z", "undo", partial(self.step, "Undo"), "cmd/ctrl"),
+            Binding("Z", "redo", partial(self.step, "Redo"), "cmd/ctrl+shift"),
+            Binding("A", "clear the selection", partial(self.step, "Clear"), "cmd/ctrl+shift"),
+            Binding("T", "cut out", self.cut_out),
+            Binding("F", "look at the selection", self.focus),
+            Binding("home", "look at the scene as at first", partial(self.focus, whole=True)),
+            *(
+                Binding(key, f"show: {part}", partial(self.show_part, part))
+                for key, part in zip("123", panels.PARTS, strict=True)
+            ),
+            Binding("space", "before / after", partial(self.choose_next, controls.when)),
+            Binding("space", "before / after, with a line to drag", self.switch_wipe, "shift"),
+            Binding("V", "colours: own, objects, changes", partial(self.choose_next, controls.colours)),
+            Binding("H", "hide the object", self.hide),
+            Binding("U", "show all objects", partial(self.change_objects, "Show all")),
+        ]

@@ -1,25 +1,20 @@
-"""Which Gaussians the app shows, and in which colours. N Gaussians of the scene, M shown."""
+"""Paints a snapshot: which Gaussians are shown, in which colours. N Gaussians of the scene, M shown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.app.detail import thinned
+from gaussian_trimmer.app.showing import Part, Showing
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import SH_C0, BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.output.result import RowLabel, TrimResult
 from gaussian_trimmer.rendering.reference import view_colours
-
-Part = Literal["both", "object", "background"]
-When = Literal["before", "after"]
-Colouring = Literal["own", "objects", "changes"]
 
 _TINT_SHARE = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
@@ -28,16 +23,13 @@ REMOVED, ADDED, CUT, MADE_UP = (222, 60, 40), (20, 180, 100), (60, 130, 230), (2
 _MADE_UP, _PART_OUTSIDE = -1, -2
 """In place of a row of the scene: of a Gaussian that is new, and of the outer part of a split one."""
 
-
-@dataclass(frozen=True)
-class Showing:
-    """What is to be seen."""
-
-    part: Part = "both"
-    when: When = "before"
-    """What is selected, or what was trimmed; an object that has not been trimmed is shown as it is selected."""
-    colours: Colouring = "objects"
-    """Those of the scene, the objects tinted, or what was changed tinted: by the trim, or else by the last mark."""
+_BESIDE_PICTURE = 0.05
+"""How much what lies outside the picture counts; it is there when the view turns, until it is refined."""
+_PICTURE_MARGIN = 0.1
+"""What counts as the picture, beyond its edges, relative to its size."""
+_NEAREST = 0.05
+"""Distance below which all counts the same, relative to the median distance."""
+_ROUNDS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +67,7 @@ class Painter:
         return self.scene.sh_degree > 0 or len(self.scene) > self.most
 
     def paint(self, now: Snapshot, showing: Showing, eye: Camera | None = None) -> Splats:
-        """The Gaussians to show of a state, in their colours.
+        """Return the Gaussians to show of a state, in their colours.
 
         Args:
             now: the state.
@@ -98,7 +90,7 @@ class Painter:
         return replace(splats, colours=colours)
 
     def _splats(self, visible: BoolArray, eye: Camera | None) -> Splats:
-        """What is shown of the visible Gaussians of the scene, (N,)."""
+        """Return what is shown of the visible Gaussians of the scene, (N,)."""
         rows, growth = thinned(self.scene.means, visible, self.most, eye)
         if self._last is None or not np.array_equal(rows, self._last[0]) or not np.array_equal(growth, self._last[1]):
             self._last = rows, growth, self._splats_of(self.scene.select(rows), rows, None, growth)
@@ -106,9 +98,9 @@ class Painter:
         return shown if eye is None else replace(shown, colours=_colours(self.scene.select(rows), eye))
 
     def _replacements(self, now: Snapshot, part: Part, eye: Camera | None) -> Iterator[Splats]:
-        """Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
+        """Yield Gaussians that the scene does not have: parts of split ones, fitted ones, and what was filled in."""
         for place, marked in enumerate(now.objects):
-            result = marked.trimmed
+            result = marked.cut.result
             if result is None or marked.hidden:
                 continue
             if part == "both" or (part == "object" and place == now.active):
@@ -124,7 +116,7 @@ class Painter:
     def _splats_of(
         self, gaussians: Gaussians, rows: IntArray, eye: Camera | None, growth: FloatArray | None = None
     ) -> Splats:
-        """Gaussians from rows of the scene as a viewer draws them, their variances larger by factors (M,)."""
+        """Return Gaussians from rows of the scene as a viewer draws them, their variances larger by factors (M,)."""
         scale = self.frame.scale**2 * (1 if growth is None else growth[:, None, None])
         return Splats(
             self.frame.to_viewer(gaussians.means).astype(np.float32),
@@ -136,7 +128,7 @@ class Painter:
 
 
 def _changes(now: Snapshot, splats: Splats) -> Iterator[tuple[BoolArray, tuple[int, int, int]]]:
-    """Which of the splats were changed, (M,), and in which colours they are shown."""
+    """Yield which of the splats were changed, (M,), and in which colours they are shown."""
     real = splats.rows >= 0
     yield splats.rows == _MADE_UP, MADE_UP
     for marked in now.objects:
@@ -148,82 +140,82 @@ def _changes(now: Snapshot, splats: Splats) -> Iterator[tuple[BoolArray, tuple[i
 
 
 def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
-    """Which Gaussians of the scene are to be seen, whole or by what an object's trim has in their place, (N,)."""
+    """Return which Gaussians of the scene are to be seen, whole or as what a trim has in their place, (N,)."""
     after = showing.when == "after"
     owner = _owners(now, after)
     if showing.part == "object":
-        removed = changed_rows(now.object)[1] if showing.colours == "changes" else False
+        corrected = now.object.fresh is not None and now.object.before is not None  # what a mark removed is gone
+        removed = changed_rows(now.object)[1] if showing.colours == "changes" and not corrected else False
         return np.asarray((owner == now.active) | removed)
     unseen = np.zeros(len(owner), np.bool_)
     for place, part in enumerate(now.objects):
         if part.hidden:
             unseen |= owner == place
-        elif after and part.trimmed is not None:
-            unseen[part.trimmed.dropped] = True
-            unseen[_relit_rows(part.trimmed)] = True
+        elif after and (result := part.cut.result) is not None:
+            unseen[result.dropped] = True
+            unseen[_relit_rows(result)] = True
     return ~unseen & (owner < 0) if showing.part == "background" else ~unseen
 
 
 def markable_rows(now: Snapshot, showing: Showing) -> BoolArray:
-    """Which Gaussians a mark can change, (N,): those that are shown, and what is selected with the object shown alone.
+    """Return which Gaussians a mark can change, (N,).
 
-    The latter are those that its trim has removed.
+    Those that are shown and, with the object alone, those that are selected and that its trim has removed.
     """
     shown = shown_rows(now, showing)
     return shown | now.object.selected.mask if showing.part == "object" else shown
 
 
 def changed_rows(part: MarkedObject) -> tuple[BoolArray, BoolArray, BoolArray, BoolArray]:
-    """Rows of the scene that were added, removed, cut to the outline, and freed from the object's shadow, (N,) each.
+    """Return rows of the scene that were added, removed, cut to the outline, and freed from the shadow, (N,) each.
 
-    By the trim or, where there is none, by the last mark.
+    By the marks since the last cut-out or, if there are none, by the trim.
     """
-    result, mask = part.trimmed, part.selected.mask
-    cut, relit = np.zeros(len(mask), np.bool_), np.zeros(len(mask), np.bool_)
-    if result is None:
-        before = mask if part.before is None else part.before.mask
-        return mask & ~before, before & ~mask, cut, relit
-    cut[result.only.source_index[_new_rows(part)]] = True
-    relit[_relit_rows(result)] = True
-    had, has = (result.selection, part.after) if part.result is not None else (result.object_mask, part.after)
+    result, had, has = part.fresh, part.before, part.mask
+    cut, relit = np.zeros(len(has), np.bool_), np.zeros(len(has), np.bool_)
+    if had is None:
+        had = has if result is None else result.selection
+        if result is not None:
+            cut[result.only.source_index[_new_rows(part)]] = True
+            relit[_relit_rows(result)] = True
     return has & ~had, had & ~has, cut, relit
 
 
 def _owners(now: Snapshot, after: bool) -> NDArray[np.int16]:
-    """Place of the object that has each Gaussian of the scene, (N,); -1 for none. The active one comes first."""
+    """Return the place of the object that has each Gaussian of the scene, (N,); -1 for none; the active one first."""
     owner = np.full(len(now.object.selected.mask), -1, np.int16)
     order = [place for place in range(len(now.objects)) if place != now.active] + [now.active]
     for place in order:
         part = now.objects[place]
-        owner[part.after if after else part.selected.mask] = place
+        owner[part.mask if after else part.selected.mask] = place
     return owner
 
 
 def _new_rows(part: MarkedObject) -> IntArray:
-    """Rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
-    result = part.trimmed
+    """Return rows of an object's trim that the scene does not have: parts of split Gaussians, and fitted ones."""
+    result = part.cut.result
     assert result is not None
     trimmed = result.only
     rows = np.union1d(np.flatnonzero(trimmed.label == RowLabel.SPLIT_INSIDE), trimmed.fitted)
-    return rows if part.result is not None else rows[part.after[trimmed.source_index[rows]]]
+    return rows if part.fresh is not None else rows[part.mask[trimmed.source_index[rows]]]
 
 
 def _relit_rows(result: TrimResult) -> IntArray:
-    """Rows of the scene that a trim freed from the object's shadow."""
+    """Return rows of the scene that a trim freed from the object's shadow."""
     return np.asarray(result.background_source[result.background_label == RowLabel.RELIT])
 
 
 def _replaced_rows(now: Snapshot, after: bool) -> BoolArray:
-    """Gaussians of the scene in whose place a trim has others, (N,)."""
+    """Return Gaussians of the scene in whose place a trim has others, (N,)."""
     replaced = np.zeros(len(now.object.selected.mask), np.bool_)
     for part in now.objects:
-        if after and part.trimmed is not None and not part.hidden:
-            replaced[part.trimmed.only.source_index[_new_rows(part)]] = True
+        if after and part.cut.result is not None and not part.hidden:
+            replaced[part.cut.result.only.source_index[_new_rows(part)]] = True
     return replaced
 
 
 def _colours(gaussians: Gaussians, eye: Camera | None) -> FloatArray:
-    """Colours towards an eye, or the mean over all sides, (M, 3)."""
+    """Return colours towards an eye, or the mean over all sides, (M, 3)."""
     if eye is None or gaussians.sh_degree == 0:
         return np.asarray(np.clip(0.5 + SH_C0 * gaussians.sh_dc, 0, 1), np.float32)
     return np.asarray(np.clip(view_colours(gaussians, eye), 0, 1), np.float32)
@@ -231,3 +223,44 @@ def _colours(gaussians: Gaussians, eye: Camera | None) -> FloatArray:
 
 def _joined(parts: list[Splats]) -> Splats:
     return Splats(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Splats)))
+
+
+def thinned(means: FloatArray, visible: BoolArray, most: int, eye: Camera | None = None) -> tuple[IntArray, FloatArray]:
+    """Return rows of about `most` of the visible Gaussians at most, and how much the variance of each grows, (M,) each.
+
+    Each is drawn by its importance: at random, but the same every time, so that little changes as the eye moves.
+    Surfaces stay closed where areas grow as numbers shrink.
+
+    Args:
+        means: centres, (N, 3).
+        visible: which may be shown, (N,).
+        most: number of Gaussians that there is room for.
+        eye: what is in its picture and near counts more; None: all count the same.
+    """
+    rows = np.flatnonzero(visible)
+    if len(rows) <= most:
+        return rows, np.ones(len(rows), np.float32)
+    weights = np.ones(len(rows)) if eye is None else _importance(means[rows].astype(np.float64), eye)
+    chances = _chances(weights, most)
+    drawn = np.random.default_rng(0).random(len(visible))[rows] < chances
+    return rows[drawn], (1 / chances[drawn]).astype(np.float32)
+
+
+def _importance(points: Float64Array, eye: Camera) -> Float64Array:
+    """Return how much points (M, 3) count: as their area in the picture, (M,)."""
+    distances = np.linalg.norm(points - eye.centre, axis=1)
+    weights = 1 / np.maximum(distances, _NEAREST * max(float(np.median(distances)), 1e-9)) ** 2
+    pixels, depths = eye.project(points)
+    size = np.array([eye.width, eye.height])
+    with np.errstate(invalid="ignore"):  # NaN behind the camera, which no comparison lets through
+        within = ((pixels > -_PICTURE_MARGIN * size) & (pixels < (1 + _PICTURE_MARGIN) * size)).all(axis=1)
+    return np.asarray(weights * np.where(within & (depths > 0), 1.0, _BESIDE_PICTURE))
+
+
+def _chances(weights: Float64Array, most: int) -> Float64Array:
+    """Return chances at most 1, otherwise in proportion to weights, whose sum is about `most`, (M,)."""
+    low, high = 0.0, most / float(weights.min())
+    for _ in range(_ROUNDS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if np.minimum(1, middle * weights).sum() < most else (low, middle)
+    return np.asarray(np.minimum(1, low * weights))

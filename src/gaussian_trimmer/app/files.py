@@ -3,158 +3,105 @@
 from __future__ import annotations
 
 import hashlib
-import io
-import json
+import shlex
 import zipfile
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer import formats
-from gaussian_trimmer.app import panels as controls
-from gaussian_trimmer.app.panels import Panels
-from gaussian_trimmer.app.placing import stood_upright
+from gaussian_trimmer.app.documents import Document, Progress
 from gaussian_trimmer.app.project import (
     autosave_path,
     is_project,
-    private_folder,
     project_as_json,
     read_project,
-    restored,
-    state_folder,
+    restore,
     write_private,
-    write_project,
 )
-from gaussian_trimmer.app.saving import Target
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.snapshots import Snapshot
-from gaussian_trimmer.app.worker import stopping
-from gaussian_trimmer.errors import InputError, OutputExistsError
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.io.names import safe_file_name
+from gaussian_trimmer.io.writing import atomic_folder
+from gaussian_trimmer.output.engines import turned
 from gaussian_trimmer.output.html.viewer import export_viewer
-from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.output.report import file_stems
+from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
+from gaussian_trimmer.output.saving import RESULTS, result_files, suffix_of, write_trim
+from gaussian_trimmer.selecting.marks import FromFile, FromMasks
+from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.select import SelectionResult
+from gaussian_trimmer.trimming.trim import trim_objects
 
-__all__ = ["Files", "private_folder", "state_folder", "write_private"]
-Stages = Callable[[int, str], Callable[[str], None]]
-"""What shows the progress of about so many stages, whose names begin with a text."""
+MARKS = "selection.json"
+"""Name of the file of marks among the results, the same as the command line's."""
+OBJECT, WITHOUT, ALL_FILES, PAGE = DOWNLOADS = ("Object", "Scene without it", "Everything", "Web page")
+CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
+_Z_UP_TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+_FOOT_QUANTILE = 0.01
+"""Share of the Gaussians that may lie below the foot: those that stick out of it."""
 
-_CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
+
+@dataclass(frozen=True)
+class Target:
+    """Where to save, and how."""
+
+    folder: Path
+    """New or empty, or with earlier results."""
+    format: str | None = None
+    """Ending of the splat files; the scene's own, or the nearest that can be written, if it is not given."""
+    overwrite: bool = False
+    """Replace earlier results in the folder."""
+
+    def suffix(self, document: Document) -> str:
+        """Return the ending of the splat files that are made from a document."""
+        return document.splat_suffix if self.format is None else suffix_of(self.format)
 
 
 class Files:
-    """Opens, loads, saves and sends files. Its methods run in the worker's thread and return a sentence."""
+    """Opens, saves and sends files for a session. Its methods return a sentence."""
 
-    def __init__(self, session: Session, panels: Panels, state: Path, stages: Stages, cancelled: Callable[[], bool]):
+    def __init__(self, session: Session, state: Path) -> None:
         """Work for a session; what the app itself keeps goes to the folder `state`."""
-        self._session, self._panels, self._state = session, panels, state
-        self._stages: Stages = lambda number, prefix: stopping(stages(number, prefix), cancelled)
-        self._cancelled = cancelled
+        self._session, self._state = session, state
         self._kept: Snapshot | None = None
 
-    def open(self) -> str:
-        """Open the scene that the panel names, with its cameras, and go on with the work that was kept of it."""
-        panels = self._panels
-        path = path_of(panels.path.value)
+    def open(self, path: Path | None, camera_path: Path | None, progress: Progress = lambda stage: None) -> str:
+        """Open a scene with its cameras, and go on with the work that was kept of it; or open a project.
+
+        A project is opened in the open scene if that is the project's, else in the scene that it names.
+        """
+        session, project = self._session, None
         if path is None:
             raise InputError("Give the path of a splat file first.")
         if is_project(path):
-            return self.open_project(path)
-        self._session.open(path, path_of(panels.camera_path.value), self._stages(4, ""))
-        panels.start_afresh()
-        self._kept = self._session.now
+            project, now = read_project(path), session.glance()
+            if now is not None and len(now.document.scene) == project.scene_size:
+                return session.do(restore, project, progress)
+            path, camera_path = project.scene, project.cameras
+        session.open(path, camera_path, progress)
+        self._kept = session.now
+        if project is not None:
+            return session.do(restore, project, progress)
         if not self._autosave.is_file():
-            return self._session.now.sentence
+            return session.now.sentence
         try:
-            return self._restore(self._autosave)
+            return session.do(restore, read_project(self._autosave), progress)
         except InputError as error:  # or cancelled
-            return f"{self._session.now.sentence} The work of last time is not back: {error}"
+            return f"{session.now.sentence} The work of last time is not back: {error}"
 
-    def open_project(self, path: Path) -> str:
-        """Go on with a project: in the open scene if it is the project's, else in the scene that it names."""
-        project, now = read_project(path), self._session.glance()
-        if now is None or len(now.document.scene) != project.scene_size:
-            self._panels.path.value = str(project.scene)
-            self._panels.camera_path.value = str(project.cameras or "")
-            self._session.open(project.scene, project.cameras, self._stages(4, ""))
-            self._panels.start_afresh()
-        return self._restore(path)
-
-    def use_cameras(self) -> str:
-        """Give the open scene the cameras that the panel names."""
-        path = path_of(self._panels.camera_path.value)
-        if path is None:
-            raise InputError("Give the path of the cameras first.")
-        self._session.use_cameras(path)
-        return "The scene has these cameras now; your marks are kept, and understood with them."
-
-    def load(self, path: Path | None) -> str:
-        """Replace the active object's marks by those of a file."""
-        if path is None:
-            raise InputError("Give the path of a selection file first.")
-        how = self._session.load(path)
-        self._panels.look_at(controls.EVERYTHING, "Before", controls.OBJECTS)
-        return f"{self._session.now.object.n_selected:,} Gaussians selected: {how}."
-
-    def received(self, name: str, content: bytes, *, as_scene: bool | None = None) -> str:
-        """Take a file that came from the browser, for what it is.
-
-        Args:
-            name: its name.
-            content: what it holds.
-            as_scene: whether splats are a scene, or else a selection cut out of the open one; None if nobody said.
-        """
-        folder = self._state / "files" / hashlib.sha256(content).hexdigest()[:16]
-        path = folder / (Path(name).name or "file")
-        private_folder(folder)
+    def store(self, name: str, content: bytes) -> Path:
+        """Keep a file that came from the browser, and return its path."""
+        path = self._state / "files" / hashlib.sha256(content).hexdigest()[:16] / (Path(name).name or "file")
         write_private(path, content)
-        if is_project(path):
-            return self.open_project(path)
-        if path.name in _CAMERA_NAMES:
-            self._panels.camera_path.value = str(path)
-            return self.use_cameras() if self._session.glance() is not None else "Now open the cameras' scene."
-        if formats.has_splats(path) if as_scene is None else as_scene:
-            self._panels.path.value, self._panels.camera_path.value = str(path), ""
-            return self.open()
-        return self.load(path)
-
-    def save(self) -> str:
-        """Save the active object's trim in the folder that the panel names."""
-        target = self._panels.target
-        self._panels.show_command(_saved(lambda: self._session.save(target)))
-        return f"Saved in {target.folder}."
-
-    def save_all(self) -> str:
-        """Trim all objects together and save them in the folder that the panel names."""
-        target, stages = self._panels.target, self._stages(2 * len(self._session.now.objects), "Trimming ")
-        saved = _saved(lambda: self._session.save_objects(target, stages, self._cancelled))
-        self._panels.show_command("")
-        return f"{saved} saved in {target.folder}."
-
-    def download(self, what: str, client: Any) -> str:
-        """Send what the trim made to the browser: one of `DOWNLOADS`."""
-        now = self._session.now
-        result = now.object.result
-        if result is None:
-            raise InputError(f"'{now.object.name}' has not been cut out since it was marked; press 'Cut out' first.")
-        name = safe_file_name(now.object.name)
-        with TemporaryDirectory() as folder:
-            if what == "Everything":
-                file, data = f"{name}.zip", self._zipped(Path(folder) / name)
-            else:
-                path = self._written(result, what, Path(folder), name)
-                file, data = path.name, path.read_bytes()
-        client.send_file_download(file, data, save_immediately=True)
-        return f"{file} ({len(data) / 1e6:.1f} MB) is among the browser's downloads."
-
-    def download_project(self, client: Any) -> str:
-        """Send the project to the browser."""
-        now = self._session.now
-        name = f"{now.document.path.name.split('.')[0]}.project.json"
-        data = json.dumps(project_as_json(now, Path.cwd())).encode()
-        client.send_file_download(name, data, save_immediately=True)
-        return f"{name} is among the browser's downloads; drop it on the page to go on with it."
+        return path
 
     def keep(self) -> None:
         """Keep the work on the scene, if it has changed; the next time that the scene is opened, it is back.
@@ -167,72 +114,151 @@ class Files:
             return
         self._kept = now
         if now.has_work:
-            write_project(now, self._autosave)
+            write_private(self._autosave, project_as_json(now, self._autosave.parent))
         else:
             self._autosave.unlink(missing_ok=True)
+
+    def download(self, what: str, format: str | None, client: Any, *, upright: bool = False) -> str:
+        """Send one of `DOWNLOADS` to the browser; upright: with the foot at the origin and y up."""
+        now = self._session.now
+        result, name = fresh_result(now), safe_file_name(now.object.name)
+        with TemporaryDirectory() as folder:
+            target = Target(Path(folder) / name, format)
+            if what == ALL_FILES:
+                save(now, target)
+                path = _zipped(target.folder)
+            elif what == PAGE:
+                path = Path(folder) / f"{name}.html"
+                export_viewer(result, path)
+            else:
+                path = Path(folder) / f"{'' if what == OBJECT else 'without_'}{name}{target.suffix(now.document)}"
+                gaussians = result.object if what == OBJECT else result.background
+                formats.write(stood_upright(gaussians, result.up.direction) if upright else gaussians, path)
+            data = path.read_bytes()
+        client.send_file_download(path.name, data, save_immediately=True)
+        return f"{path.name} ({len(data) / 1e6:.1f} MB) is among the browser's downloads."
+
+    def download_project(self, client: Any) -> str:
+        """Send the project to the browser."""
+        now = self._session.now
+        name = f"{now.document.path.name.split('.')[0]}.project.json"
+        client.send_file_download(name, project_as_json(now, Path.cwd()).encode(), save_immediately=True)
+        return f"{name} is among the browser's downloads; drop it on the page to go on with it."
 
     @property
     def _autosave(self) -> Path:
         return autosave_path(self._state / "projects", self._session.document.scene)
 
-    def _restore(self, path: Path) -> str:
-        """Go on with a project of the open scene; undoing takes it away."""
-        project = read_project(path)
-        progress = self._stages(1 + len(project.objects), "Understanding ")
-        self._session.restore(restored(project, self._session.document, progress))
-        now = self._session.now
-        n = sum(bool(part.marks) for part in now.objects)
-        again = " What was cut out is being cut out again." if any(part.to_cut_out for part in now.objects) else ""
-        return f"Your work is back: {n} object{'s' if n > 1 else ''} marked.{again} Undo takes it away. {now.sentence}"
 
-    def _written(self, result: TrimResult, what: str, folder: Path, name: str) -> Path:
-        """The path of one part of a trim, written into a folder."""
-        if what == "Web page":
-            path = folder / f"{name}.html"
-            export_viewer(result, path)
-            return path
-        suffix = Target(folder, self._panels.ending).suffix(self._session.document)
-        path = folder / f"{name if what == controls.OBJECT else f'without_{name}'}{suffix}"
-        formats.write(self._placed(result.object if what == controls.OBJECT else result.background, result), path)
-        return path
+def save(
+    now: Snapshot, target: Target, progress: Progress = lambda stage: None, *, together: bool = False
+) -> tuple[str, str]:
+    """Save results with the marks from which they can be made again; return what was saved, and a command for it.
 
-    def _placed(self, gaussians: Gaussians, result: TrimResult) -> Gaussians:
-        return stood_upright(gaussians, result.up.direction) if self._panels.placed[controls.UPRIGHT] else gaussians
+    Args:
+        now: the state to save.
+        target: where to save it.
+        progress: called with the name of each stage when it begins.
+        together: trim all marked objects, so that no Gaussian is in two, and save them by name; there is no command
+            then. Otherwise the cut-out of the active object is saved.
 
-    def _zipped(self, folder: Path) -> bytes:
-        """All that saving writes, as one file."""
-        self._session.save(Target(folder, self._panels.ending))
-        data = io.BytesIO()
-        with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
-            for path in sorted(folder.rglob("*")):
-                archive.write(path, path.relative_to(folder.parent))
-        return data.getvalue()
+    Raises:
+        InputError: no object is marked or cut out, or the files cannot be written.
+    """
+    document, suffix = now.document, target.suffix(now.document)
+    parts = [part for part in now.objects if part.n_selected] if together else [now.object]
+    if not parts:
+        raise InputError("No object is marked; mark one first.")
+    cut_out = None if together else fresh_result(now)
+    names = (*result_files(suffix, several=together), "views/*.png", "selection*.json")
+    inputs = _inputs(document, parts)
+    with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
+        result = cut_out or trim_objects(
+            document.scene,
+            {part.name: _selection(now, part) for part in parts},
+            config=now.object.cut.choices.config(now.given_up),
+            renderer=document.renderer,
+            cameras=document.cameras,
+            progress=progress,
+        )
+        progress("write")
+        write_trim(result, results, suffix, _description(now, together))
+        stems = file_stems((part.id, part.name) for part in result.objects).values()
+        for part, stem in zip(parts, stems, strict=True):
+            file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"
+            write_marks(replace(now.basis, marks=part.marks), results / file)
+    if together:
+        return f"{len(parts)} objects saved in {target.folder}.", ""
+    return f"Saved in {target.folder}.", command_for(now, target)
 
 
-def ask_whether_scene(client: Any, name: str, answered: Callable[[bool], None]) -> None:
-    """Ask in a tab whether splats are a scene or a selection, and call a function with the answer."""
-    question = client.gui.add_modal(f"What is {name}?")
+def command_for(now: Snapshot, target: Target) -> str:
+    """Return the command that makes what was saved again, from wherever it is run."""
+    document, suffix = now.document, target.suffix(now.document)
+    marks = (target.folder / MARKS).absolute()
+    parts = ["gaussian-trimmer", "select", str(document.path.absolute()), "--marks", str(marks)]
+    if document.camera_path is not None:
+        parts += ["--cameras", str(document.camera_path.absolute())]
+    if now.given_up is not None:
+        parts += ["--up", *(repr(value) for value in now.given_up)]
+    if suffix != document.splat_suffix:
+        parts += ["--format", suffix.lstrip(".")]
+    return shlex.join([*parts, *now.object.cut.choices.arguments(), "--output", "again.npy", "--trim", "again"])
 
-    def answer(as_scene: bool) -> None:
-        question.close()
-        answered(as_scene)
 
-    with question:
-        client.gui.add_button("A scene to open").on_click(lambda event: answer(True))
-        client.gui.add_button("A selection of the open scene").on_click(lambda event: answer(False))
+def fresh_result(now: Snapshot) -> TrimResult:
+    """Return the cut-out of the active object as it is marked.
+
+    Raises:
+        InputError: it has not been cut out since it was marked.
+    """
+    if now.object.fresh is None:
+        raise InputError(f"'{now.object.name}' has not been cut out since it was marked; press 'Cut out' first.")
+    return now.object.fresh
+
+
+def stood_upright(gaussians: Gaussians, up: Float64Array) -> Gaussians:
+    """Return the Gaussians with their foot at the origin and y up, as large as they were."""
+    upright = turned(gaussians, _Z_UP_TO_Y_UP @ up_frame(up))
+    foot = np.median(upright.means, axis=0)
+    foot[1] = np.quantile(upright.means[:, 1], _FOOT_QUANTILE)
+    return upright.replace(means=upright.means - foot)
 
 
 def path_of(text: str) -> Path | None:
-    """The path that a field names, as browsers and file managers copy it, too; None if there is none."""
+    """Return the path that a field names, as browsers and file managers copy it, too; None if there is none."""
     text = text.strip().strip("\"'")
     return Path(text.removeprefix("file://")).expanduser() if text else None
 
 
-def _saved(save: Callable[[], str]) -> str:
-    """Return what saving returns; an error about earlier results names the app's own cure."""
-    try:
-        return save()
-    except OutputExistsError as error:
-        raise InputError(
-            f"The folder '{error.folder}' is not empty; choose another one, or 'Replace' beside 'Earlier results'."
-        ) from error
+def _zipped(folder: Path) -> Path:
+    """Return the archive of a folder, beside it."""
+    path = folder.with_name(f"{folder.name}.zip")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(folder.rglob("*")):
+            archive.write(file, file.relative_to(folder.parent))
+    return path
+
+
+def _selection(now: Snapshot, part: MarkedObject) -> SelectionResult:
+    """Return what an object's marks select as `select` does, with what they removed."""
+    selected = part.selected
+    return SelectionResult(
+        selected.mask, replace(now.basis, marks=part.marks), selected.interpretations, selected.excluded
+    )
+
+
+def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:
+    """Return files that must not be replaced."""
+    given = [document.path, document.camera_path]
+    for mark in (mark for part in objects for mark in part.marks):
+        given += [mark.path] if isinstance(mark, FromFile) else [mark.folder] if isinstance(mark, FromMasks) else []
+    return [path for path in given if path is not None and (path.is_file() or path is not document.camera_path)]
+
+
+def _description(now: Snapshot, together: bool) -> dict[str, Any]:
+    """Return where the results came from, for the report."""
+    document = now.document
+    cameras = str(document.camera_path) if document.camera_path else None
+    name = {} if together else {"name": now.object.name}
+    return {"scene": str(document.path), "cameras": cameras, "selection": MARKS, **name}

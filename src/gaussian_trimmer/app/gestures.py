@@ -10,18 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gaussian_trimmer.app.showing import Comparison
+from gaussian_trimmer.app.viewpoints import Place
 from gaussian_trimmer.selecting.marks import Effect
-
-Place = tuple[float, float]
-"""A place in the browser's picture, from (0, 0) at the upper left to (1, 1)."""
 
 _CHANNEL = "gesture:"
 _SCRIPT = Path(__file__).with_name("page.js")
 _EFFECTS: dict[str, Effect] = {"shift": "add", "ctrl": "remove", "both": "intersect"}
 """What keys that are held make of a mark."""
 _MOST_CHARACTERS = 200_000
-STILL_TAKEN = "Still taken"
-"""In place of a tool: the page has its picture."""
+STILL_TAKEN, SMALLER, LARGER = "Still taken", "[", "]"
+"""In place of a tool: the page has its picture; the brush is to be smaller, or larger."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +32,6 @@ class Gesture:
     """A click's place, a box's corners, a polygon's corners, or the way of lasso or brush."""
     effect: Effect | None
     """What keys ask for; None: what the panel says."""
-
-
-@dataclass(frozen=True)
-class Still:
-    """The picture that the page lays over one side of the view to compare it with what is shown."""
-
-    names: tuple[str, str]
-    """What stands at the left and at the right of the line."""
-    is_left: bool
-    """Whether the picture is at the left."""
 
 
 class GestureChannel:
@@ -71,12 +60,12 @@ class GestureChannel:
         self._tool = f"data-tool='{html.escape(tool)}' data-radius='{radius:g}'"
         self._tell()
 
-    def tell_still(self, still: Still | None) -> None:
+    def compare(self, comparison: Comparison | None) -> None:
         """Have the page take a picture of what is shown and lay it over one side, or take it away again."""
         self._still = ""
-        if still is not None:
+        if comparison is not None:
             self._stills += 1
-            side, sides = "left" if still.is_left else "right", html.escape("|".join(still.names))
+            side, sides = "left" if comparison.shown_left else "right", html.escape("|".join(comparison.names))
             self._still = f" data-still='{side}' data-number='{self._stills}' data-sides='{sides}'"
         self._tell()
 
@@ -85,7 +74,7 @@ class GestureChannel:
 
 
 def parse_gesture(text: str) -> Gesture | None:
-    """What the page has said; None if it is not understood."""
+    """Return what the page has said; None if it is not understood."""
     if not text.startswith(_CHANNEL) or len(text) > _MOST_CHARACTERS:
         return None
     try:

@@ -188,8 +188,18 @@
   listen("resize", drawWipe);
   listen("contextmenu", (event) => event.target instanceof HTMLCanvasElement && event.preventDefault());
 
+  const cancelOfQuestion = () =>
+    [...document.querySelectorAll('[role="dialog"] button')].find((button) => button.textContent.trim() === "Cancel");
+
   listen("keydown", (event) => {
-    if (event.target.matches?.("input, textarea")) return;
+    const cancel = cancelOfQuestion();
+    if (cancel && event.key === "Escape") cancel.click();
+    if (cancel && !["Tab", "Enter", " "].includes(event.key)) return event.stopImmediatePropagation(); // it is for the question
+    if (event.target.matches?.("input, textarea")) {
+      const leaves = event.key === "Escape" || (event.key === "Enter" && event.target.matches("input"));
+      if (leaves && !event.target.closest('[role="dialog"]')) event.target.blur();
+      return;
+    }
     if (active && event.key === "Escape") (drawn = []), (active = null);
     else if (active === "Polygon" && event.key === "Backspace") drawn.pop();
     else if (active === "Polygon" && event.key === "Enter" && drawn.length > 2) return finish("Polygon", event);

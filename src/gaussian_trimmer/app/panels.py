@@ -4,36 +4,35 @@ from __future__ import annotations
 
 import html
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.buttons import Choice, Switches
-from gaussian_trimmer.app.display import Colouring, Part, Showing, When
-from gaussian_trimmer.app.documents import TrimChoices
-from gaussian_trimmer.app.saving import Target
-from gaussian_trimmer.app.snapshots import Colour, Snapshot
+from gaussian_trimmer.app.edits import describe_up
+from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
+from gaussian_trimmer.app.showing import Colouring, Part, Showing, When
+from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.io.names import safe_file_name
-from gaussian_trimmer.planning.up_vector import UpVector
-from gaussian_trimmer.selecting.marks import Point, point_of
+from gaussian_trimmer.selecting.marks import Effect, Point, point_of
 
 TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "3D box")
 LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
 POINTS = "Up by 3 points"
-EFFECTS = {"Add": "add", "Remove": "remove", "Keep only": "intersect"}
-EVERYTHING, OBJECT, WITHOUT = "Everything", "Object", "Scene without it"
-PARTS = {EVERYTHING: "both", OBJECT: "object", WITHOUT: "background"}
-WHENS = {"Before": "before", "After": "after"}
-OWN, OBJECTS, CHANGES = "Own", "Objects", "Changes"
-COLOURS = {OWN: "own", OBJECTS: "objects", CHANGES: "changes"}
+ADD, REMOVE, KEEP_ONLY = "Add", "Remove", "Keep only"
+EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect"}
+EVERYTHING = "Everything"
+PARTS: dict[str, Part] = {EVERYTHING: "both", OBJECT: "object", WITHOUT: "background"}
+WHENS: dict[str, When] = {"Before": "before", "After": "after"}
+COLOURS: dict[str, Colouring] = {"Own": "own", "Objects": "objects", "Changes": "changes"}
 BACKDROPS: dict[str, Colour | None] = {
     "Black": (0, 0, 0),
     "Grey": (119, 119, 119),
     "White": (255, 255, 255),
     "Checker": None,
 }
-THROUGH = "Through"
+SURFACE, THROUGH = "Surface", "Through"
 UPS: dict[str, Point | None] = {"Automatic": None} | {
     f"{sign}{name}": point_of(factor * axis)
     for name, axis in zip("XYZ", np.eye(3), strict=True)
@@ -43,7 +42,8 @@ AS_SCENE = "as the scene"
 WIPE = "Wipe"
 VIEWS, ARROW = "Virtual cameras", "Up arrow"
 UPRIGHT = "Upright at the origin"
-DOWNLOADS = (OBJECT, WITHOUT, "Everything", "Web page")
+CANCEL = "Cancel"
+KEEP, REPLACE = "Keep", "Replace"
 _TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
 _CLEAN_BACKGROUND, _CONTINUE_SURFACE = "Clean the background", "Continue the surface"
 _HINTS = {
@@ -61,26 +61,6 @@ PROGRAM_ENDED = (
     "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
     "marked is kept, and is back when you open the scene."
 )
-HELP = """
-| key | |
-|---|---|
-| Esc C R L P B X | look, click, box, lasso, polygon, brush, 3D box |
-| Shift, Ctrl, Ctrl+Shift | add, remove, keep only, whatever the panel says |
-| Alt | turn the view while a tool is chosen |
-| [ and ] | smaller, larger brush |
-| G, Shift+G, I | grow, shrink, invert the selection |
-| Ctrl+Z, Ctrl+Shift+Z | undo, redo |
-| Ctrl+Shift+A | clear the selection |
-| T | cut out |
-| 1 2 3 | everything, the object, the scene without it |
-| Space, Shift+Space | before / after; both, with a line to drag |
-| V | colours: own, objects, changes |
-| H, U | hide the object, show all again |
-| F, Home | look at the selection, at the whole scene |
-
-Changes are green where something was added, red where it was removed, blue where the outline was cut, yellow where
-something is made up.
-"""
 
 
 class Panels:
@@ -89,25 +69,24 @@ class Panels:
     def __init__(self, gui: Any, path: str, camera_path: str) -> None:
         self.status_text = _WELCOME
         """The sentence at the top while nothing is going on."""
-        self.compared: Showing | None = None
-        """What is to be seen in place of `showing`, to be compared with it."""
         self._offered = ""
         self.status = gui.add_html("")
         self._make_tools(gui)
         self.cut_out = gui.add_button("Cut out", icon="cut", color="green", hint="Trim the object and show it alone.")
         self._make_views(gui)
         self.history = gui.add_button_group("History", ("Undo", "Redo", "Clear"))
-        self.cancel = gui.add_button("Cancel", color="red", disabled=True)
+        self.cancel = gui.add_button(CANCEL, color="red", disabled=True)
         tabs = gui.add_tab_group()
-        for name, make in (
-            ("File", lambda: self._make_files(gui, path, camera_path)),
-            ("Objects", lambda: self._make_objects(gui)),
-            ("Options", lambda: self._make_options(gui)),
-            ("Save", lambda: self._make_save(gui)),
-            ("Keys", lambda: gui.add_markdown(HELP)),
-        ):
-            with tabs.add_tab(name):
-                make()
+        with tabs.add_tab("File"):
+            self._make_files(gui, path, camera_path)
+        with tabs.add_tab("Objects"):
+            self._make_objects(gui)
+        with tabs.add_tab("Options"):
+            self._make_options(gui)
+        with tabs.add_tab("Save"):
+            self._make_save(gui)
+        with tabs.add_tab("Keys"):
+            self.help = gui.add_markdown("")
         self.say(_WELCOME)
 
     @property
@@ -122,7 +101,7 @@ class Panels:
     def target(self) -> Target:
         """Where to save, and how."""
         folder = Path(self.folder.value.strip() or "trimmed").expanduser().absolute()
-        return Target(folder, self.ending, self.existing.value == "Replace")
+        return Target(folder, self.ending, self.existing.value == REPLACE)
 
     @property
     def ending(self) -> str | None:
@@ -132,17 +111,22 @@ class Panels:
     @property
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
-        part, when = cast("Part", PARTS[self.part.value]), cast("When", WHENS[self.when.value])
-        return Showing(part, when, cast("Colouring", COLOURS[self.colours.value]))
+        return Showing(PARTS[self.part.value], WHENS[self.when.value], COLOURS[self.colours.value])
 
-    def look_at(self, part: str, when: str, colours: str) -> None:
-        """Show something else."""
-        self.part.value, self.when.value, self.colours.value = part, when, colours
+    @showing.setter
+    def showing(self, showing: Showing) -> None:
+        for choice, options, value in (
+            (self.part, PARTS, showing.part),
+            (self.when, WHENS, showing.when),
+            (self.colours, COLOURS, showing.colours),
+        ):
+            choice.value = next(name for name, meaning in options.items() if meaning == value)
 
     def start_afresh(self) -> None:
-        """Show what belongs to a scene that was just opened."""
-        self.look_at(EVERYTHING, "Before", OBJECTS)
+        """Forget what was chosen and entered for the scene before."""
         self.show_tool(LOOK)
+        self.effect.value, self.reach.value, self.existing.value = ADD, SURFACE, KEEP
+        self.folder.value = self.selection_path.value = ""
         self.show_command("")
 
     def say(self, text: str) -> None:
@@ -167,7 +151,7 @@ class Panels:
         self.kept["Hidden"], self.kept["Locked"] = part.hidden, part.locked
         rows = [
             f"| {escaped(each.name)} | {len(each.marks)} | {each.n_selected:,} | "
-            f"{f'{len(each.result.object):,}' if each.result else '-'} |"
+            f"{f'{len(each.fresh.object):,}' if each.fresh else '-'} |"
             for each in now.objects
         ]
         self.counts.content = "\n".join(["| object | marks | selected | cut out |", "|---|---|---|---|", *rows])
@@ -191,7 +175,7 @@ class Panels:
         self.command.value, self.command.visible = command, bool(command)
 
     def _show_status(self, text: str, share: float | None = None) -> None:
-        """Show a text, and a bar below it, in a room whose size does not change."""
+        """Show a text, and a bar below it, in a box whose size does not change."""
         width = 0 if share is None else 100 * share
         self.status.content = (
             f'{_text(text, 4.2)}<div style="height:4px;margin:0.2em 0.9em"><div'
@@ -203,7 +187,7 @@ class Panels:
         self.effect = Choice(gui, "Mode", tuple(EFFECTS))
         self.hint = gui.add_html(_text(_HINTS[LOOK], 2.8))
         self.brush = gui.add_slider("Brush radius", 3, 200, 1, 24, visible=False)
-        self.reach = Choice(gui, "Reach", ("Surface", THROUGH), visible=False)
+        self.reach = Choice(gui, "Reach", (SURFACE, THROUGH), visible=False)
         self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
         self.box_apply = gui.add_button("Apply the box", visible=False)
 
@@ -212,7 +196,7 @@ class Panels:
         self.when = Choice(gui, "Trim", tuple(WHENS))
         self.compare = Switches(gui, "Compare", (WIPE,))
         self.colours = Choice(gui, "Colours", tuple(COLOURS))
-        self.colours.value = OBJECTS
+        self.showing = Showing()
         self.backdrop = Choice(gui, "Backdrop", tuple(BACKDROPS))
         self.selection = gui.add_button_group("Selection", ("Grow", "Shrink", "Invert"))
 
@@ -254,32 +238,23 @@ class Panels:
         self.download = gui.add_button_group("Download", DOWNLOADS)
         gui.add_divider()
         self.folder = gui.add_text("Folder", "", hint="New or empty, or with earlier results that may be replaced.")
-        self.existing = Choice(gui, "Earlier results", ("Keep", "Replace"))
+        self.existing = Choice(gui, "Earlier results", (KEEP, REPLACE))
         self.save = gui.add_button("Save in this folder", icon="device-floppy")
         self.save_all = gui.add_button("Cut out and save all objects", icon="stack-2")
         self.command = gui.add_text("The same by command", "", multiline=True, visible=False)
 
 
 def _text(text: str, height: float) -> str:
-    """A text in a room of a height in lines' widths, so that what stands below does not move with its length."""
+    """Return a text in a box of a fixed height in em, so that what stands below does not move with its length."""
     style = f"height:{height}em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
     return f'<div style="{style}">{html.escape(text)}</div>'
 
 
 def label(number: int, name: str) -> str:
-    """How an object is listed; numbers stay when names change."""
+    """Return how an object is listed; numbers stay when names change."""
     return f"{number}: {name}"
 
 
-def describe_up(up: UpVector) -> str:
-    """Which way is up and how that is known, in a sentence."""
-    direction = " ".join(f"{value + 0.0:.3f}" for value in up.direction)
-    if up.confidence == 0:
-        return f"Up is unknown and assumed to be {direction}: choose an axis, or click three points on the ground."
-    sure = f", confidence {up.confidence:.2f}" if up.confidence < 1 else ""
-    return f"Up is {direction} ({up.source}{sure})."
-
-
 def escaped(text: str) -> str:
-    """Text that Markdown shows as it is."""
+    """Return text that Markdown shows as it is."""
     return "".join(f"\\{character}" if character in "\\`*_{}[]()<>#|!~$" else character for character in text)

@@ -1,4 +1,4 @@
-"""Projects: the objects that are marked in a scene, as JSON to come back to."""
+"""Projects: the objects that are marked in a scene, as JSON to come back to; and where the app keeps its own files."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer._version import __version__
-from gaussian_trimmer.app.documents import Document, Progress, TrimChoices, basis_of, up_of
-from gaussian_trimmer.app.snapshots import Colour, MarkedObject, Snapshot
+from gaussian_trimmer.app.documents import Progress
+from gaussian_trimmer.app.edits import Change
+from gaussian_trimmer.app.snapshots import Colour, Cut, CutState, MarkedObject, Snapshot, TrimChoices
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.io.writing import make_folder, write_whole
-from gaussian_trimmer.selecting.interpretation import SelectionState
-from gaussian_trimmer.selecting.marks import Marks, Point, point_of
+from gaussian_trimmer.selecting.marks import Marks, Point
 from gaussian_trimmer.selecting.marks_file import marks_as_json, marks_from_json
 from gaussian_trimmer.settings import from_plain, to_plain
 
@@ -57,7 +57,7 @@ class Project:
 
 
 def state_folder() -> Path:
-    """Where the app keeps its own files on this machine."""
+    """Return where the app keeps its own files on this machine."""
     return Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser() / "gaussian-trimmer"
 
 
@@ -74,31 +74,32 @@ def private_folder(folder: Path) -> Path:
 
 
 def write_private(path: Path, data: str | bytes) -> None:
-    """Write a file that its user alone can read, into a private folder.
+    """Write a file that its user alone can read; missing folders are made, and private.
 
     Raises:
         InputError: it cannot be written.
     """
+    private_folder(path.parent)
     write_whole(path, data)
     with suppress(OSError):
         path.chmod(0o600)
 
 
 def autosave_path(folder: Path, scene: Gaussians) -> Path:
-    """Where work on a scene is kept: by what the scene holds, wherever its file lies."""
+    """Return where work on a scene is kept: by what the scene holds, wherever its file lies."""
     rows = np.linspace(0, len(scene) - 1, min(len(scene), _HASHED_GAUSSIANS)).astype(np.int64)
     data = np.concatenate([scene.means[rows], scene.sh_dc[rows]], axis=1)
     return folder / f"{hashlib.sha256(data.tobytes()).hexdigest()[:16]}-{len(scene)}.json"
 
 
-def project_as_json(now: Snapshot, folder: Path) -> dict[str, Any]:
-    """A state as a project's file in a folder has it."""
+def project_as_json(now: Snapshot, folder: Path) -> str:
+    """Return a state as a project's file in a folder has it."""
     document = now.document
     project = Project(
         document.path.absolute(),
         None if document.camera_path is None else document.camera_path.absolute(),
         len(document.scene),
-        point_of(now.up.direction) if now.up.source == "given" else None,
+        now.given_up,
         now.active,
         tuple(
             _SavedObject(
@@ -106,29 +107,20 @@ def project_as_json(now: Snapshot, folder: Path) -> dict[str, Any]:
                 part.colour,
                 part.hidden,
                 part.locked,
-                part.choices,
+                part.cut.choices,
                 replace(now.basis, marks=part.marks),
-                part.result is not None or part.to_cut_out,
+                part.cut.state in (CutState.FRESH, CutState.WANTED),
             )
             for part in now.objects
         ),
     )
     writers: dict[Any, Any] = {Path: str, Marks: lambda marks: marks_as_json(marks, folder)}
-    return {"content": CONTENT, "version": __version__, **to_plain(project, writers)}
-
-
-def write_project(now: Snapshot, path: Path) -> None:
-    """Write a state's project; missing folders are made.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    private_folder(path.parent)
-    write_private(path, json.dumps(project_as_json(now, path.parent), indent=1, allow_nan=False))
+    plain = {"content": CONTENT, "version": __version__, **to_plain(project, writers)}
+    return json.dumps(plain, indent=1, allow_nan=False)
 
 
 def is_project(path: Path) -> bool:
-    """Whether a file is a project, as far as its beginning tells."""
+    """Tell whether a file is a project, as far as its beginning tells."""
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     with path.open("rb") as file:
@@ -136,10 +128,10 @@ def is_project(path: Path) -> bool:
 
 
 def read_project(path: Path) -> Project:
-    """The project in a file.
+    """Return the project in a file.
 
     Raises:
-        InputError: it cannot be read, or is none.
+        InputError: it cannot be read, or is not a project.
     """
     raw = read_json(path)
     if not isinstance(raw, dict) or raw.pop("content", None) != CONTENT:
@@ -155,44 +147,43 @@ def read_project(path: Path) -> Project:
     return project
 
 
-def restored(project: Project, document: Document, progress: Progress) -> Snapshot:
-    """The state that a project stands for, its marks understood anew in a scene; it says what is to be trimmed again.
+def restore(now: Snapshot, project: Project, progress: Progress = lambda stage: None) -> Change:
+    """Go on with a project in its scene, its marks understood anew; it says what is to be cut out again.
 
     Args:
+        now: a state of the scene.
         project: what was saved.
-        document: the scene, which must be the project's, and its cameras.
         progress: called with what is understood.
 
     Raises:
         InputError: the scene is another one, or a mark is not possible.
     """
-    n = len(document.scene)
+    document, n = now.document, len(now.document.scene)
     if project.scene_size != n:
         raise InputError(
             f"This project is of '{project.scene.name}', which has {project.scene_size:,} Gaussians, and this scene "
             f"has {n:,}; open its own scene first."
         )
-    up = up_of(document, project.up)
-    basis = basis_of(document, up)
-    saved = project.objects[0].marks
-    basis = replace(basis, photographed_from=saved.photographed_from or basis.photographed_from)
-    parts = tuple(
-        MarkedObject(
-            number,
-            saved.name,
-            saved.colour,
-            SelectionState.nothing(n),
-            choices=saved.choices,
-            hidden=saved.hidden,
-            locked=saved.locked,
-            to_cut_out=saved.cut_out,
+    up, places = document.find_up(project.up), project.objects[0].marks.photographed_from
+    basis = document.basis(up)
+    now = replace(now, up=up, basis=replace(basis, photographed_from=places or basis.photographed_from))
+    parts = []
+    for number, saved in enumerate(project.objects, 1):
+        progress(f"the marks of {saved.name}")
+        parts.append(
+            MarkedObject(
+                number,
+                saved.name,
+                saved.colour,
+                now.applied(now.nothing(), saved.marks.marks),
+                saved.marks.marks,
+                Cut(CutState.WANTED if saved.cut_out else CutState.NONE, None, saved.choices),
+                hidden=saved.hidden,
+                locked=saved.locked,
+            )
         )
-        for number, saved in enumerate(project.objects, 1)
-    )
-    now = Snapshot(document, up, basis, parts, project.active, "work of last time")
-    objects = []
-    for part, saved_object in zip(parts, project.objects, strict=True):
-        progress(f"the marks of {part.name}")
-        marks = saved_object.marks.marks
-        objects.append(replace(part, marks=marks, selected=now.applied(part.selected, marks)))
-    return replace(now, objects=tuple(objects))
+    after = replace(now, objects=tuple(parts), active=project.active, next_id=len(parts) + 1, last="work of last time")
+    marked = sum(bool(part.marks) for part in parts)
+    again = any(part.cut.state is CutState.WANTED for part in parts) * " What was cut out is being cut out again."
+    said = f"Your work is back: {marked} object{'s' * (marked > 1)} marked.{again} Undo takes it away."
+    return Change(after, f"{said} {after.sentence}")

@@ -14,9 +14,9 @@ from typing import Any
 
 from gaussian_trimmer import sample
 from gaussian_trimmer.app.controller import Controller
-from gaussian_trimmer.app.files import private_folder, state_folder, write_private
 from gaussian_trimmer.app.guard import guarding_viser
-from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.app.jobs import Jobs
+from gaussian_trimmer.app.project import private_folder, state_folder, write_private
 from gaussian_trimmer.errors import InputError
 
 HOST = "127.0.0.1"
@@ -65,21 +65,22 @@ def serving(
     key = secrets.token_urlsafe(_KEY_BYTES)
     server, state = _start(port, key), private_folder(state or state_folder())
     page = state / f"open-{server.get_port()}.html"
-    controller = None
+    jobs = None
     try:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
         server.gui.main_panel.dock_right()
         server.scene.world_axes.visible = False
         offered = (str(scene), str(cameras or "")) if scene else (str(sample.SCENE), str(sample.CAMERAS))
-        controller = Controller(server, Session(), most, state, *offered)
+        jobs = Jobs(server, most, state, offered)
+        controller = Controller(jobs)
         if scene is not None:
-            controller.do("Opening", controller.open)
+            controller.open()
         yield Running(f"http://{HOST}:{server.get_port()}/{key}/", server, controller, page)
     finally:
         with suppress(OSError):
             page.unlink()
-        if controller is not None:
-            controller.stop()
+        if jobs is not None:
+            jobs.stop()
             threading.Event().wait(_FAREWELL_SECONDS)
         with redirect_stdout(io.StringIO()):
             server.stop()

@@ -1,20 +1,23 @@
-"""What is marked in a scene. Nothing here changes in place, so undoing means going back to an earlier state."""
+"""The state of the app: what is marked and cut out in a scene. Nothing here changes in place, so undoing means going
+back to an earlier snapshot. N Gaussians of the scene.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from enum import Enum
+from typing import Literal
 
 import numpy as np
 
-from gaussian_trimmer.app.documents import Document, TrimChoices, basis_of, up_of
-from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.app.documents import SPZ_UP, Document
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
 from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
-from gaussian_trimmer.selecting.marks import Mark, Marks
+from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
 
 Colour = tuple[int, int, int]
 
@@ -25,9 +28,65 @@ PALETTE: tuple[Colour, ...] = (
 """Colours of objects, in the order in which they are added."""
 
 
+@dataclass(frozen=True)
+class TrimChoices:
+    """The settings of a trim that the app offers; the others have their defaults."""
+
+    recover: bool = True
+    """Take in what the views show as attached to the object."""
+    clean: bool = True
+    """Leave out of the background what only the object hid."""
+    fill: bool = True
+    """Fill the hole in the surfaces that the object hid."""
+    fit: bool = True
+    """Cut and fit the Gaussians at the object's outline."""
+
+    def config(self, up: Point | None) -> TrimConfig:
+        """Return the settings of all stages; an up vector that is None is found, as the command line does."""
+        config = TrimConfig(background=self.background, refine="fit" if self.fit else "off")
+        if up is not None:
+            config = replace(config, up=up)
+        return replace(config, evidence=replace(config.evidence, recover=self.recover))
+
+    @property
+    def background(self) -> Literal["filled", "clean", "exact"]:
+        """How the background is made."""
+        if not self.clean:
+            return "exact"
+        return "filled" if self.fill else "clean"
+
+    def arguments(self) -> list[str]:
+        """Return the same for the command line."""
+        return [
+            *([] if self.background == "filled" else ["--background", self.background]),
+            *([] if self.fit else ["--refine", "off"]),
+            *([] if self.recover else ["--evidence.no-recover"]),
+        ]
+
+
+class CutState(Enum):
+    """Where the cut-out of an object stands."""
+
+    NONE = "not cut out"
+    FRESH = "cut out as it is marked"
+    STALE = "cut out, and marked since"
+    WANTED = "cut out when the work was saved, and to be cut out again"
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """The cut-out of an object."""
+
+    state: CutState = CutState.NONE
+    result: TrimResult | None = None
+    """Of a fresh or stale one."""
+    choices: TrimChoices = field(default_factory=TrimChoices)
+    """What it was, or is to be, made with."""
+
+
 @dataclass(frozen=True, eq=False)
 class MarkedObject:
-    """An object that is being selected, and its trim if it has been trimmed since."""
+    """An object that is being marked, and its cut-out."""
 
     id: int
     """From 1; no other object of the scene has had it."""
@@ -36,34 +95,30 @@ class MarkedObject:
     selected: SelectionState
     """What the marks select."""
     marks: tuple[Mark, ...] = ()
-    result: TrimResult | None = None
-    choices: TrimChoices = field(default_factory=TrimChoices)
-    """What it was trimmed with."""
-    before: SelectionState | None = None
-    """What was selected before the last mark."""
-    earlier: TrimResult | None = None
-    """The trim that marks have made out of date; None if there is a present one, or none at all."""
+    cut: Cut = field(default_factory=Cut)
+    before: BoolArray | None = None
+    """The object's Gaussians before the marks since its last cut-out, or else before the last mark, (N,); None for an
+    object that was cut out as it had been marked."""
     hidden: bool = False
     """Not to be seen; what is hidden cannot be marked either."""
     locked: bool = False
     """Other objects get none of what this one has."""
-    to_cut_out: bool = False
-    """It was cut out when the work on it was saved, and is to be again."""
 
     @property
-    def trimmed(self) -> TrimResult | None:
-        """The trim to look at: the present one or, until there is one, the one before the last marks."""
-        return self.result or self.earlier
+    def fresh(self) -> TrimResult | None:
+        """The result of the marks as they are; None if there is none."""
+        return self.cut.result if self.cut.state is CutState.FRESH else None
 
     @property
-    def after(self) -> BoolArray:
-        """Which Gaussians the object has after its trim, with what was marked since, (N,)."""
-        if self.result is not None:
-            return self.result.object_mask
-        if self.earlier is None:
-            return self.selected.mask
-        mask, rough = self.selected.mask, self.earlier.selection
-        return np.asarray((self.earlier.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.excluded)
+    def mask(self) -> BoolArray:
+        """Which Gaussians the object has, with what was marked since it was cut out, (N,)."""
+        if self.fresh is not None:
+            return self.fresh.object_mask
+        mask, stale = self.selected.mask, self.cut.result
+        if stale is None:
+            return mask
+        rough = stale.selection
+        return np.asarray((stale.object_mask | (mask & ~rough)) & ~(rough & ~mask) & ~self.selected.excluded)
 
     @property
     def n_selected(self) -> int:
@@ -72,22 +127,22 @@ class MarkedObject:
 
     @property
     def summary(self) -> str:
-        """What the trim made, in a sentence; empty if there is none."""
-        result = self.result
+        """What was cut out, in a sentence; empty if nothing was."""
+        result = self.fresh
         if result is None:
             return ""
         if result.refused:
-            return f"Not trimmed: {result.refused}; the selection stays as it is."
-        accepted = sum(not view.rejected for view in result.views)
-        counts = f"{len(result.object):,} Gaussians; {accepted} of {len(result.views)} views accepted."
-        return " ".join([counts, *result.warnings])
+            return f"Not cut out: {result.refused}; the selection stays as it is."
+        rejected = sum(bool(view.rejected) for view in result.views)
+        doubt = f" {rejected} of {len(result.views)} views were rejected; see 'Virtual cameras'." if rejected else ""
+        return " ".join([f"{self.name} is cut out: {len(result.object):,} Gaussians.{doubt}", *result.warnings])
 
     def marked(self, marks: tuple[Mark, ...], selected: SelectionState, *, further: bool = False) -> MarkedObject:
-        """The object with other marks, not trimmed yet; with further ones, the trim before is still to be seen."""
-        earlier = self.trimmed if further else None
-        return replace(
-            self, marks=marks, selected=selected, result=None, before=self.selected, earlier=earlier, to_cut_out=False
-        )
+        """Return the object with other marks; with further ones, its cut-out is stale and still to be seen."""
+        stale = further and self.cut.result is not None
+        before = self.before if self.cut.state is CutState.STALE and self.before is not None else self.mask
+        cut = replace(self.cut, state=CutState.STALE) if stale else Cut(choices=self.cut.choices)
+        return replace(self, marks=marks, selected=selected, before=before, cut=cut)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +156,16 @@ class Snapshot:
     objects: tuple[MarkedObject, ...]
     active: int
     """Place of the object that is being marked."""
+    next_id: int
+    """Of the next object."""
     last: str = ""
     """The step that led here, in a few words."""
+
+    @classmethod
+    def first(cls, document: Document, up: UpVector) -> Snapshot:
+        """Return the state in which nothing is marked."""
+        empty = MarkedObject(1, "object 1", PALETTE[0], SelectionState.nothing(len(document.scene)))
+        return cls(document, up, document.basis(up), (empty,), 0, 2, "open")
 
     @property
     def object(self) -> MarkedObject:
@@ -110,13 +173,15 @@ class Snapshot:
         return self.objects[self.active]
 
     @property
+    def given_up(self) -> Point | None:
+        """The up vector, if it has to be told to find it again."""
+        return point_of(self.up.direction) if self.up.source in ("given", SPZ_UP.source) else None
+
+    @property
     def locked(self) -> BoolArray:
         """Gaussians of other objects that are locked or hidden, which marks leave alone, (N,)."""
-        rows = np.zeros(len(self.document.scene), np.bool_)
-        for place, part in enumerate(self.objects):
-            if place != self.active and (part.locked or part.hidden):
-                rows |= part.after
-        return rows
+        others = [part for part in self.objects if part is not self.object and (part.locked or part.hidden)]
+        return np.asarray(np.any([self.nothing().mask, *(part.mask for part in others)], axis=0))
 
     @property
     def has_work(self) -> bool:
@@ -127,23 +192,22 @@ class Snapshot:
     def sentence(self) -> str:
         """What there is, and what to do next."""
         part = self.object
-        if part.result is not None:
+        if part.fresh is not None:
             return part.summary
         if part.n_selected:
             return f"{part.name}: {part.n_selected:,} Gaussians selected. Press 'Cut out', or go on marking."
         return "Choose 'Click' and click on the object that you want; 'Find objects' in the tab 'Objects' marks all."
 
     def with_object(self, changed: MarkedObject, last: str) -> Snapshot:
-        """The same with another state of the object that is being marked."""
-        objects = (*self.objects[: self.active], changed, *self.objects[self.active + 1 :])
-        return replace(self, objects=objects, last=last)
+        """Return the snapshot with another state of the object of the same id."""
+        return replace(self, objects=tuple(changed if o.id == changed.id else o for o in self.objects), last=last)
 
     def nothing(self) -> SelectionState:
-        """An empty selection."""
+        """Return an empty selection."""
         return SelectionState.nothing(len(self.document.scene))
 
     def applied(self, selected: SelectionState, marks: Sequence[Mark]) -> SelectionState:
-        """A selection after further marks.
+        """Return a selection after further marks.
 
         Raises:
             InputError: a mark is not possible.
@@ -155,7 +219,7 @@ class Snapshot:
         return selected
 
     def understood_anew(self, last: str) -> Snapshot:
-        """The same marks, understood with this up vector and these cameras; trims of marked objects are out of date.
+        """Return the same marks, understood with this up vector and these cameras; what is marked is not cut out.
 
         Raises:
             InputError: a mark is not possible with them.
@@ -166,54 +230,11 @@ class Snapshot:
         )
         return replace(self, objects=objects, last=last)
 
-    def with_up(self, up: UpVector, last: str) -> Snapshot:
-        """Another up vector. Raises as `understood_anew`."""
-        basis = replace(basis_of(self.document, up), photographed_from=self.basis.photographed_from)
-        return replace(self, up=up, basis=basis).understood_anew(last)
-
-    def with_cameras(self, path: Path) -> Snapshot:
-        """Cameras for the scene, and what they say of the up vector unless it was given. The marks stay.
-
-        Raises:
-            InputError: the cameras cannot be read or are another scene's, or a mark is not possible with them.
-        """
-        document = self.document.with_cameras(path)
-        up = self.up if self.up.source == "given" else up_of(document)
-        return replace(self, document=document, up=up, basis=basis_of(document, up)).understood_anew("cameras")
-
-    def with_basis_of(self, given: Marks) -> Snapshot:
-        """The state in which marks mean what they mean in a file of marks.
-
-        Raises:
-            InputError: they were made in another scene, or a mark is not possible with them.
-        """
-        n = len(self.document.scene)
-        if given.scene_size not in (None, n):
-            raise InputError(
-                f"These marks belong to a scene of {given.scene_size:,} Gaussians, and this one has {n:,}; open the "
-                "scene in which they were made."
-            )
-        places = given.photographed_from or self.basis.photographed_from
-        if (given.up, places) == (self.basis.up, self.basis.photographed_from):
-            return self
-        up = self.up if given.up == self.basis.up else UpVector(np.array(given.up), "given", 1.0)
-        basis = replace(self.basis, up=given.up, photographed_from=places)
-        return replace(self, up=up, basis=basis).understood_anew(self.last)
-
-
-def free_colours(now: Snapshot) -> list[Colour]:
-    """The colours of the palette that no marked object has; all if there are none."""
-    taken = {part.colour for part in now.objects if part.marks}
-    return [colour for colour in PALETTE if colour not in taken] or list(PALETTE)
-
-
-def contrasting(now: Snapshot, selected: BoolArray) -> Colour:
-    """The colour of the palette that no object has and that is farthest from that of some Gaussians, (N,)."""
-    own = np.median(np.clip(0.5 + SH_C0 * now.document.scene.sh_dc[selected], 0, 1), axis=0) * 255
-    return max(free_colours(now), key=lambda colour: float(np.linalg.norm(own - colour)))
-
-
-def first_snapshot(document: Document, up: UpVector) -> Snapshot:
-    """A document in which nothing is marked."""
-    empty = SelectionState.nothing(len(document.scene))
-    return Snapshot(document, up, basis_of(document, up), (MarkedObject(1, "object 1", PALETTE[0], empty),), 0, "open")
+    def contrasting_colour(self, own: BoolArray) -> Colour:
+        """Return the palette's colour that no marked object has and that is farthest from some Gaussians', (N,)."""
+        taken = {part.colour for part in self.objects if part.marks}
+        free = [colour for colour in PALETTE if colour not in taken] or list(PALETTE)
+        if not own.any():
+            return free[0]
+        mean = np.median(np.clip(0.5 + SH_C0 * self.document.scene.sh_dc[own], 0, 1), axis=0) * 255
+        return max(free, key=lambda colour: float(np.linalg.norm(mean - colour)))

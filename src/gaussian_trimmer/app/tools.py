@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any, Protocol
 
 import numpy as np
 
+from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.display import markable_rows, shown_rows
-from gaussian_trimmer.app.documents import normal_of
-from gaussian_trimmer.app.freehand import rows_drawn
-from gaussian_trimmer.app.gestures import Gesture, GestureChannel, Place
+from gaussian_trimmer.app.gestures import LARGER, SMALLER, Gesture, GestureChannel
 from gaussian_trimmer.app.panels import (
+    ADD,
     BOX,
     BOX3D,
     BRUSH,
-    CHANGES,
     CLICK,
     EFFECTS,
+    KEEP_ONLY,
     LASSO,
     LOOK,
-    OBJECT,
-    OBJECTS,
     POINTS,
     POLYGON,
     THROUGH,
@@ -29,15 +27,29 @@ from gaussian_trimmer.app.panels import (
 )
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.viewpoints import before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
+from gaussian_trimmer.app.showing import Event
+from gaussian_trimmer.app.viewpoints import (
+    Place,
+    before_what_shows,
+    box_at,
+    pixel_at,
+    rows_drawn,
+    surface_points,
+    viewpoint_of,
+)
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Point, Rows, Shrink, Viewpoint, point_of
 from gaussian_trimmer.selecting.row_packing import pack_rows
 
-Do = Callable[[str, Callable[[], str], Any], None]
-"""Has something done in the worker's thread; takes its name, the work, and the tab that asked for it."""
+
+class Do(Protocol):
+    """Has something done in the worker's thread."""
+
+    def __call__(self, name: str, work: Callable[[], str], client: Any = None, event: Event | None = None) -> None:
+        """Do some work for a tab; if it succeeds, show what is to be seen after an event."""
+
 
 _SCREEN_MIDDLE = (0.5, 0.5)
 _SPACINGS = 1.5
@@ -72,7 +84,7 @@ class Tools:
         self._do(tool, lambda: self.begin(tool, client), client)
 
     def viewpoint(self, client: Any) -> Viewpoint:
-        """Where a tab looks from."""
+        """Return where a tab looks from."""
         return viewpoint_of(client.camera, self._view.frame)
 
     def begin(self, tool: str, client: Any) -> str:
@@ -91,9 +103,9 @@ class Tools:
 
     def heard(self, gesture: Gesture, client: Any) -> None:
         """Do what was meant by a gesture."""
-        if gesture.tool in ("[", "]"):
+        if gesture.tool in (SMALLER, LARGER):
             brush = self._panels.brush
-            size = brush.value * (_BRUSH_STEP if gesture.tool == "]" else 1 / _BRUSH_STEP)
+            size = brush.value * (_BRUSH_STEP if gesture.tool == LARGER else 1 / _BRUSH_STEP)
             brush.value = round(min(max(size, brush.min), brush.max))
             self._tell_page()
             return
@@ -106,27 +118,14 @@ class Tools:
             POINTS: self._corner,
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
-            view, do = self.viewpoint(client), self._do if gesture.tool == POINTS else self._mark_by
-            do("Marking", lambda: work[gesture.tool](view, gesture), client)
+            view, event = self.viewpoint(client), None if gesture.tool == POINTS else Event.MARKED
+            self._do("Marking", lambda: work[gesture.tool](view, gesture), client, event)
 
     def change_selection(self, way: str, client: Any) -> None:
         """Let the selection grow or shrink, or invert it."""
         marks: dict[str, Mark] = {"Grow": Grow(_SPACINGS), "Shrink": Shrink(_SPACINGS)}
-        self._mark_by(way, lambda: self._mark(marks[way]) if way in marks else self._session.invert(), client)
-
-    def _mark_by(self, name: str, work: Callable[[], str], client: Any) -> None:
-        """Have a mark made, and show it."""
-
-        def job() -> str:
-            sentence, panels = work(), self._panels
-            follows = panels.when.value == "After" and self._session.now.object.earlier is not None
-            alone = panels.part.value == OBJECT
-            panels.look_at(
-                panels.part.value, "After" if follows else "Before", CHANGES if follows or alone else OBJECTS
-            )
-            return sentence
-
-        self._do(name, job, client)
+        work = (lambda: self._mark(marks[way])) if way in marks else lambda: self._session.do(edits.invert)
+        self._do(way, work, client, Event.MARKED)
 
     def _tell_page(self) -> None:
         self._channel.show(self._panels.tool.value, self._panels.brush.value)
@@ -152,7 +151,7 @@ class Tools:
         self._view.show_box(point_of(centre), sides, now.up.direction)
 
     def _effect(self, asked: Effect | None) -> Effect:
-        return asked or cast("Effect", EFFECTS[self._panels.effect.value])
+        return asked or EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
         place = gesture.places[0]
@@ -187,10 +186,10 @@ class Tools:
         if len(self._corners) < 3:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
-        up = self._session.set_up(normal_of(corners, point_of(view.camera.centre)))
+        said = self._session.do(edits.set_up, edits.normal_of(corners, point_of(view.camera.centre)))
         self._panels.show_tool(LOOK)
         self.begin(LOOK, None)
-        return f"Up is {' '.join(f'{value:.3f}' for value in up.direction)}."
+        return said
 
     def _apply_box(self, client: Any) -> None:
         def work() -> str:
@@ -200,21 +199,24 @@ class Tools:
                 raise InputError("There is no box; choose the tool '3D box' first.")
             return self._mark(mark)
 
-        self._mark_by("Marking", work, client)
+        self._do("Marking", work, client, Event.MARKED)
 
     def _mark(self, mark: Mark) -> str:
-        return self._session.mark(mark, among=markable_rows(self._session.now, self._panels.showing))
+        sentence = self._session.do(edits.mark, mark, among=markable_rows(self._session.now, self._panels.showing))
+        if self._panels.effect.value == KEEP_ONLY:  # else the next mark would keep nothing
+            self._panels.effect.value = ADD
+        return sentence
 
     def _shown_rows(self) -> Any:
         return shown_rows(self._session.now, self._panels.showing)
 
     def _shown(self) -> Gaussians:
-        """The Gaussians of the scene that are to be seen."""
+        """Return the Gaussians of the scene that are to be seen."""
         scene, rows = self._session.document.scene, self._shown_rows()
         return scene if rows.all() else scene.select(np.flatnonzero(rows))
 
     def _past_hidden(self, view: Viewpoint, places: Sequence[Place]) -> Viewpoint:
-        """The view, or the view past what is hidden, if something is."""
+        """Return the view, past what is hidden if something is."""
         shown, document = self._shown(), self._session.document
         if shown is document.scene:
             return view

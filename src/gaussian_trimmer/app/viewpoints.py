@@ -1,4 +1,7 @@
-"""Between the browser's picture of a scene and the scene: coordinates, cameras and points on surfaces."""
+"""Between the browser's picture of a scene and the scene: coordinates, cameras, surfaces, and what is drawn over.
+
+N Gaussians, H x W pixels of a small view.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
+
+Place = tuple[float, float]
+"""A place in the browser's picture, from (0, 0) at the upper left to (1, 1)."""
 
 _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
@@ -24,6 +31,8 @@ _VIEW_DISTANCE_RADII = 3.0
 """Distance from which something is looked at, in its radius."""
 _BEFORE_SURFACE = 0.999
 """Depth of a near plane that hides what stands before a surface, relative to the surface's."""
+_SHIFT = 4
+"""Bits of a pixel's fraction in OpenCV's coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,22 +50,22 @@ class Frame:
 
     @classmethod
     def around(cls, means: FloatArray) -> Frame:
-        """The frame in which half of the centres (N, 3) lie within five units of the origin."""
+        """Return the frame in which half of the centres (N, 3) lie within five units of the origin."""
         centre = np.median(means, axis=0).astype(np.float64)
         distance = float(np.median(np.linalg.norm(means - centre, axis=1)))
         return cls(centre, _MEDIAN_DISTANCE / distance if distance > 0 else 1.0)
 
     def to_viewer(self, points: Float64Array | FloatArray) -> Float64Array:
-        """Points of the scene (..., 3) in the viewer's coordinates."""
+        """Return points of the scene (..., 3) in the viewer's coordinates."""
         return np.asarray((np.asarray(points, np.float64) - self.centre) * self.scale)
 
     def to_scene(self, points: Float64Array | Sequence[float]) -> Float64Array:
-        """Points in the viewer's coordinates (..., 3) in those of the scene."""
+        """Return points in the viewer's coordinates (..., 3) in those of the scene."""
         return np.asarray(np.asarray(points, np.float64) / self.scale + self.centre)
 
 
 def viewpoint_of(camera: Any, frame: Frame) -> Viewpoint:
-    """The view of the scene that a browser has, to which marks can refer.
+    """Return the view of the scene that a browser has, to which marks can refer.
 
     Args:
         camera: viser's, in the viewer's coordinates; its axes are x right, y down, z forward.
@@ -73,7 +82,7 @@ def viewpoint_of(camera: Any, frame: Frame) -> Viewpoint:
 
 
 def first_look(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> tuple[Point, Point]:
-    """From where a scene is looked at first, and at which point: as its first camera does."""
+    """Return from where a scene is looked at first, and at which point: as its first camera does."""
     camera = cameras.cameras[0] if cameras is not None else views_to_click_in(scene, None, up)[0].camera
     ahead = (scene.means - camera.centre) @ camera.forward
     depth = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else 1.0
@@ -81,31 +90,29 @@ def first_look(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) ->
 
 
 def look_at_points(means: FloatArray, forward: Float64Array) -> tuple[Point, Point]:
-    """From where points (M, 3) are looked at in a direction (3,), and at which point."""
+    """Return from where points (M, 3) are looked at in a direction (3,), and at which point."""
     points = means.astype(np.float64)
     centre = np.median(points, axis=0)
     radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
     return point_of(centre - _VIEW_DISTANCE_RADII * radius * forward), point_of(centre)
 
 
-def pixel_at(view: Viewpoint, place: Sequence[float]) -> tuple[int, int]:
-    """The pixel at a place of the picture, whose left upper corner is (0, 0) and right lower one (1, 1)."""
+def pixel_at(view: Viewpoint, place: Place) -> tuple[int, int]:
+    """Return the pixel at a place of the picture, whose left upper corner is (0, 0) and right lower one (1, 1)."""
     sizes = (view.camera.width, view.camera.height)
     x, y = (min(max(int(share * size), 0), size - 1) for share, size in zip(place, sizes, strict=True))
     return x, y
 
 
-def box_at(view: Viewpoint, low: Sequence[float], high: Sequence[float]) -> tuple[int, int, int, int]:
-    """The box of pixels between two places of the picture, as `pixel_at`; right and lower ends are exclusive."""
+def box_at(view: Viewpoint, low: Place, high: Place) -> tuple[int, int, int, int]:
+    """Return the box of pixels between two places of the picture, as `pixel_at`; right and lower ends are exclusive."""
     x0, y0 = pixel_at(view, low)
     x1, y1 = pixel_at(view, high)
     return x0, y0, x1 + 1, y1 + 1
 
 
-def before_what_shows(
-    gaussians: Gaussians, view: Viewpoint, places: Sequence[Sequence[float]], renderer: Renderer
-) -> Viewpoint:
-    """The view without what stands before some of the scene's Gaussians at places of the picture, as `pixel_at`.
+def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer) -> Viewpoint:
+    """Return the view without what stands before some of the scene's Gaussians at places of the picture, as `pixel_at`.
 
     The near plane moves up to the first of these Gaussians, so that a mark meant for them, made while others are
     hidden, does not meet the others, whoever understands it.
@@ -121,9 +128,9 @@ def before_what_shows(
 
 
 def surface_points(
-    gaussians: Gaussians, view: Viewpoint, places: Sequence[Sequence[float]], renderer: Renderer
+    gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer
 ) -> list[Point | None]:
-    """The points of the scene that show at places of the picture, as `pixel_at`; None where nothing is seen."""
+    """Return the points of the scene that show at places of the picture, as `pixel_at`; None where nothing is seen."""
     if not len(gaussians):
         return [None] * len(places)
     small = small_view(view.camera)
@@ -133,3 +140,69 @@ def surface_points(
     rays = small.ray_directions(pixels + 0.5)
     points = small.centre + rays * (depths / (rays @ small.forward))[:, None]
     return [point_of(point) if np.isfinite(point).all() else None for point in points]
+
+
+def drawn_mask(camera: Camera, places: Sequence[Place], radius: float | None) -> BoolArray:
+    """Return the pixels inside a closed line, or within a radius of an open one, (H, W).
+
+    Args:
+        camera: the view; it says the size.
+        places: where the line goes.
+        radius: in pixels of the view; None: the line is closed, and what it surrounds is meant.
+    """
+    mask = np.zeros((camera.height, camera.width), np.uint8)
+    line = np.round((np.array(places) * (camera.width, camera.height) - 0.5) * (1 << _SHIFT)).astype(np.int32)
+    if radius is None:
+        cv2.fillPoly(mask, [line], 1, shift=_SHIFT)
+    else:
+        cv2.polylines(mask, [line], False, 1, max(1, round(2 * radius)), shift=_SHIFT)
+        for x, y in line:
+            cv2.circle(mask, (int(x), int(y)), max(1, round(radius * (1 << _SHIFT))), 1, -1, shift=_SHIFT)
+    return mask.astype(np.bool_)
+
+
+def rows_drawn(
+    gaussians: Gaussians,
+    view: Viewpoint,
+    places: Sequence[Place],
+    *,
+    radius: float | None,
+    through: bool,
+    renderer: Renderer,
+) -> BoolArray:
+    """Return which Gaussians have their centres within what was drawn over them, (N,).
+
+    Those of the surface reach as deep below it as the brush's radius, or half of the width that a lasso has.
+
+    Args:
+        gaussians: those that are shown.
+        view: from where.
+        places: where the line goes.
+        radius: of the brush, in pixels of the view; None for a lasso or a polygon.
+        through: take all depths, not only the surface.
+        renderer: finds the surface.
+
+    Raises:
+        InputError: nothing is seen there.
+    """
+    camera = small_view(view.camera)
+    shrunk = None if radius is None else radius * camera.width / view.camera.width
+    mask = drawn_mask(camera, places, shrunk)
+    pixels, depths = camera.project(gaussians.means.astype(np.float64))
+    rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
+    x, y = pixels[rows].astype(np.int64).T
+    rows, x, y = (values[mask[y, x]] for values in (rows, x, y))
+    if not through and len(rows):
+        reach = shrunk if shrunk is not None else np.sqrt(np.count_nonzero(mask) / np.pi)
+        corners = np.argwhere(mask)[:, ::-1]
+        surface = np.full(mask.shape, np.inf)
+        surface[mask] = surface_depths(
+            gaussians, camera, *renderer.top_contributors(gaussians, camera, corners, CONTRIBUTORS)
+        )
+        front = surface[y, x]
+        rows = rows[depths[rows] <= front * (1 + reach / camera.K[0, 0])]
+    if not len(rows):
+        raise InputError("Nothing that is shown is there; draw over what you see.")
+    taken = np.zeros(len(gaussians), np.bool_)
+    taken[rows] = True
+    return taken

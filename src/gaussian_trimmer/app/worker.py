@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import threading
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from enum import Enum
 
-from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.errors import InputError
 
 Job = Callable[[], None]
 
 
 class Cancelled(InputError):  # noqa: N818
-    """The user has stopped what was going on."""
+    """The present job was asked to stop."""
 
     def __init__(self) -> None:
         super().__init__("Cancelled; everything is as it was.")
+
+
+class Stop(Enum):
+    """Who has asked the present job to stop."""
+
+    NOBODY = "nobody"
+    USER = "the user"
+    NEXT_JOB = "the next job"
 
 
 class Worker:
@@ -25,10 +32,9 @@ class Worker:
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
-        self._cancelled, self.busy, self._ended = threading.Event(), False, False
+        self.stop_asked_by = Stop.NOBODY
+        self.busy, self._ended = False, False
         self._submitted, self._yielding = 0, False
-        self.gave_way = False
-        """Whether the last job that gives way was stopped by another one."""
 
     def submit(self, job: Job) -> None:
         """Do a job after those that were submitted before, which stops one that gives way; none after the end."""
@@ -36,8 +42,7 @@ class Worker:
             return
         self._submitted += 1
         if self._yielding:
-            self.gave_way = True
-            self.cancel()
+            self.stop_asked_by = Stop.NEXT_JOB
         self._thread.submit(self._do, job)
 
     def submit_if_idle(self, job: Job) -> None:
@@ -49,7 +54,7 @@ class Worker:
         def unless_others_came() -> None:
             if self._submitted != expected:
                 return
-            self._yielding, self.gave_way = True, False
+            self._yielding = True
             try:
                 job()
             finally:
@@ -60,11 +65,11 @@ class Worker:
     def cancel(self) -> None:
         """Ask the present job to stop; later ones are done."""
         if self.busy:
-            self._cancelled.set()
+            self.stop_asked_by = Stop.USER
 
     def cancelled(self) -> bool:
-        """Whether the present job was asked to stop."""
-        return self._cancelled.is_set()
+        """Tell whether the present job was asked to stop."""
+        return self.stop_asked_by is not Stop.NOBODY
 
     def stop(self) -> None:
         """Let the present job be the last, ask it to stop, and wait for that."""
@@ -73,7 +78,7 @@ class Worker:
         self._thread.shutdown(cancel_futures=True)
 
     def _do(self, job: Job) -> None:
-        self._cancelled.clear()
+        self.stop_asked_by = Stop.NOBODY
         self.busy = True
         try:
             job()
@@ -81,14 +86,3 @@ class Worker:
             traceback.print_exc()
         finally:
             self.busy = False
-
-
-def stopping(progress: Progress, cancelled: Callable[[], bool]) -> Progress:
-    """What to call at each stage, which raises `Cancelled` if the user wants to stop."""
-
-    def stage(name: str) -> None:
-        if cancelled():
-            raise Cancelled
-        progress(name)
-
-    return stage

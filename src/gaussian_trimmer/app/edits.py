@@ -1,0 +1,331 @@
+"""Everything that changes the state: functions of a snapshot that return the next one, and what was done.
+
+Each either does its work wholly or raises `InputError`, and nothing has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain, count
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from gaussian_trimmer.app.documents import Progress
+from gaussian_trimmer.app.snapshots import PALETTE, Colour, Cut, CutState, MarkedObject, Snapshot, TrimChoices
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding.find import find_objects
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
+from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS, SelectionState
+from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Point, Rows, point_of
+from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
+from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.views import HALF
+
+RENAMING = "name and colour"
+_MAX_NAME = 60
+_GAP_SHARE = 0.1
+"""Gap between a selection and what a click adds at its boundary, at most, relative to the selection's diagonal."""
+
+
+class Change(NamedTuple):
+    """What an edit makes of a snapshot."""
+
+    after: Snapshot
+    sentence: str
+    """What was done, for the user."""
+
+
+def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None) -> Change:
+    """Mark the active object.
+
+    Args:
+        now: the state before.
+        marks: what to select, in order.
+        among: Gaussians that may change, (N,), all if they are not given; those of objects that are locked or hidden
+            never do. What else would change is put back by further marks.
+
+    Raises:
+        InputError: a mark is not possible, it changes nothing, or after it nothing is selected.
+    """
+    before = now.object
+    if not before.n_selected and getattr(marks[0], "effect", "remove") != "add":
+        raise InputError("Nothing is selected yet, so nothing can be removed or kept; mark with the mode 'Add' first.")
+    selected = now.applied(before.selected, marks)
+    how = selected.interpretations[-1]
+    added = selected.mask & ~before.selected.mask
+    strays = how == INTERPRETATIONS["region"] and added.any() and before.n_selected > 0
+    if strays and not touches(now.document.scene.means, before.selected.mask, added):
+        raise InputError("What you clicked on does not touch the object, so it was not added; draw over it to add it.")
+    kept = now.locked if among is None else now.locked | ~among
+    undone: tuple[tuple[Effect, BoolArray], ...] = (
+        ("remove", added & kept),
+        ("add", before.selected.mask & ~selected.mask & kept),
+    )
+    for effect, rows in undone:
+        if rows.any():
+            marks = (*marks, Rows(pack_rows(rows), "what is not shown stays", effect))
+            selected = now.applied(selected, marks[-1:])
+    if not selected.mask.any():
+        raise InputError("After this mark nothing would be selected, so it was not made. To start over, clear.")
+    change = _describe_change(before.selected, selected)
+    if not change:
+        raise InputError(f"This mark changes nothing that is shown, so it was not made: {how}.")
+    marked = before.marked(before.marks + marks, selected, further=True)
+    if not before.marks and before.colour in PALETTE:
+        marked = replace(marked, colour=now.contrasting_colour(selected.mask))
+    sentence = f"{change} {how}. {marked.n_selected:,} Gaussians selected."
+    return Change(now.with_object(marked, f"mark ({how})"), sentence)
+
+
+def invert(now: Snapshot) -> Change:
+    """Select what is not selected, except for what is locked, and nothing else. Raises as `mark`."""
+    mask = now.object.selected.mask
+    rest = Rows(pack_rows(~mask & ~now.locked), "inverted")
+    return mark(now, rest, Rows(pack_rows(mask), "inverted", "remove")) if mask.any() else mark(now, rest)
+
+
+def clear(now: Snapshot) -> Change:
+    """Remove all marks of the active object."""
+    return Change(now.with_object(now.object.marked((), now.nothing()), "clear"), "Cleared.")
+
+
+def load(now: Snapshot, path: Path) -> Change:
+    """Replace the active object's marks by a selection file of any kind, or by saved marks.
+
+    Raises:
+        InputError: the file cannot be read, does not fit the scene, or selects nothing.
+    """
+    marks: tuple[Mark, ...] = (FromFile(path),)
+    if is_marks_file(path):
+        given, n = read_marks(path), len(now.document.scene)
+        if given.scene_size not in (None, n):
+            raise InputError(
+                f"These marks belong to a scene of {given.scene_size:,} Gaussians, and this one has {n:,}; open the "
+                "scene in which they were made."
+            )
+        marks, places = given.marks, given.photographed_from or now.basis.photographed_from
+        if (given.up, places) != (now.basis.up, now.basis.photographed_from):
+            up = now.up if given.up == now.basis.up else UpVector(np.array(given.up), "given", 1.0)
+            basis = replace(now.basis, up=given.up, photographed_from=places)
+            now = replace(now, up=up, basis=basis).understood_anew(now.last)
+    selected = now.applied(now.nothing(), marks)
+    if not selected.mask.any():
+        raise InputError(f"'{path}' selects nothing in this scene.")
+    loaded = now.object.marked(marks, selected)
+    sentence = f"{loaded.n_selected:,} Gaussians selected: {'; '.join(selected.interpretations)}."
+    return Change(now.with_object(loaded, "load a selection"), sentence)
+
+
+def use_cameras(now: Snapshot, path: Path) -> Change:
+    """Give the scene cameras, and the up vector that they state unless it was given; marks are understood with them.
+
+    Raises:
+        InputError: the cameras cannot be read or are another scene's, or a mark is not possible with them.
+    """
+    document = now.document.with_cameras(path)
+    up = now.up if now.up.source == "given" else document.find_up()
+    after = replace(now, document=document, up=up, basis=document.basis(up)).understood_anew("cameras")
+    return Change(after, "The scene has these cameras now; your marks are kept, and understood with them.")
+
+
+def set_up(now: Snapshot, given: Point | None) -> Change:
+    """Set the up vector, or find it if none is given; marks are understood anew with it.
+
+    Raises:
+        InputError: it is not a direction, or a mark is not possible with it.
+    """
+    up = now.document.find_up(given)
+    basis = replace(now.document.basis(up), photographed_from=now.basis.photographed_from)
+    return Change(replace(now, up=up, basis=basis).understood_anew("up vector"), describe_up(up))
+
+
+def cut_out(now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None) -> Change:
+    """Trim the active object.
+
+    Args:
+        now: the state before.
+        choices: settings.
+        progress: called with the name of each stage when it begins.
+
+    Raises:
+        InputError: nothing is selected, or the trim is not possible.
+    """
+    part = _cut_out(now, now.object, choices, progress)
+    after = now.with_object(replace(part, before=None), "cut out")
+    return Change(after, after.object.summary)
+
+
+def cut_out_again(now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None) -> Change:
+    """Trim the active object after further marks, as part of the step that made them. Raises as `cut_out`."""
+    return Change(now.with_object(_cut_out(now, now.object, choices, progress), now.last), "Cut out again.")
+
+
+def cut_out_wanted(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
+    """Trim what was cut out when the work was saved, as part of the step that brought it back. Raises as `cut_out`."""
+    wanted = [part for part in now.objects if part.cut.state is CutState.WANTED]
+    for part in wanted:
+        now = now.with_object(_cut_out(now, part, part.cut.choices, progress), now.last)
+    many = f"{len(wanted)} object{'s' * (len(wanted) > 1)}"
+    return Change(now, f"What you had cut out is back: {many}. {now.sentence}")
+
+
+def add_object(now: Snapshot) -> Change:
+    """Add an object and make it the active one."""
+    nothing = now.nothing()
+    added = MarkedObject(now.next_id, f"object {now.next_id}", now.contrasting_colour(nothing.mask), nothing)
+    after = replace(now, objects=(*now.objects, added), active=len(now.objects), next_id=now.next_id + 1)
+    return Change(replace(after, last="new object"), after.sentence)
+
+
+def remove_object(now: Snapshot) -> Change:
+    """Delete the active object.
+
+    Raises:
+        InputError: it is the only one.
+    """
+    if len(now.objects) == 1:
+        raise InputError("This is the only object; clear its marks instead.")
+    objects = tuple(part for part in now.objects if part is not now.object)
+    after = replace(now, objects=objects, active=min(now.active, len(objects) - 1), last="delete object")
+    return Change(after, after.sentence)
+
+
+def activate(now: Snapshot, number: int) -> Change:
+    """Mark the object with this id from now on.
+
+    Raises:
+        InputError: there is no such object.
+    """
+    places = [place for place, part in enumerate(now.objects) if part.id == number]
+    if not places:
+        raise InputError(f"There is no object {number} any more.")
+    after = replace(now, active=places[0])
+    return Change(after, after.sentence)
+
+
+def describe(now: Snapshot, number: int, name: str, colour: Colour) -> Change:
+    """Give the object with this id a name and a colour.
+
+    Raises:
+        InputError: the name is empty, too long, or another object's.
+    """
+    name = " ".join(name.split())
+    if not name or len(name) > _MAX_NAME or not name.isprintable():
+        raise InputError(f"'{name}' cannot be a name: give 1 to {_MAX_NAME} printable characters.")
+    if any(part.name == name and part.id != number for part in now.objects):
+        raise InputError(f"Another object is already called '{name}'.")
+    for part in now.objects:
+        if part.id == number and (part.name, part.colour) != (name, colour):
+            now = now.with_object(replace(part, name=name, colour=colour), RENAMING)
+    return Change(now, now.sentence)
+
+
+def keep_object(now: Snapshot, *, hidden: bool, locked: bool) -> Change:
+    """Hide or lock the active object, or show and unlock it."""
+    after = now.with_object(replace(now.object, hidden=hidden, locked=locked), "hide or lock")
+    return Change(after, f"{now.object.name} is hidden; U shows it." if hidden else after.sentence)
+
+
+def show_all(now: Snapshot) -> Change:
+    """Show all objects."""
+    shown = tuple(replace(part, hidden=False) for part in now.objects)
+    after = replace(now, objects=shown, last="show all")
+    return Change(after, after.sentence)
+
+
+def find(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
+    """Add an object for each one that is found without a mark.
+
+    Objects that are marked already stay as they are, and keep their Gaussians; others make room. What the program is
+    not sure of is left out.
+
+    Raises:
+        InputError: nothing is found that is sure and not marked yet, or hardly anything shows in the views.
+    """
+    document = now.document
+    found = find_objects(
+        document.scene, cameras=document.cameras, up=now.up.direction, renderer=document.renderer, progress=progress
+    )
+    kept, blank = ([part for part in now.objects if bool(part.marks) is marked] for marked in (True, False))
+    taken = np.any([now.nothing().mask, *(part.mask for part in kept)], axis=0)
+    sure = list(found.selections().values())
+    further = [mask & ~taken for mask in sure if (mask & taken).sum() <= HALF * mask.sum()]
+    left_out = {"unsure": len(found) - len(sure), "marked already": len(sure) - len(further)}
+    rest = ", ".join(f"{many} {why}" for why, many in left_out.items() if many)
+    rest = f" Left out: {rest}." if rest else ""
+    if not further:
+        raise InputError(f"No further object was found; mark by clicks or boxes.{rest}")
+    new = (MarkedObject(free, f"object {free}", PALETTE[0], now.nothing()) for free in count(now.next_id))
+    after = replace(now, objects=tuple(kept), active=len(kept), last="find objects")
+    for part, mask in zip(chain(blank, new), further, strict=False):
+        rows = Rows(pack_rows(mask), "found")
+        marked = part.marked((rows,), now.applied(now.nothing(), (rows,)))
+        marked = replace(marked, colour=after.contrasting_colour(mask), hidden=False)
+        after = replace(after, objects=(*after.objects, marked), next_id=max(after.next_id, part.id + 1))
+    return Change(after, f"Found {len(further)} object{'s' * (len(further) > 1)}; the tab 'Objects' lists them.{rest}")
+
+
+def describe_up(up: UpVector) -> str:
+    """Say which way is up and how that is known."""
+    direction = " ".join(f"{value + 0.0:.3f}" for value in up.direction)
+    if up.confidence == 0:
+        return f"Up is unknown and assumed to be {direction}: choose an axis, or click three points on the ground."
+    sure = f", confidence {up.confidence:.2f}" if up.confidence < 1 else ""
+    return f"Up is {direction} ({up.source}{sure})."
+
+
+def normal_of(points: Sequence[Point], eye: Point) -> Point:
+    """Return the normal of the plane through three points, towards an eye.
+
+    Raises:
+        InputError: the points lie in a line.
+    """
+    first, second, third = np.array(points, np.float64)
+    normal = np.cross(second - first, third - first)
+    size = max(float(np.linalg.norm(second - first)), float(np.linalg.norm(third - first)))
+    if not np.linalg.norm(normal) > 1e-3 * size**2:
+        raise InputError("The three points lie in a line; click three that span the ground.")
+    if normal @ (np.array(eye) - first) < 0:
+        normal = -normal
+    return point_of(normal / np.linalg.norm(normal))
+
+
+def touches(means: FloatArray, selected: BoolArray, added: BoolArray) -> bool:
+    """Tell whether some Gaussians lie beside a selection, (N,) each, and not far from it in the scene."""
+    size = float(np.linalg.norm(np.ptp(means[selected], axis=0)))
+    squared, _ = nearest(means[selected], means[added], 1)
+    return float(np.sqrt(squared.min())) <= _GAP_SHARE * size
+
+
+def _cut_out(now: Snapshot, part: MarkedObject, choices: TrimChoices, progress: Progress) -> MarkedObject:
+    """Return an object with its cut-out. Raises as `cut_out`."""
+    document = now.document
+    if not part.n_selected:
+        raise InputError("Nothing is selected; mark an object first.")
+    result = trim(
+        document.scene,
+        part.selected.mask,
+        excluded=part.selected.excluded,
+        config=choices.config(now.given_up),
+        renderer=document.renderer,
+        cameras=document.cameras,
+        progress=progress,
+    )
+    return replace(part, cut=Cut(CutState.FRESH, result, choices))
+
+
+def _describe_change(before: SelectionState, after: SelectionState) -> str:
+    """Say what a mark changed; nothing if it changed nothing."""
+    added, removed = (int(np.count_nonzero(part)) for part in (after.mask & ~before.mask, before.mask & ~after.mask))
+    if added and removed:
+        return f"Added {added:,} and removed {removed:,}:"
+    if added or removed:
+        return f"Added {added:,}:" if added else f"Removed {removed:,}:"
+    kept_out = int(np.count_nonzero(after.excluded & ~before.excluded))
+    return f"Removed nothing that is selected; the trim will leave out {kept_out:,}:" if kept_out else ""

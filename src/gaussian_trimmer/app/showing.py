@@ -1,0 +1,114 @@
+"""What is to be seen after each action, and what the app does by itself then: pure functions of event and state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Literal
+
+from gaussian_trimmer.app.snapshots import CutState, Snapshot
+
+Part = Literal["both", "object", "background"]
+When = Literal["before", "after"]
+Colouring = Literal["own", "objects", "changes"]
+
+
+@dataclass(frozen=True)
+class Showing:
+    """What is to be seen."""
+
+    part: Part = "both"
+    when: When = "before"
+    """The selection, or the cut-out; an object that has not been cut out is shown as it is selected."""
+    colours: Colouring = "objects"
+    """Those of the scene, the objects tinted, or what was changed tinted: by the trim, or else by the last marks."""
+
+
+class Event(Enum):
+    """What has just been done."""
+
+    OPENED = "a scene, a project or a selection was opened, or objects were found"
+    MARKED = "the active object was marked"
+    CUT_OUT = "the active object was cut out"
+    CUT_OUT_AGAIN = "a corrected object, or the work of last time, was cut out again"
+    PART_CHOSEN = "another part is to be seen"
+    STEPPED = "a step was undone or redone, the object cleared, or another one chosen"
+
+
+class Due(Enum):
+    """What the app does next, by itself, when nobody wants anything else."""
+
+    NOTHING = "nothing"
+    CORRECTION = "cut out again what a mark has corrected"
+    WORK_OF_LAST_TIME = "cut out again what was cut out when the work was saved"
+
+
+def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
+    """Return what is to be seen after an event; tints and changes stay until something else is asked for.
+
+    Args:
+        event: what has been done.
+        now: the state after it.
+        showing: what was seen before, or what has just been chosen.
+    """
+    selected, cut = now.object.n_selected > 0, now.object.cut.result is not None
+    match event:
+        case Event.OPENED:
+            return Showing()
+        case Event.MARKED:
+            corrected = showing.when == "after" and cut
+            colours: Colouring = "changes" if corrected or showing.part == "object" else "objects"
+            return replace(showing, when="after" if corrected else "before", colours=colours)
+        case Event.CUT_OUT:  # in its own colours: a tint would hide what is wrong at the edge
+            return Showing("object", "after", "own")
+        case Event.CUT_OUT_AGAIN:
+            return replace(showing, when="after")
+        case Event.PART_CHOSEN:
+            colours = "objects" if showing.part == "both" else "own"
+            when: When = "after" if showing.part == "background" and cut else showing.when
+            return replace(showing, when=when, colours=colours)
+        case Event.STEPPED:
+            if not selected:
+                return showing if showing.part == "both" else Showing()
+            return replace(showing, part="both") if showing.part == "background" and not cut else showing
+
+
+def due_after(event: Event, now: Snapshot, showing: Showing, due: Due) -> Due:
+    """Return what is to be done next after an event; undoing cuts nothing out.
+
+    Args:
+        event: what has been done.
+        now: the state after it.
+        showing: what is seen after it.
+        due: what was to be done before it.
+    """
+    wanted = any(part.cut.state is CutState.WANTED for part in now.objects)
+    if wanted and (event is Event.OPENED or due is Due.WORK_OF_LAST_TIME):
+        return Due.WORK_OF_LAST_TIME
+    if event is Event.PART_CHOSEN:
+        return due
+    corrected = event is Event.MARKED and now.object.cut.state is CutState.STALE and showing.when == "after"
+    return Due.CORRECTION if corrected else Due.NOTHING
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two states in the same view, one at each side of a line."""
+
+    other: Showing
+    """What is compared with what is shown."""
+    names: tuple[str, str]
+    """What stands at the left and at the right of the line."""
+    shown_left: bool
+    """Whether what is shown is at the left."""
+
+
+def compared(showing: Showing) -> Comparison:
+    """Return what to compare with what is shown: selection and cut-out, or the scene with it and without."""
+    if showing.part == "object":
+        after = showing.when == "after"
+        other = replace(showing, when="before" if after else "after")
+        return Comparison(other, ("Before", "After"), shown_left=not after)
+    with_it = showing.part == "both"
+    other = Showing("background", "after", "own") if with_it else Showing("both", "before", "own")
+    return Comparison(other, ("With it", "Without it"), shown_left=with_it)
