@@ -76,17 +76,6 @@ def test_more_weight_inside_or_a_likelier_label_never_prunes():
     assert classify_gaussians(weights, np.minimum(probability + 0.1, 1), coarse, EvidenceConfig())[kept].all()
 
 
-def test_judgements_do_not_depend_on_the_size_of_the_pictures():
-    weights, probability, coarse = some_evidence()
-    keep = classify_gaussians(weights, probability, coarse, EvidenceConfig())
-    np.testing.assert_array_equal(keep, classify_gaussians(4 * weights, probability, coarse, EvidenceConfig()))
-
-
-def test_nothing_in_nothing_out():
-    none, mask = np.zeros(0, np.float32), np.zeros(0, np.bool_)
-    assert classify_gaussians(np.zeros((0, 2), np.float32), none, mask, EvidenceConfig()).shape == (0,)
-
-
 @cache
 def sparse_ball(n_ball, seed):
     return ball_on_floor(seed, n_ball)

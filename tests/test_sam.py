@@ -17,7 +17,6 @@ from command_line import run  # noqa: E402
 from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 
 import gaussian_trimmer as gt  # noqa: E402
-from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
@@ -206,14 +205,6 @@ def test_the_mask_that_agrees_or_scores_best_is_taken(tmp_path, choice, taken):
     assert taken == RED or not mask.any()
 
 
-def test_by_box_alone_the_coarse_objects_box_is_given(tmp_path):
-    save_tiny_sam(tmp_path, "sam2", scores=(0.9, 0.1, 0.1))
-    wide, expected = (8, 8, 88, 88), rectangle(96, 96, (20, 20, 70, 60))
-    config = SamConfig(str(tmp_path), prompt="box", choice="score")
-    (mask,) = SamSegmenter(config).segment([view(expected, box=wide)])
-    assert overlap(mask, rectangle(96, 96, wide)) > 0.9
-
-
 @pytest.mark.parametrize("prompt", ["expected", "box"])
 def test_where_nothing_is_expected_the_mask_is_empty_and_nothing_is_encoded(tmp_path, monkeypatch, prompt):
     segmenter = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path, "sam")), prompt=prompt))
@@ -244,13 +235,6 @@ def test_progress_is_told_view_by_view(tmp_path):
     segmenter.report_to(parts.append)
     segmenter.segment([view(rectangle(64, 64, (8, 8, 40, 40)))] * 3)
     assert parts == ["1 of 3", "2 of 3", "3 of 3"]
-
-
-def test_reports_name_model_family_and_provider(tmp_path):
-    text = SamSegmenter(SamConfig(str(save_tiny_sam(tmp_path, "sam2")), provider="cpu")).describe()
-    assert str(tmp_path) in text
-    assert "SAM 2" in text
-    assert " on cpu" in text
 
 
 def test_decoders_without_silhouettes_get_points(tmp_path):
@@ -379,15 +363,6 @@ def test_only_regular_files_are_models(tmp_path):
         OnnxSam(tmp_path)
 
 
-def test_several_models_in_one_folder_are_refused(tmp_path):
-    save_tiny_sam(tmp_path, "sam")
-    (tmp_path / "encoder_int8.onnx").write_bytes((tmp_path / "encoder.onnx").read_bytes())
-    assert "several encoders (encoder.onnx, encoder_int8.onnx)" in refused(tmp_path)
-    for i in range(70):
-        (tmp_path / f"{i}.onnx").touch()
-    assert "72 model files" in refused(tmp_path) or "73 model files" in refused(tmp_path)
-
-
 @pytest.mark.parametrize("content", [b"", b"no model", b"\x08\x08" + bytes(1000)])
 @pytest.mark.parametrize("name", ["encoder.onnx", "decoder.onnx"])
 def test_files_that_are_no_models_are_refused(tmp_path, name, content):
@@ -409,12 +384,6 @@ def test_files_of_two_exports_do_not_go_together(tmp_path):
     save_tiny_sam(tmp_path / "b", "sam2")
     (tmp_path / "a" / "decoder.onnx").write_bytes((tmp_path / "b" / "decoder.onnx").read_bytes())
     assert "one export" in refused(tmp_path / "a")
-
-
-def test_a_decoder_that_is_an_encoder_is_refused(tmp_path):
-    save_tiny_sam(tmp_path, "sam")
-    (tmp_path / "decoder.onnx").write_bytes((tmp_path / "encoder.onnx").read_bytes())
-    assert "no points and labels" in refused(tmp_path)
 
 
 def test_an_encoder_that_is_a_decoder_is_refused(tmp_path):

@@ -49,13 +49,6 @@ def test_contour_of_a_square_is_a_ring_two_pixels_wide():
     np.testing.assert_array_equal(contour_pixels(square_mask(), 2).shape, (49, 2))
 
 
-def test_contours_are_pixels_as_x_and_y():
-    mask = np.zeros((4, 9), np.bool_)
-    mask[:, 5:] = True
-    pixels = contour_pixels(mask, 1)
-    assert sorted(map(tuple, pixels.tolist())) == [(x, y) for x in (4, 5) for y in range(4)]
-
-
 @pytest.mark.parametrize("value", [True, False])
 def test_the_edge_of_the_image_is_no_contour(value):
     assert contour_pixels(np.full((7, 7), value), 2).shape == (0, 2)
@@ -84,13 +77,6 @@ def test_the_offset_changes_sign_with_the_side_of_the_centre():
     for x in (-0.1, 0.1):
         assert np.sign(straddlers(needle(x)).offsets[0]) == -np.sign(x)
         assert np.sign(straddlers(needle(x), [~LEFT]).offsets[0]) == np.sign(x)
-
-
-def test_the_complement_of_a_mask_turns_the_normal_round():
-    one, other = straddlers(needle(0.05)), straddlers(needle(0.05), [~LEFT])
-    np.testing.assert_allclose(one.normals, -other.normals, atol=1e-6)
-    np.testing.assert_allclose(one.offsets, -other.offsets, atol=1e-6)
-    np.testing.assert_allclose(one.minor_weight, other.minor_weight)
 
 
 def test_a_plane_passes_through_the_camera_and_the_slanted_edge():
