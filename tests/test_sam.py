@@ -17,6 +17,7 @@ from command_line import run  # noqa: E402
 from tiny_sam import FAMILIES, LOW, SIDE, save_tiny_sam  # noqa: E402
 
 import gaussian_trimmer as gt  # noqa: E402
+from gaussian_trimmer import cli  # noqa: E402
 from gaussian_trimmer.cameras import Camera, intrinsics  # noqa: E402
 from gaussian_trimmer.config import TrimConfig, paper_config  # noqa: E402
 from gaussian_trimmer.errors import InputError  # noqa: E402
