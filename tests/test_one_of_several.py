@@ -16,7 +16,7 @@ from gaussian_trimmer.app.files import save as save_by_app
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import TrimChoices
 from gaussian_trimmer.batch.manifest import read_manifest
-from gaussian_trimmer.batch.trimming import trim_items
+from gaussian_trimmer.batch.trimming import ItemTrimmer
 from gaussian_trimmer.config import RefineConfig, SplitConfig
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selecting.marks import Sphere
@@ -161,11 +161,11 @@ def test_the_app_cuts_out_what_the_command_does(files):
     assert splats(files / "app") == splats(files / "trim")
 
 
-@pytest.mark.xfail(reason="a batch does not read what marks removed")
 def test_a_batch_of_one_makes_what_the_command_does(files):
     manifest = write_manifest(files, ["scene-0"], options="")
     manifest.write_text(manifest.read_text().replace("scene-0.npy", "rough.npy"))
     (item,) = read_manifest(manifest)
-    (outcome,) = trim_items([item], files / "batch")
+    outcome = ItemTrimmer(files / "batch").trim(item)
+    assert outcome is not None
     assert outcome.state == "done"
     assert splats(files / "batch" / "items" / "scene-0") == splats(files / "trim")
