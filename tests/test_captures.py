@@ -4,7 +4,7 @@ import benchmark_data
 import numpy as np
 import pytest
 from captures import FitOptions, Refit, Rooms, bent
-from quality import TaskOptions
+from quality import TrialOptions
 from refits import fit, photograph, psnr, thinned
 from rooms import make_room
 
@@ -25,9 +25,9 @@ def test_a_room_is_a_benchmark_scene(root):
     assert (len(scene.training_cameras), len(scene.test_frames)) == (40, 8)
     assert scene.objects == ["cupboard", "drawers", "radiator"] and scene.up.tolist() == [0, 0, 1]
     assert 200 < len(scene.gaussians) <= 300
-    tasks = list(TaskOptions(objects=("drawers",)).tasks(root))
-    assert {task.kind for task in tasks} >= {"exact", "dilated", "centre_vote", "three_views", "wobbly"}
-    assert all(task.selection.any() and len(task.views) == 8 for task in tasks)
+    trials = list(TrialOptions(objects=("drawers",)).trials(root))
+    assert {trial.kind for trial in trials} >= {"exact", "dilated", "centre_vote", "three_views", "wobbly"}
+    assert all(trial.selection.any() and len(trial.views) == 8 for trial in trials)
 
 
 def test_a_scene_is_seen_by_fewer_gaussians_and_haze(root, capsys):

@@ -150,7 +150,7 @@ def test_damaged_archives_are_refused(tmp_path: Path) -> None:
     quats[0, 0, 3] = 7
     for changes, message in [
         ({"quats.webp": bytes(big)}, "claims 16384 x 16384 pixels"),
-        ({"quats.webp": contents["quats.webp"][:60]}, "no WebP picture"),
+        ({"quats.webp": contents["quats.webp"][:60]}, "not a WebP picture"),
         ({"quats.webp": encode_webp(quats)}, "which of its components is the largest"),
         ({"meta.json": b"["}, "not that of a SOG"),
         ({"meta.json": bomb}, "member 'meta.json' claims"),

@@ -73,7 +73,7 @@ def log_scales_of(scales: FloatArray, path: object) -> FloatArray:
 def thicken_discs(log_scales: FloatArray) -> FloatArray:
     """Return the log scales (N, 3) of the discs of 2D Gaussian Splatting (N, 2): a thousandth of the smaller as normal.
 
-    >>> thicken_discs(np.log(np.float32([[2, 1]]))).round(2).tolist()
+    >>> thicken_discs(np.log(np.float32([[2, 1]]))).astype(float).round(2).tolist()
     [[0.69, 0.0, -6.91]]
     """
     return np.column_stack([log_scales, log_scales.min(axis=1) - _THINNESS])

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
 _FREE_BYTES, _MOST_BYTES_A_PIXEL = 1 << 18, 16
-"""A picture's file has no more bytes than these for metadata, and these for each pixel."""
+"""A PNG has no more bytes than these for metadata, and these for each pixel."""
 MAX_PIXELS = 1 << 27
 """Pixels of the largest picture that is decoded; cameras have up to 100 million."""
 
@@ -56,7 +56,10 @@ def picture_header(data: bytes) -> PictureHeader | None:
         image = reader(BytesIO(data)) if reader else None
     except (OSError, ValueError, SyntaxError, LookupError, TypeError, OverflowError, struct.error, Warning):
         return None  # what Pillow raises for damaged files, the last where Python makes errors of warnings
-    if image is None or len(data) > _FREE_BYTES + _MOST_BYTES_A_PIXEL * image.size[0] * image.size[1]:
+    if image is None:
+        return None
+    most = _FREE_BYTES + _MOST_BYTES_A_PIXEL * image.size[0] * image.size[1]
+    if reader is PngImagePlugin.PngImageFile and len(data) > most:
         return None  # the decoder would inflate a thousand times as much, whatever the size says
     return PictureHeader(*image.size)
 
