@@ -62,6 +62,7 @@ def test_report_says_how_it_came_about(trimmed, written):
     assert len(report["views"]) == 5
     for entry, view in zip(report["views"], trimmed.views, strict=True):
         assert entry["accepted"] == (not view.rejected)
+        assert entry["judged"] == view.judged
         np.testing.assert_allclose(entry["world_to_camera"], view.view.camera.world_to_camera)
 
 

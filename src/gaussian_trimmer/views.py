@@ -97,7 +97,9 @@ def without_pictures(trimmed: TrimmedView) -> TrimmedView:
     """The camera of a view and what became of its mask, in little memory: all arrays are empty."""
     blank, view = np.zeros((0, 0), np.float32), trimmed.view
     picture = Rendering(np.zeros((0, 0, 3), np.float32), blank, blank)
-    return TrimmedView(View(view.camera, picture, blank, blank, blank, view.box), blank > 0, trimmed.rejected)
+    return TrimmedView(
+        View(view.camera, picture, blank, blank, blank, view.box), blank > 0, trimmed.rejected, trimmed.judged
+    )
 
 
 def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:

@@ -118,7 +118,9 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
         table.add_row("made up", f"{counts['filled']:,} Gaussians where the object stood{relit}")
     elif report["not_filled"]:
         table.add_row("not made up", report["not_filled"])
-    table.add_row("views", f"{accepted} of {len(report['views'])} accepted")
+    judged = all(view["judged"] for view in report["views"])
+    not_judged = "; masks that the selection itself gives are not judged"
+    table.add_row("views", f"{accepted} of {len(report['views'])} used{'' if judged else not_judged}")
     table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{_numbers(up['direction'])} ({up['source']})")
     table.add_row("time", f"{seconds:.1f} s")

@@ -83,7 +83,12 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
             "axes": part.bounds.axes.tolist(),
         },
         "views": [
-            {"accepted": not view.rejected, "reason": view.rejected or None, **_camera_entry(view.view.camera)}
+            {
+                "accepted": not view.rejected,
+                "judged": view.judged,
+                "reason": view.rejected or None,
+                **_camera_entry(view.view.camera),
+            }
             for view in part.views
         ],
         "checked": checked_sides(part, result.cameras).as_json(),
