@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
+from itertools import chain, islice
 from typing import Any, TypeVar
 
 Made = TypeVar("Made")
@@ -71,9 +72,15 @@ def parallel_map(work: Callable[..., Made], *items: Iterable[Any], using: Iterab
     if threads == 1 or getattr(_here, "in_worker_thread", False):
         yield from map(work, *items)
         return
+    pieces = zip(*items, strict=True)
+    ahead = list(islice(pieces, 2))
+    if len(ahead) < 2:  # a single piece shares its own work among the threads
+        for arguments in ahead:
+            yield work(*arguments)
+        return
     pool, found = _worker_threads(threads), deque[Future[Made]]()
     try:
-        for arguments in zip(*items, strict=True):
+        for arguments in chain(ahead, pieces):
             found.append(pool.submit(work, *arguments))
             if len(found) > _MOST_AT_ONCE:
                 yield found.popleft().result()
