@@ -241,6 +241,13 @@ def logit(probabilities: Float64Array) -> Float64Array:
     return np.asarray(np.log(clipped / (1.0 - clipped)))
 
 
+def mask_of_rows(rows: IntArray, n: int) -> BoolArray:
+    """Return some of n rows as a mask, (n,)."""
+    mask = np.zeros(n, np.bool_)
+    mask[rows] = True
+    return mask
+
+
 def rotation_matrices(quaternions: FloatArray) -> Float64Array:
     """Rotation matrices of (w, x, y, z) quaternions of any non-zero length, (N, 3, 3), in float64."""
     q = quaternions.astype(np.float64)

@@ -38,7 +38,7 @@ from gaussian_trimmer.app.viewpoints import (
     viewpoint_of,
 )
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Point, Rows, Shrink, Viewpoint, point_of
 from gaussian_trimmer.selecting.row_packing import pack_rows
@@ -175,8 +175,7 @@ class Tools:
             through=self._panels.reach.value == THROUGH,
             renderer=self._session.document.renderer,
         )
-        rows = np.zeros(len(scene), np.bool_)
-        rows[np.flatnonzero(shown)[taken]] = True
+        rows = mask_of_rows(np.flatnonzero(shown)[taken], len(scene))
         tool = {BRUSH: "brush", LASSO: "lasso", POLYGON: "polygon"}[gesture.tool]
         return self._mark(Rows(pack_rows(rows), tool, self._effect(gesture.effect)))
 

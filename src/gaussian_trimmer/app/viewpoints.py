@@ -14,7 +14,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, rotation_matrices
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, mask_of_rows, rotation_matrices
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
@@ -203,6 +203,4 @@ def rows_drawn(
         rows = rows[depths[rows] <= front * (1 + reach / camera.K[0, 0])]
     if not len(rows):
         raise InputError("Nothing that is shown is there; draw over what you see.")
-    taken = np.zeros(len(gaussians), np.bool_)
-    taken[rows] = True
-    return taken
+    return mask_of_rows(rows, len(gaussians))

@@ -11,11 +11,11 @@ import numpy as np
 from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.scoring import Cut
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, concatenate, mask_of_rows
 from gaussian_trimmer.io.reading import is_folder, path_inside, read_json
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.object_ids import check_ids
-from gaussian_trimmer.selection_files.selection_file import mask_of_rows, open_selection
+from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.splat_kinds import MASK
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.rendering import Renderer
@@ -225,10 +225,3 @@ def title_of(name: str) -> str:
     ('mug', 'object 3')
     """
     return f"object {name}" if name.isdigit() else name
-
-
-def mask_of_rows(rows: IntArray, n: int) -> BoolArray:
-    """Return some of n rows as a mask, (N,)."""
-    mask = np.zeros(n, np.bool_)
-    mask[rows] = True
-    return mask

@@ -9,7 +9,7 @@ import numpy as np
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.selecting.clicks import Pick, pieces_at_click, select_by_box, select_by_click
@@ -191,8 +191,7 @@ class MarkInterpreter:
 
     def _picked(self, state: SelectionState, pick: Pick, rows: IntArray, effect: Effect) -> tuple[SelectionState, str]:
         """The state with what was found among some rows of the scene."""
-        found = np.zeros(len(state.mask), np.bool_)
-        found[rows[pick.selection]] = True
+        found = mask_of_rows(rows[pick.selection], len(state.mask))
         return state.combined(found, effect), INTERPRETATIONS[pick.kind]
 
     def _viewed(self, view: View) -> tuple[ViewedScene, IntArray]:

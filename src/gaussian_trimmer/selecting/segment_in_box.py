@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, mask_of_rows
 from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, MIN_NODES, SurfaceCut
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
@@ -112,8 +112,7 @@ def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArr
         rows, piece = graph.pieces(chosen)
         areas = np.bincount(piece, graph.areas[rows] * visible[rows])
         for number in np.flatnonzero(areas > _MIN_VISIBLE_AREA):
-            part = np.zeros(len(allowed), np.bool_)
-            part[rows[piece == number]] = True
+            part = mask_of_rows(rows[piece == number], len(allowed))
             if 1 / _DEPTH_RATIO < np.median(depths[part & visible]) / surface_depth < _DEPTH_RATIO:
                 found.setdefault(part.tobytes(), part)
     return list(found.values())

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, mask_of_rows
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.geometry.planes import densest_layer
@@ -210,8 +210,7 @@ def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
 
 def _with_hidden(positions: Float64Array, piece: _Piece, hidden: IntArray) -> BoolArray:
     """The piece, and those of some hardly visible rows that are near it, (N,)."""
-    chosen = np.zeros(len(positions), np.bool_)
-    chosen[piece.rows] = True
+    chosen = mask_of_rows(piece.rows, len(positions))
     if len(hidden):
         points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, hidden))
         squared, _ = nearest(points, queries, 1)

@@ -19,6 +19,7 @@ from gaussian_trimmer.gaussians import (
     FloatArray,
     Gaussians,
     IntArray,
+    mask_of_rows,
     rotation_matrices,
 )
 from gaussian_trimmer.geometry.bounds import up_frame
@@ -126,8 +127,7 @@ class SurfaceGraph:
 
     def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
         """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
-        selection = np.zeros(len(gaussians), np.bool_)
-        selection[self.rows[part]] = True
+        selection = mask_of_rows(self.rows[part], len(gaussians))
         candidates = self.hidden[allowed[self.hidden]]
         selection[self.followers(gaussians, part, np.ones(len(part), np.bool_), candidates)] = True
         return selection

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.selection_files.object_ids import select_ids
 from gaussian_trimmer.selection_files.options import SelectionOptions, flag
-from gaussian_trimmer.selection_files.selection_file import SelectionFile, mask_of_rows
+from gaussian_trimmer.selection_files.selection_file import SelectionFile
 
 CLUSTERS = "leaf_ind"
 """OpenGaussian's array of cluster ids, beside others in `cluster_lang.npz`."""

@@ -14,7 +14,7 @@ from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.formats import FORMATS, has_splats, torch_files
 from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, parse_checkpoint
 from gaussian_trimmer.formats.checks import check_values
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
 from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
@@ -98,13 +98,6 @@ class SelectionFile:
         listed = [f"{clip_name(name) or 'one'}: {array.dtype} {array.shape}" for name, array in self.arrays.items()]
         more = f"; and {len(listed) - _LISTED_ARRAYS} more" if len(listed) > _LISTED_ARRAYS else ""
         return f"the arrays ({'; '.join(listed[:_LISTED_ARRAYS])}{more})"
-
-
-def mask_of_rows(rows: IntArray, n: int) -> BoolArray:
-    """Return a mask (n,) of row numbers."""
-    mask = np.zeros(n, np.bool_)
-    mask[rows] = True
-    return mask
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found where they are used

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection, trimmed
 from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.object_ids import check_ids, count_ids
-from gaussian_trimmer.selection_files.selection_file import mask_of_rows, open_selection
+from gaussian_trimmer.selection_files.selection_file import open_selection
 
 _MAX_OBJECTS = 10_000
 

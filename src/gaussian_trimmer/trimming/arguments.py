@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaussian_trimmer.cameras import Camera, vector_of_up
 from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.geometry.limits import check_magnitudes
 
 
@@ -32,9 +32,7 @@ class RoughObject:
 
     def mask(self, n: int) -> BoolArray:
         """Return which of n Gaussians were selected, (N,)."""
-        mask = np.zeros(n, np.bool_)
-        mask[self.rows] = True
-        return mask
+        return mask_of_rows(self.rows, n)
 
 
 def check_scene(scene: Any) -> None:

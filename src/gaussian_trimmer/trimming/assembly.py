@@ -12,9 +12,9 @@ from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArra
 from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
+from gaussian_trimmer.segmentation.segmenters import description_of, name_of
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
-from gaussian_trimmer.trimming.plugin_checks import name_of
 from gaussian_trimmer.trimming.setup import Setup
 
 
@@ -130,7 +130,7 @@ def assemble_result(
         contested=contested,
         config=setup.config,
         renderer=name_of(setup.renderer),
-        segmenter=str(setup.segmenter.describe()) if hasattr(setup.segmenter, "describe") else name_of(setup.segmenter),
+        segmenter=description_of(setup.segmenter),
         used_renderer=setup.renderer,
         cameras=tuple(training_cameras(setup.cameras)),
         seconds=seconds,

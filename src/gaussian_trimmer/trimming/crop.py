@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, training_cameras
 from gaussian_trimmer.config import CONTEXT_RADIUS
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.geometry.bounds import Bounds, touching
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
@@ -92,6 +92,4 @@ def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) 
         if not found.any():
             break
         member = member | found
-    connected = np.zeros(len(scene), np.bool_)
-    connected[rows[member]] = True
-    return connected
+    return mask_of_rows(rows[member], len(scene))

@@ -11,7 +11,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.rendering import Renderer
-from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.segmentation.segmenters import Segmenter, name_of
 from gaussian_trimmer.views import HALF_COVERAGE, View
 
 _PIXELS = 16
@@ -114,8 +114,3 @@ def _checked_masks(name: str, views: Sequence[View], masks: Any) -> list[BoolArr
         )
     threshold = 0 if highest <= 1 else HALF_COVERAGE
     return [array if array.dtype == np.bool_ else np.asarray(array > threshold) for array in arrays]
-
-
-def name_of(plug_in: Any) -> str:
-    """Return the name that a plug-in states, or that of its class."""
-    return str(getattr(plug_in, "name", None) or type(plug_in).__name__)

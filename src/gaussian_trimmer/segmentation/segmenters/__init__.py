@@ -95,8 +95,13 @@ def segmenter_with(name: str, options: Any) -> Segmenter:
 
 
 def description_of(segmenter: Segmenter) -> str:
-    """What a segmenter says of itself for the report: its name, or more."""
-    return str(segmenter.describe()) if hasattr(segmenter, "describe") else segmenter.name
+    """Return what a segmenter says of itself for the report: its name, or more."""
+    return str(segmenter.describe()) if hasattr(segmenter, "describe") else name_of(segmenter)
+
+
+def name_of(plug_in: Any) -> str:
+    """Return the name that a segmenter or renderer states, or that of its class."""
+    return str(getattr(plug_in, "name", None) or type(plug_in).__name__)
 
 
 def mask_source_of(segmenter: Segmenter) -> MaskSource:
