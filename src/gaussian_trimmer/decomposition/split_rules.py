@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.special import ndtr
 
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, logit, quaternions_of, rotation_matrices
 
@@ -126,6 +125,8 @@ def _half_moments(d: Float64Array) -> tuple[Float64Array, Float64Array]:
 
     The profile to the power p is a normal density of variance 1 / p: its truncated moments, and the variance times p.
     """
+    from scipy.special import ndtr  # takes longer to import than a command to start, and only splits need it
+
     root = math.sqrt(PROFILE_POWER)
     x = root * d
     mean = np.exp(-0.5 * x * x) / (math.sqrt(2.0 * math.pi) * ndtr(x))
@@ -145,6 +146,8 @@ def _amplitudes(
 
     The three residuals, of equal weight: either child against its part of the profile, and their sum against all of it.
     """
+    from scipy.special import ndtr
+
     whole1, whole2 = _overlap(m1, v1, 0.0, 1.0), _overlap(m2, v2, 0.0, 1.0)
     # A child times the parent is a Gaussian of mean m / (1 + v) and variance v / (1 + v); this much of it is inside.
     inside1 = whole1 * ndtr((m1 / (1 + v1) + d) / np.sqrt(v1 / (1 + v1)))

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 from gaussian_trimmer.geometry.compiling import CACHE
@@ -25,6 +22,9 @@ def connected_pairs(count: int, pairs: IntArray) -> IntArray:
     >>> connected_pairs(5, np.array([[4, 2], [2, 1]])).tolist()
     [0, 1, 1, 2, 1]
     """
+    from scipy.sparse import coo_array  # at start-up, these take longer than most commands that connect nothing
+    from scipy.sparse.csgraph import connected_components
+
     edges = coo_array((np.ones(len(pairs), np.bool_), pairs.T), (count, count))
     return np.asarray(connected_components(edges, directed=False)[1])
 
@@ -81,6 +81,8 @@ def _occupied(points: Float64Array, size: float) -> tuple[Float64Array, IntArray
 
 def _neighbouring(cells: Float64Array, steps: int) -> IntArray:
     """Return pairs (P, 2) of the cells (V, 3) that are at most so many steps apart along each axis."""
+    from scipy.spatial import cKDTree
+
     return np.asarray(cKDTree(cells).query_pairs(steps, p=np.inf, output_type="ndarray"))
 
 

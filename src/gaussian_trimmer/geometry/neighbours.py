@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _WIDER = 4
 """Factor by which more neighbours are asked for where the last one ties with the next."""
@@ -34,6 +36,8 @@ def nearest(
     >>> nearest(points, points[:1], 2, reach=4.0)[0].tolist()
     [[0.0, inf]]
     """
+    from scipy.spatial import cKDTree  # takes longer to import than most commands that search nothing
+
     points, queries = np.asarray(points, np.float64), np.asarray(queries, np.float64)
     squared, indices = np.full((len(queries), k), np.inf, np.float32), np.full((len(queries), k), -1, np.int32)
     if not len(points) or not len(queries):
