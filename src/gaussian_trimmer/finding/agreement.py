@@ -27,7 +27,7 @@ _MIN_GAUSSIANS = 50
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What one look at one tile takes for an object."""
+    """What one look at one tile takes for an object, or several agree on."""
 
     rows: IntArray
     """Its Gaussians in the scene, (C,), ascending."""
@@ -39,30 +39,16 @@ class Candidate:
     reaches_cut: bool
     """Its upper end was cut off with the ceiling."""
 
-
-@dataclass(frozen=True, eq=False)
-class Agreed:
-    """An object that several tiles agree on."""
-
-    candidate: Candidate
-    rows: IntArray
-    """Those of its Gaussians that no better object has, ascending."""
-    verdict: Verdict
-    """The candidate's, with what the agreement says of its confidence."""
-
     @property
     def confidence(self) -> float:
         """How sure it is, 0 to 1."""
         return self.verdict.confidence
 
-    @property
-    def shown(self) -> float:
-        """How many Gaussians it has, which stands for how much it shows: tiles are of several sizes."""
-        return float(len(self.rows))
 
-
-def agree(candidates: Sequence[Candidate], size: int) -> list[Agreed]:
+def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
     """Choose objects that do not overlap among the candidates of all tiles, most agreed on first.
+
+    Each is a candidate with those of its rows that no better one has, and the verdict that the agreement leaves.
 
     Args:
         candidates: from all tiles, each whole within its tile.
@@ -73,7 +59,7 @@ def agree(candidates: Sequence[Candidate], size: int) -> list[Agreed]:
     alike = _alike(candidates, size)
     counts = np.asarray(alike.sum(axis=1)).ravel()
     lengths = np.array([len(candidate.rows) for candidate in candidates])
-    confidence = np.array([candidate.verdict.confidence for candidate in candidates])
+    confidence = np.array([candidate.confidence for candidate in candidates])
     taken, found = np.zeros(size, np.bool_), []
     for place in np.lexsort((-lengths, -counts)).tolist():
         if counts[place] < _MIN_ALIKE_AT_ALL:
@@ -89,7 +75,7 @@ def agree(candidates: Sequence[Candidate], size: int) -> list[Agreed]:
     return found
 
 
-def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float) -> Agreed:
+def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float) -> Candidate:
     """Doubt what few tiles agree on, what is cut off, and what is too small to tell."""
     doubts = []
     if count < _MIN_ALIKE:
@@ -100,7 +86,8 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
         doubts.append("small")
     confidence = min(confidence, DOUBTFUL) if doubts else confidence
     why = ", ".join([candidate.verdict.why, *doubts])
-    return Agreed(candidate, rows, replace(candidate.verdict, confidence=confidence, why=why))
+    verdict = replace(candidate.verdict, confidence=confidence, why=why)
+    return replace(candidate, rows=rows, verdict=verdict)
 
 
 def _alike(candidates: Sequence[Candidate], size: int) -> csr_matrix:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,6 +32,7 @@ from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.model_masks import PromptableModel
+from gaussian_trimmer.trimming.clock import Clock
 
 LARGEST_LOOK = 200_000
 """Captures of more Gaussians are looked at in tiles."""
@@ -78,20 +77,20 @@ def find_objects(
     Raises:
         InputError: the up vector is not valid, hardly anything shows in the views, or the model cannot be run.
     """
-    steps, config = _Steps(progress), config or FindConfig()
+    clock, config = Clock(progress, log=None), config or FindConfig()
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     found_up = find_up(scene, cameras, up)
     look = _Look(found_up.direction, config, renderer, segmenter)
     if len(scene) > LARGEST_LOOK:
-        return _find_in_tiles(scene, found_up, look, steps)
-    with steps("look"):
+        return _find_in_tiles(scene, found_up, look, clock)
+    with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
             scene, views, found_up.direction, renderer, lambda number: progress(f"look {number}/{len(views)}")
         )
-    with steps("surfaces"):
+    with clock("surfaces"):
         room = find_room(surface)
-    with steps("regions"):
+    with clock("regions"):
         [(verdicts, numbers)] = look.judged(scene, surface, views, room, (0.0,))
         labels = with_hidden(surface, scene, numbers, _HIDDEN_REACH)
     objects = tuple(
@@ -99,7 +98,7 @@ def find_objects(
         for number, verdict in enumerate(verdicts, 1)
     )
     looked_at = np.ones(len(scene), np.bool_)
-    return FoundObjects(scene, labels, objects, tuple(views), looked_at, found_up, steps.seconds, surface)
+    return FoundObjects(scene, labels, objects, tuple(views), looked_at, found_up, clock.seconds, surface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +163,14 @@ class _Look:
         return views, candidates
 
 
-def _find_in_tiles(scene: Gaussians, up: UpVector, look: _Look, steps: _Steps) -> FoundObjects:
+def _find_in_tiles(scene: Gaussians, up: UpVector, look: _Look, clock: Clock) -> FoundObjects:
     """Find the objects of a large capture, tile by tile.
 
     Args:
         scene: all N Gaussians.
         up: the up vector.
         look: how tiles are looked at.
-        steps: told what is done.
+        clock: told what is done.
     """
     storey = find_storey(scene, up.direction)
     below = scene.means.astype(np.float64) @ up.direction < storey.head_height  # (N,)
@@ -180,26 +179,25 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, look: _Look, steps: _Steps) -
     plan = shown.means.astype(np.float64) @ axes[:2].T
     tiles = [tile for count in GAUSSIANS_IN_A_TILE for tile in plan_tiles(plan, count)]
     views, candidates = list[Viewpoint](), list[Candidate]()
-    with steps("look"):
+    with clock("look"):
         looked = parallel_map(
             lambda tile: look.tile(shown, tile, axes, storey.head_height), tiles, using=[look.renderer]
         )
         for number, (seen_from, found) in enumerate(looked, 1):
-            steps.part(f"look {number}/{len(tiles)}")
+            clock.part(f"look {number}/{len(tiles)}")
             for candidate in found:
                 verdict = replace(candidate.verdict, view=len(views) + candidate.verdict.view)
                 candidates.append(replace(candidate, verdict=verdict))
             views += seen_from
-    with steps("agree"):
-        agreed = sorted(agree(candidates, len(shown)), key=lambda one: (one.confidence < SURE, -one.shown))
+    with clock("agree"):
+        agreed = sorted(agree(candidates, len(shown)), key=lambda one: (one.confidence < SURE, -len(one.rows)))
         labels = np.zeros(len(scene), np.int64)
         for number, one in enumerate(agreed, 1):
             labels[shown_rows[one.rows]] = number
     objects = tuple(
-        _described(scene, labels, number, one.verdict, one.candidate.centre, one.candidate.size)
-        for number, one in enumerate(agreed, 1)
+        _described(scene, labels, number, one.verdict, one.centre, one.size) for number, one in enumerate(agreed, 1)
     )
-    return FoundObjects(scene, labels, objects, tuple(views), below, up, steps.seconds)
+    return FoundObjects(scene, labels, objects, tuple(views), below, up, clock.seconds)
 
 
 def name_objects(
@@ -251,23 +249,3 @@ def _described(
         confidence=verdict.confidence,
         why=verdict.why,
     )
-
-
-class _Steps:
-    """Times steps, and says that they begin."""
-
-    def __init__(self, progress: Callable[[str], None]) -> None:
-        self._progress, self.seconds = progress, dict[str, float]()
-
-    def part(self, name: str) -> None:
-        """Say that a part of a step begins."""
-        self._progress(name)
-
-    @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
-        self._progress(name)
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = time.perf_counter() - start
