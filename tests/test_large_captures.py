@@ -102,3 +102,14 @@ def test_furniture_is_found_below_its_ceiling(monkeypatch):
         assert max(toy.jaccard(found.mask(one), part == number) for one in sure) > 0.8
     assert not (found.labels[part == 1] > 0).any()  # the ceiling
     assert not found.looked_at[part == 1].any()
+
+
+def test_a_model_that_is_not_thread_safe_is_asked_by_one_thread(monkeypatch):
+    class Model:
+        thread_safe = False
+
+    model, used = Model(), []
+    monkeypatch.setattr(find, "LARGEST_LOOK", 1000)
+    monkeypatch.setattr(find, "parallel_map", lambda work, tiles, using: used.extend(using) or [])
+    find.find_objects(room.scene_of(room.floor(), *furniture())[0], up=UP, segmenter=model)
+    assert model in used

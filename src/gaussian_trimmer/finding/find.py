@@ -181,7 +181,9 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, look: _Look, clock: Clock) ->
     views, candidates = list[Viewpoint](), list[Candidate]()
     with clock("look"):
         looked = parallel_map(
-            lambda tile: look.tile(shown, tile, axes, storey.head_height), tiles, using=[look.renderer]
+            lambda tile: look.tile(shown, tile, axes, storey.head_height),
+            tiles,
+            using=[look.renderer] if look.segmenter is None else [look.renderer, look.segmenter],
         )
         for number, (seen_from, found) in enumerate(looked, 1):
             clock.part(f"look {number}/{len(tiles)}")

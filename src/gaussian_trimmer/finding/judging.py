@@ -38,7 +38,7 @@ class FindConfig:
     max_size: Annotated[float, Range(0.1, 100)] = 1.25
     """Largest length of an object, relative to what a picture's longer side spans at the usual depth."""
     surfaces: bool = False
-    """Also name the surfaces of the room: table tops, floors and walls."""
+    """Also name the surfaces of the room: table tops, floors and walls; not in captures that are looked at in tiles."""
 
 
 @dataclass(frozen=True, eq=False)
