@@ -27,7 +27,9 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
 from gaussian_trimmer.evaluation.layouts import LAYOUTS
 from gaussian_trimmer.evaluation.predictions import PredictionPatterns, find_predictions
-from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure
+from gaussian_trimmer.evaluation.runs import Run, Trial, Variant, measure, unit_scores
+from gaussian_trimmer.evaluation.scoring import METRICS
+from gaussian_trimmer.evaluation.statistics import interval_of
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable
 from gaussian_trimmer.segmentation.segmenters.sam import SamSegmenter
 from gaussian_trimmer.selection_files import SelectionOptions
@@ -71,6 +73,8 @@ TITLES: dict[Table, str] = {
     "splits": "Splitting rule",
     "stages": "Stages of the default",
 }
+WORTH = ("iou", "iou_in_scene", "soft_iou", "boundary_iou", "psnr")
+"""Scores by which it is judged what a part is worth."""
 WHOSE: dict[Rules, str] = {"own": "by the tool's own rules", "paper": "by the paper's rules"}
 PUBLISHED: dict[Table, tuple[tuple[str, str], dict[str, tuple[float, float]]]] = {
     "parts": (
@@ -142,7 +146,10 @@ class Ablations:
             raise InputError(f"Nothing to measure in '{self.root}': it has no such objects and selections.")
         tables: dict[str, ScoreTable] = {}
         for name in self.tables:
-            tables[name] = ablation_table(name, self.rules, self._groups(name, runs), [judge.describe()])
+            groups = self._groups(name, runs)
+            tables[name] = ablation_table(name, self.rules, groups, [judge.describe()])
+            if full := TABLES[name].get(""):
+                tables[f"{name}-worth"] = worth_table(f"{TITLES[name]}, {WHOSE[self.rules]}", full, groups)
         return Findings(tables, runs)
 
     def _variants(self) -> dict[str, Variant]:
@@ -182,6 +189,20 @@ def ablation_table(name: Table, rules: Rules, groups: Mapping[str, Sequence[Run]
     rows: list[list[Cell]] = [[*row, *figures[str(row[0])]] for row in table.rows]
     source = "the paper's columns are of SAGA on NVOS, with SAM2 on a GPU"
     return replace(table, columns=[*table.columns, *headings], rows=rows, notes=[*table.notes, source])
+
+
+def worth_table(title: str, full: str, groups: Mapping[str, Sequence[Run]]) -> ScoreTable:
+    """A row for each part: scores of the full method less those without it, means over objects with 95 % intervals."""
+    best = unit_scores(groups[full], "objects")
+    rows: list[list[Cell]] = []
+    for label, runs in groups.items():
+        pairs = [(best[unit][1], after) for unit, (_, after) in unit_scores(runs, "objects").items()]
+        worth = [[whole[name] - part[name] for whole, part in pairs if name in part] for name in WORTH]
+        if label != full:
+            rows.append([label, len(pairs), *(interval_of(values) if values else None for values in worth)])
+    notes = ["scores after trimming, of the full method less those of the row; means over objects, 95 % intervals"]
+    columns = ["without", "objects", *(METRICS[name] for name in WORTH)]
+    return ScoreTable(f"{title}: what each part is worth", columns, rows, notes)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import dataset_layouts
 import numpy as np
 import pytest
 import toy
-from ablations import Ablations, ablation_table
+from ablations import Ablations, ablation_table, worth_table
 from baselines import METHODS, Lifting, table_of
 from command_line import save_ball
 from quality import Quality, TrialOptions
@@ -82,6 +82,13 @@ def test_ablations_name_their_rules_and_print_the_papers_figures_beside_no_other
     assert first["paper: mIoU (%)"] == 91.3 and any("SAGA on NVOS" in note for note in paper.notes)
     assert (first["losses alone"], first["worst IoU change alone"]) == (1, "-1.00 scene/ball dilated")
     assert (first["losses in scene"], first["worst IoU change in scene"]) == (1, "-0.50 scene/cup dilated")
+
+
+def test_a_part_is_worth_what_trims_without_it_lack():
+    groups = {"full": [run_of(gain=4.0), run_of(gain=2.0, object="cup")], "less": [run_of(), run_of(object="cup")]}
+    (row,) = worth_table("Parts", "full", groups).rows
+    assert row[:2] == ["less", 2] and (row[2].mean, row[2].low, row[2].high) == pytest.approx((2, 1, 3))
+    assert row[3].mean == 0 and row[4] is None  # scored by fewer metrics
 
 
 @pytest.mark.slow
