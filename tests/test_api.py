@@ -21,6 +21,7 @@ from gaussian_trimmer.commands.trimming import ResultOptions
 from gaussian_trimmer.config import SplitConfig
 from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.output.saving import result_files
+from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.arguments import mask_of_selection
 from gaussian_trimmer.trimming.options import TrimOptions
@@ -188,6 +189,33 @@ CAMERA = gt.trim(SCENE, ROUGH, config=CONFIG, segmenter=toy.EmptyMasks(), views=
 def test_arguments_of_another_kind_are_refused(wrong, said):
     with pytest.raises(gt.InputError, match=said):
         gt.trim(**{"scene": SCENE, "selection": ROUGH, "config": CONFIG, **wrong})
+
+
+def test_a_path_is_refused_wherever_a_scene_is_taken(tmp_path):
+    calls = (
+        lambda path: gt.find_objects(path),
+        lambda path: gt.select(path, []),
+        lambda path: gt.read_selection("rough.npy", path),
+        lambda path: gt.write(path, tmp_path / "copy.ply"),
+    )
+    for call in calls:
+        with pytest.raises(gt.InputError, match=r"scene is a str.*gaussian_trimmer\.read"):
+            call("scene.ply")
+
+
+def test_an_axis_is_an_up_vector_everywhere():
+    assert find_up(SCENE, given="-y").direction.tolist() == [0, -1, 0]
+    with pytest.raises(gt.InputError, match="'zz'"):
+        gt.find_objects(SCENE, up="zz")
+
+
+def test_results_are_shown_in_a_line(result):
+    texts = [
+        repr(part)
+        for part in (SCENE, result, result.only, CameraSet((toy.camera_at((5, 0, 3)),), None, (True,), False))
+    ]
+    assert all("\n" not in text and len(text) < 100 for text in texts)
+    assert f"{len(SCENE):,}" in texts[0] and f"{len(result.object):,}" in texts[1] and "1 cameras" in texts[3]
 
 
 # Gaussians of other number types and from other programs

@@ -101,6 +101,10 @@ class CameraSet:
     distorted: bool
     """Whether some image is distorted by its lens, so that its pixels are not where the cameras project them."""
 
+    def __repr__(self) -> str:
+        trained = sum(self.train)
+        return f"<CameraSet: {len(self.cameras)} cameras, {trained} of them for training>"
+
     def pinhole_cameras(self) -> tuple[Camera, ...]:
         """The cameras for use with the pixels of their images.
 

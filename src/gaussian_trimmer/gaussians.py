@@ -135,6 +135,10 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.means)
 
+    def __repr__(self) -> str:
+        degree = int((1 + self.sh_rest.shape[2]) ** 0.5) - 1
+        return f"<Gaussians: {len(self):,}, spherical harmonics of degree {degree}>"
+
     @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0 to 3."""
@@ -239,6 +243,16 @@ def logit(probabilities: Float64Array) -> Float64Array:
     """
     clipped = np.clip(probabilities, 1e-7, 1.0 - 1e-7)
     return np.asarray(np.log(clipped / (1.0 - clipped)))
+
+
+def check_gaussians(scene: Any) -> None:
+    """Refuse paths and bare arrays where a scene is needed.
+
+    Raises:
+        InputError: the scene is not `Gaussians`.
+    """
+    if not isinstance(scene, Gaussians):
+        raise InputError(f"The scene is a {type(scene).__name__}; give Gaussians, from gaussian_trimmer.read(path).")
 
 
 def mask_of_rows(rows: IntArray, n: int) -> BoolArray:

@@ -25,7 +25,7 @@ from gaussian_trimmer.finding.visible_surface import (
     views_of,
     with_hidden,
 )
-from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray, check_gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
@@ -66,7 +66,7 @@ def find_objects(
     Args:
         scene: all N Gaussians.
         cameras: the cameras that the scene was trained with, if known. Large captures are looked at without them.
-        up: the scene's up vector, (3,), if known.
+        up: the up vector in the scene's coordinates, if known: three numbers, or an axis, "z" or "-y".
         config: what counts as an object; the usual, if not given.
         renderer: a renderer, or the name of one.
         segmenter: a model that draws masks for clicks, such as `SamSegmenter`. Things that touch are likelier one where
@@ -79,6 +79,7 @@ def find_objects(
     """
     clock, config = Clock(progress, log=None), config or FindConfig()
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
+    check_gaussians(scene)
     found_up = find_up(scene, cameras, up)
     look = _Look(found_up.direction, config, renderer, segmenter)
     if len(scene) > LARGEST_LOOK:

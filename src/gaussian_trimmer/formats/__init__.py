@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.checks import check_values
-from gaussian_trimmer.gaussians import Gaussians, IntArray, concatenate
+from gaussian_trimmer.gaussians import Gaussians, IntArray, check_gaussians, concatenate
 from gaussian_trimmer.io.reading import is_file, is_folder, reading
 from gaussian_trimmer.lazy_import import load
 
@@ -164,6 +164,7 @@ def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:
     Raises:
         InputError: no format has that name, the file cannot be written, or the format cannot hold the Gaussians.
     """
+    check_gaussians(gaussians)
     suffix = _writable(path)
     if len(gaussians) == 0 and suffix not in _HOLD_NOTHING:
         raise InputError(f"Cannot write '{path}': a {suffix} file cannot hold zero Gaussians.")

@@ -22,6 +22,8 @@ from gaussian_trimmer.views import TrimmedView
 
 THE_OBJECT = "object"
 """Name of the object of a trim of one."""
+_LISTED = 3
+"""Number of objects that are named in a result's line."""
 
 
 class RowLabel(IntEnum):
@@ -84,6 +86,10 @@ class TrimmedObject:
     seconds: dict[str, float]
     """Time taken by each stage that looks at this object alone."""
 
+    def __repr__(self) -> str:
+        counts = f"{len(self.gaussians):,} Gaussians, {len(self.selected_rows):,} selected"
+        return f"<TrimmedObject {self.name!r}: {counts}, {'refused' if self.refused else 'trimmed'}>"
+
     @property
     def title(self) -> str:
         """What to call it in pages and pictures."""
@@ -123,6 +129,11 @@ class TrimResult:
     """The training cameras, if known."""
     seconds: dict[str, float]
     """Time taken by each stage; of several objects, by each object and by the stages that they share."""
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{part.name} {len(part.gaussians):,}" for part in self.objects[:_LISTED])
+        more = f" and {len(self.objects) - _LISTED} more" if len(self.objects) > _LISTED else ""
+        return f"<TrimResult: {parts}{more}; background {len(self.background_source):,} Gaussians>"
 
     @cached_property
     def background(self) -> Gaussians:

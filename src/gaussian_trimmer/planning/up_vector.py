@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet, unit_up
+from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
 
@@ -65,7 +65,7 @@ KNOWN_SOURCES = ("given", "camera file", "camera axes")
 def find_up(
     gaussians: Gaussians,
     cameras: CameraSet | None = None,
-    given: Sequence[float] | Float64Array | None = None,
+    given: str | Sequence[float] | Float64Array | None = None,
     object_rows: BoolArray | None = None,
 ) -> UpVector:
     """The up vector from the best source there is.
@@ -74,14 +74,14 @@ def find_up(
     scene or the object stands on, and -y with confidence 0.
 
     Args:
-        given: any non-zero vector (3,).
+        given: any non-zero vector (3,), or an axis, "z" or "-y".
         object_rows: the Gaussians of the object, (N,), whose support plane is then searched.
 
     Raises:
-        InputError: the given vector has not three finite entries or has length zero.
+        InputError: the given vector is neither an axis nor three finite numbers that are not all zero.
     """
     if given is not None:
-        return UpVector(unit_up(given), "given", 1.0)
+        return UpVector(unit_up(vector_of_up(given)), "given", 1.0)
     if cameras is not None and cameras.up is not None:
         return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None

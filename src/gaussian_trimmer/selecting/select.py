@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.interpretation import apply_marks
 from gaussian_trimmer.selecting.marks import Mark, Marks, Viewpoint
@@ -62,7 +62,7 @@ def select(
         scene: all N Gaussians.
         marks: a list of marks; or marks that were saved, or their file: then `cameras` and `up` are known.
         cameras: the cameras that the scene was trained with, if known. Marks name their views.
-        up: the scene's up vector, (3,), if known.
+        up: the up vector in the scene's coordinates, if known: three numbers, or an axis, "z" or "-y".
         views: the views that marks can name, in place of those of `cameras`, or of eight from all around.
         renderer: a renderer, or the name of one.
         model: draws masks for boxes, and for first clicks where nothing stands on a surface.
@@ -70,6 +70,7 @@ def select(
     Raises:
         InputError: a mark is not possible, a view is not known, nothing is seen at a pixel, or nothing is selected.
     """
+    check_gaussians(scene)
     if isinstance(marks, str | Path):
         marks = read_marks(marks)
     if not isinstance(marks, Marks):

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.marks import FromFile, Mark, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
@@ -37,6 +37,7 @@ def read_selection(
         InputError: an option is not possible, or the file cannot be read, does not fit the scene or the options, could
             be of several kinds, or selects nothing.
     """
+    check_gaussians(scene)
     return read_selected_and_removed(path, scene, options, say=say)[0]
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaussian_trimmer.cameras import Camera, vector_of_up
 from gaussian_trimmer.config import TrimConfig, check_config
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, IntArray, check_gaussians, mask_of_rows
 from gaussian_trimmer.geometry.limits import check_magnitudes
 
 
@@ -36,13 +36,12 @@ class RoughObject:
 
 
 def check_scene(scene: Any) -> None:
-    """Refuse paths and bare arrays where a scene is needed.
+    """Refuse what cannot be trimmed.
 
     Raises:
         InputError: the scene is not `Gaussians`, or holds numbers with which nothing can be computed.
     """
-    if not isinstance(scene, Gaussians):
-        raise InputError(f"The scene is a {type(scene).__name__}; give Gaussians, from gaussian_trimmer.read(path).")
+    check_gaussians(scene)
     check_magnitudes(scene)
 
 

@@ -31,7 +31,18 @@ from gaussian_trimmer.trimming.setup import Setup
 
 
 def trim(
-    scene: Gaussians, selection: ArrayLike, *, progress: Progress = lambda stage: None, **options: Any
+    scene: Gaussians,
+    selection: ArrayLike,
+    *,
+    config: TrimConfig | None = None,
+    renderer: Renderer | str = DEFAULT_RENDERER,
+    segmenter: Segmenter | str = DEFAULT_SEGMENTER,
+    cameras: CameraSet | Sequence[Camera] | None = None,
+    views: int | None = None,
+    view_cameras: Sequence[Camera] | None = None,
+    up: str | ArrayLike | None = None,
+    excluded: ArrayLike | None = None,
+    progress: Progress = lambda stage: None,
 ) -> TrimResult:
     """Sharpen a rough selection of one object: `trim_objects` of one.
 
@@ -41,12 +52,24 @@ def trim(
             the object's rows, from 0, each once.
         progress: called with the name of each stage when it begins; segmenters that take seconds a view add which
             one they are at, as in "segment 2 of 5".
-        options: as those of `trim_objects`.
+        config, renderer, segmenter, cameras, views, view_cameras, up, excluded: as those of `trim_objects`.
 
     Raises:
         InputError: as `trim_objects`.
     """
-    return trim_objects(scene, {THE_OBJECT: selection}, progress=progress, **options)
+    return trim_objects(
+        scene,
+        {THE_OBJECT: selection},
+        config=config,
+        renderer=renderer,
+        segmenter=segmenter,
+        cameras=cameras,
+        views=views,
+        view_cameras=view_cameras,
+        up=up,
+        excluded=excluded,
+        progress=progress,
+    )
 
 
 # More arguments than a function of this package has elsewhere: callers give all but two by name, and most give none.
