@@ -98,6 +98,14 @@ def test_an_up_vector_that_the_ground_confirms_is_not(up):
     assert trim(SCENE, TRUTH, config=config, up=up).warnings == ()
 
 
+@pytest.mark.parametrize("away", [0.0, 10.0, 500.0])
+def test_a_single_gaussian_is_not_an_object(away):
+    selection = np.arange(len(SCENE)) == np.flatnonzero(TRUTH)[0]
+    result = trim(SCENE.replace(means=SCENE.means + np.float32(away) * selection[:, None]), selection, config=CONFIG)
+    assert "a single Gaussian" in result.refused
+    check_untrimmed(result, selection)
+
+
 def test_coordinates_in_which_the_gaussians_are_lost_are_known():
     scene = far_away(SCENE, (431_200, 5_412_345, 120))
     result = trim(scene, TRUTH, config=CONFIG)

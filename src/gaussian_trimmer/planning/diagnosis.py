@@ -46,6 +46,8 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
         bounds: its bounds.
         cameras: the training cameras, if known.
     """
+    if np.count_nonzero(selection) == 1:
+        return "a single Gaussian is selected, which has no outline that others make; select all those of the object"
     return _lost_places(scene, selection) or _scatter(scene, selection) or _blind_cameras(cameras, bounds)
 
 
