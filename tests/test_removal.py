@@ -1,27 +1,30 @@
-"""Removal as a whole: the same whatever the order of rows, also over a level floor, where depths are equal."""
+"""Removal as a whole: the same whatever the order of rows, also over a level floor, and however the scene is turned."""
 
 import numpy as np
+import pytest
 import toy
 
-from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.planning.place_views import views_of_place
 from gaussian_trimmer.removal.remove import remove
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import get_renderer
 
 SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
+UNTURNED = np.eye(3)
 
 
-def removed(rows):
-    """What removal says of the toy scene with its rows in an order."""
-    scene, truth = SCENE.select(rows), TRUTH[rows]
-    bounds = robust_bounds(scene.select(truth), up_frame(toy.UP))
+def removed(rows=slice(None), rotation=UNTURNED):
+    """What removal says of the toy scene with its rows in an order, turned."""
+    scene, truth = toy.moved(SCENE.select(rows), rotation), TRUTH[rows]
+    target = scene.select(truth)
+    bounds = robust_bounds(target, own_frame(target, rotation @ toy.UP))
     views = RemovalViews(scene, truth, truth, bounds, views_of_place(bounds, 96), get_renderer("numba"))
     return remove(views, fill=True)
 
 
 def test_the_order_of_rows_changes_nothing():
-    plain, rows = removed(np.arange(len(SCENE))), np.random.default_rng(1).permutation(len(SCENE))
+    plain, rows = removed(), np.random.default_rng(1).permutation(len(SCENE))
     permuted = removed(rows)
     assert len(plain.inpainted) > 100
     for name in ("occluded_interior", "fragments_of_object", "replaced"):
@@ -29,3 +32,15 @@ def test_the_order_of_rows_changes_nothing():
     np.testing.assert_allclose(permuted.relight_factor, plain.relight_factor[rows], atol=1e-3)
     np.testing.assert_allclose(permuted.inpainted.means, plain.inpainted.means, atol=1e-4)
     np.testing.assert_allclose(permuted.inpainted.sh_dc, plain.inpainted.sh_dc, atol=1e-2)
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_what_is_made_up_turns_with_the_scene(turn):
+    rotation = toy.any_rotation(turn)
+    plain, turned = removed(), removed(rotation=rotation)
+    for name in ("occluded_interior", "fragments_of_object", "replaced"):
+        assert np.count_nonzero(getattr(plain, name) != getattr(turned, name)) <= 2, name
+    assert len(turned.inpainted) == pytest.approx(len(plain.inpainted), rel=0.01)
+    np.testing.assert_allclose(
+        turned.inpainted.means.mean(axis=0), rotation @ plain.inpainted.means.mean(axis=0), atol=1e-2
+    )

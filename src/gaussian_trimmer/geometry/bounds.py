@@ -54,6 +54,21 @@ def up_frame(up: Float64Array) -> Float64Array:
     return np.stack([first, np.cross(up, first), up])
 
 
+def own_frame(target: Gaussians, up: Float64Array) -> Float64Array:
+    """Return a frame as of `up_frame` that turns with the object: its first axis is the one it is longest along.
+
+    Of the axis's two directions it is the one in which the object's mass has the longer tail.
+    """
+    axes = up_frame(up)
+    weights = target.opacities.astype(np.float64)
+    local = target.means.astype(np.float64) @ axes[:2].T
+    local -= np.average(local, axis=0, weights=weights)
+    long = np.linalg.eigh((local.T * weights) @ local)[1][:, 1]
+    long *= np.sign(weights @ (local @ long) ** 3) or 1.0
+    first = long @ axes[:2]
+    return np.stack([first, np.cross(axes[2], first), axes[2]])
+
+
 def plain_bounds(target: Gaussians, axes: Float64Array) -> Bounds:
     """Return the box that holds every centre, as in the paper."""
     local = target.means.astype(np.float64) @ axes.T

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, quaternions_of, rotation_matrices
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import Rendering
@@ -25,6 +25,8 @@ _DISTANCE_RADII = 12.0
 """Height of the camera above the surface: from so far away it looks straight down nearly everywhere."""
 _MIN_VISIBLE_SHARE = 0.5
 """Smallest blend weight in the scene, relative to that without the object, of a Gaussian whose colours are trusted."""
+_HEIGHT_STEP_RADII = 1e-3
+"""Of what differs less in height, position in the surface decides which covers which."""
 _FAINT = 1e-3
 _NOWHERE = -1e3
 """Height of what is seen where nothing is."""
@@ -153,22 +155,27 @@ def _from_above(
     ours &= views.total_visible > _MIN_VISIBLE_SHARE * isolated
     for other in surfaces:
         ours &= np.abs(other.heights(means)) >= height
+    # Nobody looked from straight above, so the colours are those of the views, and not what they would be from there.
+    drawn, before = views.gaussians.select(ours), cameras_before(views, surfaces)
+    colours = np.mean([view_colours(drawn, view) for view in before], axis=0) if before else np.zeros((len(drawn), 3))
+    # In the surface's own frame, and with heights rounded, for in a level surface depths are equal: neither the order
+    # of rows nor the scene's axes may decide.
+    coordinates = surface.coordinates(drawn.means)
+    coordinates[:, 2] = np.round(coordinates[:, 2] / _HEIGHT_STEP_RADII) * _HEIGHT_STEP_RADII
+    order = np.lexsort(coordinates.T)
+    drawn = drawn.select(order).replace(
+        means=coordinates[order].astype(np.float32),
+        log_scales=drawn.log_scales[order] - np.float32(np.log(surface.unit)),
+        quaternions=quaternions_of(surface.axes @ rotation_matrices(drawn.quaternions[order])),
+    )
+    values = np.column_stack([colours[order], np.ones(len(drawn))]).astype(np.float32)
     # The image's right and down are the first and second coordinate, so that it must be seen from below: mirror one.
-    right, down, normal = surface.axes
-    rotation = np.stack([right, -down, -normal])
-    eye = surface.points(np.array([[0.0, 0.0, _DISTANCE_RADII]]))[0]
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation, -rotation @ eye
+    transform = np.diag([1.0, -1.0, -1.0, 1.0])
+    transform[2, 3] = _DISTANCE_RADII
     focal = _DISTANCE_RADII * PIXELS_A_RADIUS
     K = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
-    camera = Camera(transform, K, size, size, near=0.01 * surface.unit)
-    # Nobody looked from straight above, so the colours are those of the views, and not what they would be from there.
-    rows = np.flatnonzero(ours)
-    rows = rows[np.lexsort(means[rows].T)]  # In a level surface depths are equal: the order of rows must not decide.
-    drawn, before = views.gaussians.select(rows), cameras_before(views, surfaces)
-    colours = np.mean([view_colours(drawn, view) for view in before], axis=0) if before else np.zeros((len(drawn), 3))
-    values = np.column_stack([colours, np.ones(len(drawn))]).astype(np.float32)
-    image = np.swapaxes(views.renderer.blend_values(drawn, camera, values)[::-1], 0, 1)
+    image = views.renderer.blend_values(drawn, Camera(transform, K, size, size, near=0.01), values)
+    image = np.swapaxes(image[::-1], 0, 1)
     return np.asarray(np.clip(image[..., :3] / np.maximum(image[..., 3:], _FAINT), 0, 1)), np.asarray(image[..., 3])
 
 

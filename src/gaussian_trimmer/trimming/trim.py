@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import Gaussians, LabelArray
+from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.planning.diagnosis import up_warning
 from gaussian_trimmer.planning.place_views import views_of_place
@@ -180,8 +181,10 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     crop, of_crop = decision.crop, owner[decision.crop.rows]
     if decision.parts is None or not (of_crop == number).any():
         return None
-    cameras = views_of_place(crop.bounds, setup.config.refinement.size)
-    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, crop.bounds, cameras, setup.renderer)
+    target = crop.local.select(of_crop == number)
+    bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
+    cameras = views_of_place(bounds, setup.config.refinement.size)
+    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, cameras, setup.renderer)
     removal = remove(views, fill=setup.config.background == "filled")
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
