@@ -40,8 +40,7 @@ class TrimConfig:
     """Which way is up. By default it is found from the cameras, or else from the ground."""
     plan: PlanConfig = field(default_factory=PlanConfig)
     context_radius: Annotated[float, Range(0, 100)] = CONTEXT_RADIUS
-    """Gaussians within this many object radii of the object's centre are rendered with it as background (eq. 7); 0:
-    none."""
+    """Gaussians within this many object radii of the object are rendered with it (eq. 7); 0: none."""
     label_crf: LabelCrfConfig = field(default_factory=LabelCrfConfig)
     acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
@@ -55,6 +54,9 @@ class TrimConfig:
     """How the scene without the object is made. `filled`: what only the object hid is left out, and the flat surfaces
     that it stood on, hung on or leaned against go on where it was, without its shadow; `clean`: nothing is made up, and
     holes stay; `exact`: every Gaussian that is not the object's, as it was."""
+    with_what_stands_on_it: bool = False
+    """What stands on the object goes with it. By default vases stay when their table goes, in the air, and the trim
+    tells of it; nothing that anything else holds is taken along."""
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:

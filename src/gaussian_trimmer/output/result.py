@@ -72,7 +72,7 @@ class TrimmedObject:
     refused: str | None
     """Why it is as it was selected; None if it was trimmed."""
     warnings: tuple[str, ...]
-    """What may be wrong with the inputs although it was trimmed, a sentence each."""
+    """What may be wrong although it was trimmed, a sentence each."""
     floaters: int
     """Number of selected Gaussians that lie too far from the object to belong to it."""
     lost: int

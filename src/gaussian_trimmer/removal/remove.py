@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray
+from gaussian_trimmer.removal.hanging import find_hanging
 from gaussian_trimmer.removal.hidden import find_hidden
 from gaussian_trimmer.removal.inpainting import inpaint_surfaces
 from gaussian_trimmer.removal.surfaces import find_surfaces
@@ -21,7 +22,7 @@ class Removal:
     """What changes when an object leaves a scene, for the N Gaussians of its views."""
 
     occluded_interior: BoolArray
-    """Gaussians of nobody that only the object hid, (N,)."""
+    """Gaussians of nobody that only the object hid or held, (N,)."""
     fragments_of_object: BoolArray
     """Gaussians that belong to the object without changing how it looks, (N,)."""
     inpainted: Gaussians
@@ -32,19 +33,38 @@ class Removal:
     """How many times brighter each Gaussian is without the object's shadow, at least 1, (N,)."""
     not_filled: str | None
     """Why nothing was inpainted; None if something was, or was not asked for."""
+    warnings: tuple[str, ...] = ()
+    """What a look at the scene without the object should know, a sentence each."""
 
 
-def remove(views: RemovalViews, *, fill: bool) -> Removal:
+def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> Removal:
     """Return what changes when an object leaves its scene.
 
     Args:
         views: the object from all around.
         fill: inpaint the surfaces that the object stood on or leaned against.
+        with_standing: the things that stand on the object are fragments of it.
     """
     surfaces = find_surfaces(views.gaussians.means, views.removed, views.total_visible, views.bounds)
     interior, fragments, isolated = find_hidden(views, surfaces)
+    things, splinters = find_hanging(views, interior | fragments, surfaces)
+    if with_standing and things.any():
+        on_it = things > 0
+        larger = replace(views, of_object=views.of_object | on_it, removed=views.removed | on_it)
+        removal = remove(larger, fill=fill)
+        return replace(removal, fragments_of_object=removal.fragments_of_object | on_it)
+    interior |= splinters
     found = inpaint_surfaces(views, surfaces, interior | fragments, isolated) if fill and surfaces else None
     not_filled = None if found or not fill else NOT_SEEN if surfaces else NO_SURFACE
     n = len(views.gaussians)
     inpainted, replaced, factor = found or (views.gaussians.select(slice(0)), np.zeros(n, np.bool_), np.ones(n))
-    return Removal(interior, fragments, inpainted, replaced, factor, not_filled)
+    return Removal(interior, fragments, inpainted, replaced, factor, not_filled, _what_stays(things))
+
+
+def _what_stays(things: IntArray) -> tuple[str, ...]:
+    """Return the warning that numbered things (N,) stay where nothing holds them, if there are any."""
+    count = int(things.max(initial=0))
+    sizes = ", ".join(f"{size:,}" for size in sorted(np.bincount(things)[1:], reverse=True))
+    some = "1 thing" if count == 1 else f"{count} things"
+    cure = "--with-what-stands-on-it takes along what stands on it"
+    return (f"{some} that only the object holds ({sizes} Gaussians) will hang in the air; {cure}.",) if count else ()

@@ -61,7 +61,7 @@ def assemble_object(
         bounds=crop.bounds,
         views=decision.views,
         refused=decision.refused,
-        warnings=decision.warnings,
+        warnings=decision.warnings + (removal.warnings if removal else ()),
         floaters=len(rough.rows) - int(crop.selected.sum()) if decision.views else 0,
         lost=int(np.count_nonzero(owner[decision.rows] != number)),
         fitted=fitted,

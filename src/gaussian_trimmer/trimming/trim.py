@@ -185,7 +185,7 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
     cameras = views_of_place(bounds, setup.config.refinement.size)
     views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, cameras, setup.renderer)
-    removal = remove(views, fill=setup.config.background == "filled")
+    removal = remove(views, fill=setup.config.background == "filled", with_standing=setup.config.with_what_stands_on_it)
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
     return removal

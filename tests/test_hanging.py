@@ -1,0 +1,57 @@
+"""What hangs in the air without the object: things on it stay and are told, or go with it; splinters go."""
+
+from dataclasses import replace
+
+import numpy as np
+import toy
+
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.trimming.trim import trim
+
+SCENE, TRUTH = toy.ball_on_floor(n_ball=1500)
+RNG = np.random.default_rng(0)
+SPLINTER = toy.gaussians([[1.06, 0, 1.2], [1.1, 0, 1.25]], 0.06, toy.WHITE)
+CONFIG = toy.small_config()
+
+
+def small_ball(centre):
+    """A blue ball of 60 Gaussians."""
+    outward = RNG.normal(size=(60, 3))
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return toy.gaussians(np.asarray(centre) + 0.25 * outward, 0.08, toy.BLUE)
+
+
+def trimmed(more, **options):
+    """The trim of the ball in the scene with more Gaussians at its end, and where these are."""
+    scene = concatenate([SCENE, more])
+    result = trim(scene, np.append(TRUTH, np.zeros(len(more), np.bool_)), config=replace(CONFIG, **options))
+    rows = np.arange(len(SCENE), len(scene))
+    return result, np.isin(rows, result.only.source_index), np.isin(rows, result.background_source)
+
+
+def test_what_stands_on_the_object_stays_and_is_told():
+    result, in_object, in_background = trimmed(small_ball([0, 0, 2.25]))
+    assert in_background.mean() > 0.7
+    assert in_object.mean() < 0.2
+    assert "1 thing" in result.warnings[0]
+    assert "--with-what-stands-on-it" in result.warnings[0]
+
+
+def test_it_goes_with_the_object_if_that_is_asked_for():
+    result, in_object, in_background = trimmed(small_ball([0, 0, 2.25]), with_what_stands_on_it=True)
+    assert in_object.mean() > 0.7
+    assert not in_background.any()
+    assert not result.warnings
+
+
+def test_what_stands_beside_the_object_has_its_own_hold():
+    for option in (False, True):
+        result, _, in_background = trimmed(small_ball([1.6, 0, 0.25]), with_what_stands_on_it=option)
+        assert in_background.all()
+        assert not result.warnings
+
+
+def test_splinters_do_not_stay_in_the_air():
+    result, _, in_background = trimmed(SPLINTER)
+    assert not in_background.any()
+    assert not result.warnings
