@@ -2,6 +2,7 @@
 
     python benchmarks/captures.py refit SCENE OUTPUT --count 8000 [--haze 0.05]
     python benchmarks/captures.py rooms OUTPUT --counts 25000 25000 9000
+    python benchmarks/captures.py rooms OUTPUT --rooms gravel lawn --counts 40000 40000
 
 `refit` takes a benchmark scene (see benchmark_scenes.py) and lets fewer, larger Gaussians learn the pictures that the
 scene itself shows at its cameras (refits.py); masks, pictures and cameras stay those of the scene. `rooms` does so with
@@ -120,7 +121,7 @@ class Rooms:
     output: Annotated[Positional[Path], arg(metavar="OUTPUT")]
     """Folder for the captures' folders."""
     rooms: tuple[str, ...] = ("a", "b", "c")
-    """Which rooms."""
+    """Which rooms; gravel and lawn are grounds with relief and things on them."""
     counts: tuple[int, ...] = (25_000, 25_000, 9_000)
     """Number of Gaussians of each."""
     suffix: str = ""

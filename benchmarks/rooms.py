@@ -1,15 +1,17 @@
-"""Rooms with things at their walls: boxes, cylinders and balls, densely covered with small flat Gaussians.
+"""Rooms with things at their walls, and things on grounds with relief, covered with small flat Gaussians.
 
-The back wall is y = 0, the floor z = 0, and the cameras stand on an arc before the wall; lengths are in metres. Light
-is a shade by the direction of a surface, and a soft shadow around things on walls and floor.
+A room's back wall is y = 0, the floor z = 0, and the cameras stand on an arc before the wall; lengths are in metres.
+Light is a shade by the direction of a surface, and a soft shadow around things on walls and floor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from bodies import Part, Texture, checks, grain, painting, plain
+from scipy.spatial import cKDTree
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, logit, quaternions_of
@@ -22,34 +24,6 @@ LIGHT = np.array([0.35, 0.8, 0.5]) / np.linalg.norm([0.35, 0.8, 0.5])
 SHADOW_DEPTH, SHADOW_REACH = 0.5, 0.07
 OPACITY = 0.95
 UP = np.array([0.0, 0.0, 1.0])
-
-Texture = Callable[[Float64Array], Float64Array]
-"""Colours (n, 3) of points (n, 3)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A body about a centre."""
-
-    centre: tuple[float, float, float]
-    size: tuple[float, float, float]
-    """Full extents along its own axes."""
-    texture: Texture
-    shape: str = "box"
-    """box, ball, or cylinder (along its z)."""
-    turn: Float64Array = field(default_factory=lambda: np.eye(3))
-    """Rotation from its own axes to the world's."""
-
-    def sample(self, spacing: float, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
-        """Points of the surface about evenly `spacing` apart, and their normals, (n, 3) each."""
-        local, normals = {"box": _box, "ball": _ball, "cylinder": _cylinder}[self.shape](np.array(self.size), spacing)
-        local = local + rng.normal(0, 0.1 * spacing, local.shape) * (1 - abs(normals))
-        return local @ self.turn.T + self.centre, normals @ self.turn.T
-
-    def distance(self, points: Float64Array) -> Float64Array:
-        """Distances of points from the box around it, (n,)."""
-        local = (points - self.centre) @ self.turn
-        return np.asarray(np.linalg.norm(np.maximum(abs(local) - np.array(self.size) / 2, 0), axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +41,11 @@ class Room:
 
 
 def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, without: str | None = None) -> Room:
-    """The room a, b or c; its Gaussians are `coarseness` times as far apart, its pictures scaled by a factor.
+    """The room of a name in ROOMS; its Gaussians are `coarseness` times as far apart, its pictures scaled by a factor.
 
     `without` is the name of a thing that does not stand there: neither it nor its shadow is seen.
     """
-    rng = np.random.default_rng(ord(letter))
+    rng = np.random.default_rng(ord(letter[0]))
     shell, things, arc = ROOMS[letter](rng)
     things = {name: parts for name, parts in things.items() if name != without}
     bodies = [(part, ROOM_SPACING, -1) for part in shell]
@@ -125,100 +99,10 @@ def _cameras(first: float, last: float, x: float, rng: np.random.Generator) -> t
     return training, test
 
 
-def _grid(width: float, height: float, spacing: float) -> Float64Array:
-    """Points of a rectangle about its centre, (n, 2)."""
-    sides = [max(1, round(length / spacing)) for length in (width, height)]
-    u, v = ((np.arange(n) + 0.5) / n - 0.5 for n in sides)
-    return np.stack(np.meshgrid(u * width, v * height), axis=-1).reshape(-1, 2)
-
-
-def _box(size: Float64Array, spacing: float) -> tuple[Float64Array, Float64Array]:
-    points, normals = [], []
-    for axis in range(3):
-        if size[axis] > 0 and not size[[a for a in range(3) if a != axis]].all():
-            continue  # the sides of a rectangle
-        others = [a for a in range(3) if a != axis]
-        flat = _grid(size[others[0]], size[others[1]], spacing)
-        for side in (-1, 1) if size[axis] > 0 else (1,):
-            where = np.zeros((len(flat), 3))
-            where[:, others] = flat
-            where[:, axis] = side * size[axis] / 2
-            points.append(where)
-            normals.append(np.tile(side * np.eye(3)[axis], (len(flat), 1)))
-    return np.concatenate(points), np.concatenate(normals)
-
-
-def _ball(size: Float64Array, spacing: float) -> tuple[Float64Array, Float64Array]:
-    n = max(12, int(np.pi * np.sum(size[[0, 1, 2]] * size[[1, 2, 0]]) / 3 / spacing**2))
-    z = 1 - 2 * (np.arange(n) + 0.5) / n
-    angle = np.pi * (1 + 5**0.5) * np.arange(n)
-    unit = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
-    normals = unit / size
-    return unit * size / 2, normals / np.linalg.norm(normals, axis=1, keepdims=True)
-
-
-def _cylinder(size: Float64Array, spacing: float) -> tuple[Float64Array, Float64Array]:
-    flat = _grid(np.pi * size[0], size[2], spacing)
-    angle = 2 * flat[:, 0] / size[0]
-    normals = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(flat))], axis=1)
-    side = normals * [size[0] / 2, size[1] / 2, 0] + flat[:, 1:] * [[0, 0, 1]]
-    lid = _grid(size[0], size[1], spacing)
-    lid = lid[np.sum((2 * lid / size[:2]) ** 2, axis=1) < 1]
-    lids = [np.column_stack([lid, np.full(len(lid), end * size[2] / 2)]) for end in (-1, 1)]
-    ends = [np.tile([0.0, 0, end], (len(lid), 1)) for end in (-1, 1)]
-    return np.concatenate([side, *lids]), np.concatenate([normals, *ends])
-
-
-def plain(*colour: float, noise: float = 0.015) -> Texture:
-    """One colour with fine noise and faint clouds, as plaster."""
-
-    def texture(points: Float64Array) -> Float64Array:
-        grain = np.random.default_rng(0).normal(0, noise, (len(points), 1))
-        return np.array(colour) + grain + noise * clouds(points, 0.4, 1)
-
-    return texture
-
-
-def grain(*colour: float, along: int = 2, boards: float = 0.0, across: int = 0) -> Texture:
-    """Wood with its grain along an axis, in boards of some width if that is given, with dark joints."""
-
-    def texture(points: Float64Array) -> Float64Array:
-        stretched = points.copy()
-        stretched[:, along] *= 0.08
-        tone = 1 + 0.10 * clouds(stretched, 0.03, 2)
-        if boards:
-            board = np.floor(points[:, across] / boards)
-            tone = tone * (1 + 0.12 * np.sin(board * 12.9898))[:, None]
-            tone = np.where((points[:, across] / boards - board < 0.06)[:, None], 0.6 * tone, tone)
-        return np.array(colour) * tone
-
-    return texture
-
-
-def checks(first: Sequence[float], second: Sequence[float], width: float, axes: tuple[int, ...] = (0, 1)) -> Texture:
-    """Two colours in turn: tiles along two axes, stripes along one."""
-
-    def texture(points: Float64Array) -> Float64Array:
-        odd = np.floor(points[:, axes] / width + 1e-6).sum(axis=1) % 2 == 1
-        return np.where(odd[:, None], np.array(first), np.array(second)) + 0.02 * clouds(points, 0.05, 3)
-
-    return texture
-
-
-def painting(seed: int) -> Texture:
-    """Smooth patches of colours."""
-    return lambda points: 0.5 + 0.22 * np.concatenate([clouds(points, 0.22, 3 * seed + i) for i in range(3)], axis=1)
-
-
-def clouds(points: Float64Array, length: float, seed: int) -> Float64Array:
-    """Smooth noise with details of some length and standard deviation one, (n, 1)."""
-    rng = np.random.default_rng(seed)
-    waves, phases = rng.normal(0, 1 / length, (3, 24)), rng.uniform(0, 2 * np.pi, 24)
-    return np.asarray(np.cos(points @ waves + phases).sum(axis=1, keepdims=True) / np.sqrt(12))
-
-
 Plan = tuple[list[Part], dict[str, list[Part]], tuple[float, float, float]]
 """Walls and floor, things, and the arc of the cameras: first and last angle, and x of its middle."""
+Relief = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
+"""Heights and shades (n,) of a ground at positions (n, 2)."""
 
 
 def _shell(left: float, wall: Texture, floor: Texture, height: float = 2.9) -> list[Part]:
@@ -333,4 +217,60 @@ def _room_c(rng: np.random.Generator) -> Plan:
     return _shell(-1.75, wall, floor), things, (-36, 66, -0.05)
 
 
-ROOMS: dict[str, Callable[[np.random.Generator], Plan]] = {"a": _room_a, "b": _room_b, "c": _room_c}
+def _humps(
+    pitch: float, shape: Callable[[Float64Array, Float64Array], Float64Array], rng: np.random.Generator
+) -> Relief:
+    """Bodies on a jittered grid: heights and a shade of each place's, by a shape of distance and size in pitches."""
+    count = round(3.4 / pitch)
+    places = (np.stack(np.meshgrid(*[np.arange(count)] * 2), axis=-1).reshape(-1, 2) + 0.5) * pitch - 1.7
+    places += rng.uniform(-0.4, 0.4, places.shape) * pitch
+    sizes, shades, tree = rng.uniform(0.6, 1.0, len(places)), rng.uniform(0.55, 1.0, len(places)), cKDTree(places)
+
+    def relief(points: Float64Array) -> tuple[Float64Array, Float64Array]:
+        distances, near = tree.query(points, 5)
+        heights = pitch * shape(np.asarray(distances) / pitch, sizes[near])
+        highest = heights.argmax(axis=1)[:, None]
+        return np.take_along_axis(heights, highest, 1)[:, 0], np.take_along_axis(shades[near], highest, 1)[:, 0]
+
+    return relief
+
+
+def _ground(relief: Relief, *colour: float) -> Part:
+    def texture(points: Float64Array) -> Float64Array:
+        heights, shades = relief(points[:, :2])
+        return np.outer(shades * (0.5 + 0.5 * heights / heights.max()), colour)
+
+    return Part((0, 0, 0), (3.2, 3.2, 0), texture, relief=lambda points: relief(points)[0])
+
+
+def _on_relief(ground: Part) -> Plan:
+    """A carton and a pot on a ground, seen from all around."""
+    angle = np.radians(28)
+    turned = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    things = {
+        "carton": [Part((-0.35, 0.45, 0.22), (0.4, 0.3, 0.44), plain(0.66, 0.5, 0.34, noise=0.02), turn=turned)],
+        "pot": [
+            Part((0.4, 0.1, 0.15), (0.3, 0.3, 0.3), plain(0.6, 0.33, 0.22), "cylinder"),
+            Part((0.4, 0.1, 0.36), (0.36, 0.36, 0.12), plain(0.5, 0.27, 0.18), "cylinder"),
+        ],
+    }
+    return [ground], things, (-172, 172, 0.0)
+
+
+def _gravel(rng: np.random.Generator) -> Plan:
+    stones = _humps(0.07, lambda far, size: np.asarray(np.sqrt(np.maximum(0.3 * size**2 - far**2, 0))), rng)
+    return _on_relief(_ground(stones, 0.68, 0.64, 0.6))
+
+
+def _lawn(rng: np.random.Generator) -> Plan:
+    blades = _humps(0.03, lambda far, size: np.asarray(3 * size * np.maximum(1 - far / 0.8, 0)), rng)
+    return _on_relief(_ground(blades, 0.42, 0.62, 0.24))
+
+
+ROOMS: dict[str, Callable[[np.random.Generator], Plan]] = {
+    "a": _room_a,
+    "b": _room_b,
+    "c": _room_c,
+    "gravel": _gravel,
+    "lawn": _lawn,
+}
