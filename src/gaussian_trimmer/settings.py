@@ -126,6 +126,10 @@ def from_plain(data: Any, kind: Any, where: str, readers: Readers = _NONE) -> An
     if origin is tuple:
         elements = enumerate(_elements(data, arguments, where))
         return tuple(from_plain(value, element, f"{where}[{i}]", readers) for i, (value, element) in elements)
+    if origin is dict and isinstance(data, dict):
+        return {name: from_plain(value, arguments[1], _joined(where, name), readers) for name, value in data.items()}
+    if origin is dict:
+        raise wrong_value(data, where, "an object")
     if origin is Annotated:
         allowed = next((note for note in arguments[1:] if isinstance(note, Range)), None)
         if allowed is None:

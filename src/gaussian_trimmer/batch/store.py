@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,28 +46,10 @@ class Outcome:
     """It failed because the output cannot be written, as on a full disk, and may be written by the next run."""
 
 
-@dataclass(frozen=True)
-class Finished:
-    """The `item.json` of a finished item: nothing that differs from run to run."""
-
-    name: str
-    fingerprint: str
-    counts: dict[str, int]
-    views: tuple[int, int]
-    refused: str | None
-    up_confidence: float
-
-
-@dataclass(frozen=True)
-class _Record:
-    """How an item went, in `records`."""
-
-    name: str
-    fingerprint: str
-    message: str = ""
-    """Why it failed; empty if it is done."""
-    seconds: float = 0.0
-    traceback: str = ""
+_RESULT = ("fingerprint", "counts", "views", "refused", "up_confidence")
+"""What the `item.json` of a finished item says of its outcome: nothing that differs from run to run."""
+_COURSE = ("fingerprint", "message", "seconds")
+"""What `records` say of how an item went; without a message it is done."""
 
 
 class Store:
@@ -78,20 +60,19 @@ class Store:
 
     def earlier(self, item: Item, fingerprint: str | None = None) -> Outcome | None:
         """Return what an earlier run left of an item, with this fingerprint if one is given; None if nothing whole."""
-        found, record = self._finished(item.name), self._record(item.name)
+        found, record = self._finished(item), self._record(item)
         if found is not None and fingerprint in (None, found.fingerprint):
             known = record is not None and not record.message and record.fingerprint == found.fingerprint
-            return outcome_of(item, found, record.seconds if record is not None and known else 0.0, fresh=False)
+            return replace(found, seconds=record.seconds) if record is not None and known else found
         if record is not None and record.message and fingerprint in (None, record.fingerprint):
-            return Outcome(item, "failed", record.message, fresh=False, fingerprint=record.fingerprint)
+            return record
         return None
 
     def record(self, outcome: Outcome, traceback: str = "") -> None:
         """Note how an item went; where nothing can be written, the next run tries a failed one again."""
-        name = outcome.item.name
-        record = _Record(name, outcome.fingerprint, outcome.message, round(outcome.seconds, 3), traceback)
+        told = {**_fields(outcome, _COURSE), "seconds": round(outcome.seconds, 3), "traceback": traceback}
         with suppress(OSError, InputError):
-            self.write(f"records/{name}.json", json.dumps(to_plain(record), indent=1) + "\n")
+            self.write(f"records/{outcome.item.name}.json", json.dumps(told, indent=1) + "\n")
 
     @contextmanager
     def result_folder(self, name: str, suffix: str, inputs: Iterable[Path]) -> Iterator[Path]:
@@ -122,45 +103,34 @@ class Store:
         """Remove what a process that was killed has left beside the results of an item."""
         remove_leftovers(self._root / "items" / name)
 
-    def _finished(self, name: str) -> Finished | None:
-        """Return the `item.json` of an item; None unless all its files are there, as large as they were written."""
-        folder = self._root / "items" / name
-        found: Finished | None = _read(folder / ITEM, Finished)
-        if found is None or not all(isinstance(number, int) for number in found.counts.values()):
-            return None
-        return found if is_complete(folder) else None
+    def _finished(self, item: Item) -> Outcome | None:
+        """Return what `item.json` says; None unless all files of the item are there, as large as they were written."""
+        folder = self._root / "items" / item.name
+        return _read(folder / ITEM, item, "done", _RESULT) if is_complete(folder) else None
 
-    def _record(self, name: str) -> _Record | None:
-        record: _Record | None = _read(self._root / "records" / f"{name}.json", _Record)
-        return record
+    def _record(self, item: Item) -> Outcome | None:
+        return _read(self._root / "records" / f"{item.name}.json", item, "failed", _COURSE)
 
 
-def outcome_of(item: Item, found: Finished, seconds: float, *, fresh: bool) -> Outcome:
-    """Return the outcome of an item that is done."""
-    return Outcome(
-        item,
-        "done",
-        fresh=fresh,
-        counts=found.counts,
-        views=found.views,
-        refused=found.refused or "",
-        up_confidence=found.up_confidence,
-        seconds=seconds,
-        fingerprint=found.fingerprint,
-    )
-
-
-def write_finished(found: Finished, folder: Path) -> None:
-    """Write the `item.json` of an item.
+def write_finished(outcome: Outcome, folder: Path) -> None:
+    """Write the `item.json` of an item that is done.
 
     Raises:
         InputError: it cannot be written.
     """
-    write_json(to_plain(found), folder / ITEM)
+    write_json(_fields(outcome, _RESULT), folder / ITEM)
 
 
-def _read(path: Path, kind: Any) -> Any:
-    """Return what a JSON file holds as a dataclass; None if it is missing or damaged."""
+def _fields(outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
+    return {"name": outcome.item.name, **{name: to_plain(getattr(outcome, name)) for name in names}}
+
+
+def _read(path: Path, item: Item, state: str, names: Sequence[str]) -> Outcome | None:
+    """Return what a JSON file says of an item in these fields; None if it is missing or damaged."""
     with suppress(InputError, OSError):
-        return from_plain(read_json(path), kind, "")
+        found = read_json(path)
+        if isinstance(found, dict) and found.keys() >= set(names):
+            given = {"item": item, "state": state, "fresh": False, **{name: found[name] for name in names}}
+            outcome: Outcome = from_plain(given, Outcome, "", {Item: lambda data, where: data})
+            return outcome
     return None

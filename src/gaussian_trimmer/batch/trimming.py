@@ -6,6 +6,7 @@ import faulthandler
 import os
 import time
 import traceback
+from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from gaussian_trimmer import formats
 from gaussian_trimmer.batch.fingerprints import digest_of_contents, fingerprint
 from gaussian_trimmer.batch.items import Item
-from gaussian_trimmer.batch.store import Finished, Outcome, Store, outcome_of, write_finished
+from gaussian_trimmer.batch.store import Outcome, Store, write_finished
 from gaussian_trimmer.camera_files import read_cameras_of
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import FolderInUseError, InputError, printable, user_message
@@ -88,8 +89,8 @@ class ItemTrimmer:
                     raise _FinishedByAnotherRun(told)
                 result = trim_item(gaussians, item, scene.cameras(item))
                 writing = True
-                found = _write(result, item, mark, folder)
-            outcome = outcome_of(item, found, time.perf_counter() - start, fresh=True)
+                done = _write(result, item, mark, folder)
+            outcome = replace(done, seconds=time.perf_counter() - start)
         except _FinishedByAnotherRun as other:
             return other.outcome
         except FolderInUseError:
@@ -175,22 +176,22 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
     )
 
 
-def _write(result: TrimResult, item: Item, mark: str, folder: Path) -> Finished:
-    """Write the files of an item; returns what `item.json` says."""
+def _write(result: TrimResult, item: Item, mark: str, folder: Path) -> Outcome:
+    """Write the files of an item, and return its outcome."""
     report = describe(result, _inputs(item))
     del report["seconds"]  # The files of an item hold nothing that differs from run to run.
-    accepted = sum(view["accepted"] for view in report["views"])
-    found = Finished(
-        item.name,
-        mark,
-        report["counts"],
-        (accepted, len(report["views"])),
-        report["refused"],
-        report["up"]["confidence"],
+    outcome = Outcome(
+        item,
+        "done",
+        counts=report["counts"],
+        views=(sum(view["accepted"] for view in report["views"]), len(report["views"])),
+        refused=report["refused"] or "",
+        up_confidence=report["up"]["confidence"],
+        fingerprint=mark,
     )
     write_results(result, report, folder, item.suffix, background=item.background)
-    write_finished(found, folder)
-    return found
+    write_finished(outcome, folder)
+    return outcome
 
 
 def _inputs(item: Item) -> dict[str, Any]:

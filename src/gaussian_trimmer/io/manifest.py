@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.io.reading import is_file
+from gaussian_trimmer.io.reading import is_file, read_json
 
 MANIFEST = "manifest.json"
 _PROGRAM = "gaussian-trimmer"
@@ -67,17 +68,13 @@ def files_in(folder: Path) -> list[str]:
 
 def _read(folder: Path) -> dict[str, Any]:
     """The manifest of a folder; empty where there is none of this program."""
-    path = folder / MANIFEST
-    if path.is_symlink() or not path.is_file():
-        return {}
-    try:
-        manifest = json.loads(path.read_bytes())
-    except (ValueError, RecursionError):
-        return {}
+    path, manifest = folder / MANIFEST, None
+    with suppress(InputError):
+        manifest = None if path.is_symlink() else read_json(path)
     return manifest if isinstance(manifest, dict) and manifest.get("program") == _PROGRAM else {}
 
 
 def has_size(folder: Path, name: str, size: object) -> bool:
     """Return whether a file is in a folder, not behind links, and still as large as when it was written."""
     path = folder.resolve() / name
-    return path.resolve() == path and is_file(path) and path.stat().st_size == size
+    return is_file(path) and path.resolve() == path and path.stat().st_size == size
