@@ -102,6 +102,8 @@ def test_seconds_are_kept_and_marks_are_inputs(copy):
 @pytest.mark.parametrize(
     ("file", "text"),
     [("items/a/manifest.json", "{}"), ("items/a/manifest.json", '{"files":[]}'), ("items/a/item.json", '{"views": 3}'),
+     *(("items/a/manifest.json", f'{{"program": "gaussian-trimmer", "kind": "trim", "files": {{"{name}": 1}}}}')
+       for name in (r"a\u0000", r"\ud800", "a/" * 3000)),
      ("items/a/item.json", "[1]"), ("records/a.json", "{}"), ("records/a.json", '{"seconds": "x"}')],
 )  # fmt: skip
 def test_damaged_records_are_none(copy, file, text):

@@ -58,7 +58,7 @@ def defects(reader: Reader, name: str, seed: int, cases: range) -> Iterator[tupl
 
 def _read(reader: Reader, files: Files, folder: Path, *, must_succeed: bool) -> None:
     for file, data in files.items():
-        (folder / file).parent.mkdir(exist_ok=True)
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes(data)
     try:
         reader.read(folder / next(iter(files)))
@@ -101,7 +101,7 @@ def main() -> int:
                 folder = options.keep / f"{name.replace(' ', '-')}-{options.seed}-{case}"
                 folder.mkdir(parents=True, exist_ok=True)
                 for file, data in make_case(reader, name, options.seed, case).items():
-                    (folder / file).parent.mkdir(exist_ok=True)
+                    (folder / file).parent.mkdir(parents=True, exist_ok=True)
                     (folder / file).write_bytes(data)
     print(f"\n{len(cases) * len(chosen)} cases, {found} defects")
     return 1 if found else 0

@@ -129,7 +129,7 @@ def _zip(rng: random.Random, data: bytes) -> bytes:
 
 
 def _json(rng: random.Random, data: bytes) -> bytes:
-    """A value of a JSON document replaced, removed, repeated or moved elsewhere."""
+    """A value of a JSON document replaced, removed, repeated, renamed or moved elsewhere."""
     document = json.loads(data)
     places: list[tuple[Any, Any]] = []
     pending = [document]
@@ -139,9 +139,11 @@ def _json(rng: random.Random, data: bytes) -> bytes:
         places += [(here, key) for key, _ in items]
         pending += [value for _, value in items if isinstance(value, (dict, list))]
     (here, key), (other, other_key) = rng.choice(places), rng.choice(places)
-    match rng.randrange(5):
+    match rng.randrange(6):
         case 0:
             del here[key]
+        case 5 if isinstance(here, dict):
+            here[rng.choice([value for value in _VALUES if isinstance(value, str)])] = here.pop(key)
         case 1 if isinstance(here, list):
             here[key:key] = [here[key]] * rng.choice((1, 300))
         case 2:

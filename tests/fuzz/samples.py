@@ -8,6 +8,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,22 @@ from selection_builders import save_ply
 from test_streamed_sog import PLAYBOT, streamed
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.app import edits
+from gaussian_trimmer.app.project import project_as_json, read_project, restore
+from gaussian_trimmer.app.session import Session
+from gaussian_trimmer.batch.items import Item
 from gaussian_trimmer.batch.manifest import read_manifest
+from gaussian_trimmer.batch.store import ITEM, Outcome, Store, write_finished
+from gaussian_trimmer.batch.summary import write_summaries
 from gaussian_trimmer.camera_files import read_camera_set, read_cameras_of
 from gaussian_trimmer.cameras import Camera, intrinsics
 from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Gaussians
+from gaussian_trimmer.io.manifest import MANIFEST, earlier_results, files_in, is_complete, is_made_of, write_manifest
+from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.segmentation.segmenters.mask_files import mask_of
-from gaussian_trimmer.selecting.marks import Click, FromFile, Grow, Marks, Plane, Viewpoint
+from gaussian_trimmer.selecting.marks import Box3D, Click, FromFile, Grow, Marks, Plane, Sphere, Viewpoint
 from gaussian_trimmer.selecting.marks_file import marks_as_json, read_marks
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 
@@ -259,7 +268,7 @@ _WIDTH, _HEIGHT = 24, 18
 
 
 def _other_readers() -> dict[str, Reader]:
-    """Masks, marks and manifests."""
+    """Masks, marks, projects, manifests, and what runs leave for later ones."""
     picture = np.zeros((_HEIGHT, _WIDTH, 4), np.uint8)
     picture[4:12, 5:15] = 255
     masks = {".png": picture, ".jpg": picture[..., :3], ".tiff": picture[..., 0], ".webp": picture, ".bmp": picture}
@@ -271,9 +280,80 @@ def _other_readers() -> dict[str, Reader]:
     return {
         "masks": Reader([{f"a{end}": cv2.imencode(end, mask)[1].tobytes()} for end, mask in masks.items()], _read_mask),
         "marks": Reader([{"a.json": json.dumps(marks).encode()}], read_marks),
+        "project": Reader([{"a.project.json": _project()}], _read_project),
+        "results": Reader([_results()], _read_results),
+        "records": Reader([_records()], _read_records),
         "manifest.csv": Reader([{"a.csv": rows.encode()}], read_manifest),
         "manifest.jsonl": Reader([{"a.jsonl": "\n".join(map(json.dumps, lines)).encode()}], read_manifest),
     }
+
+
+@cache
+def _session() -> Session:
+    """A session of the app with the scene and an object marked in it."""
+    session = Session()
+    with tempfile.TemporaryDirectory() as folder:
+        formats.write(SCENE, Path(folder) / "a.ply")
+        session.open(Path(folder) / "a.ply")
+    session.do(edits.mark, Sphere((0.0, 0.0, 0.0), 5.0), Box3D((1.0, -5.0, -5.0), (5.0, 5.0, 5.0), effect="remove"))
+    session.do(edits.describe, 1, "mug", (1, 2, 3))
+    return session
+
+
+def _project() -> bytes:
+    return project_as_json(_session().now, Path()).encode()
+
+
+def _read_project(path: Path) -> None:
+    change = restore(_session().now, read_project(path))
+    assert all(part.mask.shape == (N,) for part in change.after.objects)
+
+
+def _results() -> Files:
+    """Files of a run, and the list of them that it leaves."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("object.ply", "views/00.png"):
+            (Path(folder) / name).parent.mkdir(exist_ok=True)
+            (Path(folder) / name).write_bytes(b"anything")
+        write_manifest(Path(folder), "trim", Path("a.ply"))
+        files = _folder(Path(folder))
+    return {MANIFEST: files.pop(MANIFEST), **files}
+
+
+def _read_results(path: Path) -> None:
+    """A list may lie, but is never more than what is in the folder, and a run over it ends."""
+    folder = path.parent
+    complete = is_complete(folder) and is_made_of(folder, Path("a.ply"))
+    assert set(earlier_results(folder, "trim")) <= set(files_in(folder))
+    with atomic_folder(folder, "trim", overwrite=True) as part:
+        (part / "object.ply").write_bytes(b"new")
+    assert (folder / "object.ply").read_bytes() == b"new"
+    if not complete:
+        raise InputError("The list is not that of the files.")
+
+
+_ITEM = Item("a.ply", "a.npy", "a")
+
+
+def _records() -> Files:
+    """What a batch leaves of an item that is done; the list of its files does not hold the item's own to a size."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "object.ply").write_bytes(b"anything")
+        write_manifest(Path(folder), "trim")
+        done = Outcome(_ITEM, "done", counts={"scene": N, "selected": 9, "object": 9}, views=(3, 5), fingerprint="0a")
+        write_finished(done, Path(folder))
+        files = {f"items/a/{name}": data for name, data in _folder(Path(folder)).items()}
+        Store(Path(folder)).record(done)
+        record = (Path(folder) / "records" / "a.json").read_bytes()
+    return {f"items/a/{ITEM}": files.pop(f"items/a/{ITEM}"), "records/a.json": record, **files}
+
+
+def _read_records(path: Path) -> None:
+    store = Store(path.parents[2])
+    write_summaries(store, [_ITEM], [])
+    if (found := store.earlier(_ITEM, "0a")) is None:
+        raise InputError("Nothing whole is left of the item.")
+    assert found.fingerprint == "0a"
 
 
 def _read_mask(path: Path) -> None:
