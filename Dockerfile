@@ -4,7 +4,7 @@ FROM python:3.12-slim
 ARG EXTRAS=
 ENV VIRTUAL_ENV=/opt/venv PATH=/opt/venv/bin:$PATH NUMBA_CACHE_DIR=/opt/kernels
 
-COPY pyproject.toml README.md LICENSE /src/
+COPY pyproject.toml LICENSE /src/
 COPY src /src/src
 RUN python -m venv /opt/venv && pip install --no-cache-dir "/src${EXTRAS}" && rm -r /src
 

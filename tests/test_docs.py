@@ -1,11 +1,15 @@
 """The documentation does what it says: its Python runs, its commands exist, its figures are made, its links lead."""
 
+import ast
+import builtins
+import functools
 import importlib.util
-import logging
 import re
 import shlex
 import shutil
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -16,7 +20,6 @@ from test_streamed_sog import streamed
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import cli, formats
-from gaussian_trimmer.gaussians import sigmoid
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -24,9 +27,7 @@ NOT_RUN = {
     "sam.md": "needs a model", "sam2.md": "needs a model",
     "selecting.md": "names views and pixels of a capture",
 }  # fmt: skip
-"""Pages whose Python is only compiled."""
-STANDALONE = ("README.md", "researchers.md", "robotics.md", "service.md")
-"""Pages whose every block runs as it is copied, in a folder with the files that it names."""
+"""Pages whose Python is compiled, and knows every name that it uses, but is not run."""
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _COMMAND = re.compile(r"gaussian-trimmer (?!\[)[^`\n#&]+")
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -40,35 +41,9 @@ def blocks(page):
     return _BLOCK.findall(page.read_text(encoding="utf-8"))
 
 
-class Tensor(np.ndarray):
-    """An array with what examples ask of PyTorch's tensors."""
-
-    def detach(self):
-        return self
-
-    def cpu(self):
-        return self
-
-    def float(self):
-        return self
-
-    def numpy(self):
-        return self
-
-
-class Torch:
-    @staticmethod
-    def cat(tensors, dim):
-        return np.concatenate(tensors, axis=dim).view(Tensor)
-
-
-def tensor(array):
-    return np.ascontiguousarray(array).view(Tensor)
-
-
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory):
-    """The files and names that pages take for granted."""
+    """A folder with the files that pages name."""
     folder = tmp_path_factory.mktemp("docs")
     masks, _ = save_capture(folder, [f"IMG_{i}.png" for i in range(5)], "rough.npy")
     for view, mask in masks.items():
@@ -79,55 +54,73 @@ def workplace(tmp_path_factory):
     scene = formats.read(folder / "scene.ply")
     np.save(folder / "labels.npy", np.load(folder / "rough.npy").astype(np.int64))
     formats.write(scene, folder / "scene.spz")
+    formats.write(scene.select(np.load(folder / "rough.npy")), folder / "object.ply")
     (folder / "apartment").mkdir()
     streamed(folder / "apartment")
     return folder
 
 
 @pytest.fixture
-def names(workplace, monkeypatch):
+def copied(workplace, monkeypatch):
+    """Names as they are where a page is copied, with small views in every trim."""
     monkeypatch.chdir(workplace)
-    trim = gt.trim  # with small views: what pages ask for beside is kept
-    monkeypatch.setattr(gt, "trim", lambda *given, **named: trim(*given, config=toy.small_config(up=None), **named))
-    together = gt.trim_objects
-    monkeypatch.setattr(
-        gt, "trim_objects", lambda *given, **named: together(*given, config=toy.small_config(up=None), **named)
-    )
     shutil.rmtree("trimmed", ignore_errors=True)
-    scene, truth = toy.ball_on_floor()
-    rough = toy.dilated(scene, truth)
-    cameras = gt.read_cameras("sparse/0")
-    centre = scene.means[truth].mean(axis=0).astype(np.float64)
-    pixel = np.round(cameras.cameras[0].project(centre[None])[0][0]).astype(int)
-    sh = np.concatenate([scene.sh_dc[:, None], scene.sh_rest.transpose(0, 2, 1)], axis=1)
-    splats = {
-        "means": tensor(scene.means), "quats": tensor(scene.quaternions), "sh0": tensor(sh[:, :1]),
-        "shN": tensor(sh[:, 1:]), "scales": tensor(scene.log_scales), "opacities": tensor(scene.opacity_logits),
-    }  # fmt: skip
-
-    class Model:
-        get_xyz, get_rotation, get_features = map(tensor, (scene.means, scene.quaternions, sh))
-        get_scaling, get_opacity = tensor(np.exp(scene.log_scales)), tensor(sigmoid(scene.opacity_logits))
-
+    for name in ("trim", "trim_objects"):
+        small = functools.partial(getattr(gt, name), config=toy.small_config(up=None))
+        monkeypatch.setattr(gt, name, small)
     with toy.one_thread():
-        result = gt.trim(scene, rough, up="z")
-        yield {
-            "gt": gt, "np": np, "Path": Path, "logging": logging, "torch": Torch, "splats": splats, "model": Model,
-            "scene": scene, "rough": rough, "result": result, "camera": cameras.cameras[0], "up": toy.UP,
-            "formats": formats, "pixel": tuple(pixel.tolist()),
-        }  # fmt: skip
+        yield {"__name__": "copied"}
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=name)
-def test_python_of_the_pages_runs(page, names):
+def test_python_of_the_pages_runs_when_copied(page, copied):
     for number, block in enumerate(blocks(page)):
-        code = compile(block.replace("[(312, 218)]", "[pixel]"), f"{name(page)}, block {number + 1}", "exec")
+        code = compile(block, f"{name(page)}, block {number + 1}", "exec")
         if page.name not in NOT_RUN:
-            exec(code, {"__name__": "copied"} if page.name in STANDALONE else names)
+            exec(code, copied)
+    assert not unknown_names("".join(blocks(page)))
+
+
+def test_arrays_of_trainers_become_the_scene(workplace, monkeypatch):
+    (block,) = [block for block in blocks(ROOT / "docs" / "python.md") if "def from_gsplat" in block]
+    joined = SimpleNamespace(cat=lambda tensors, dim: np.concatenate(tensors, axis=dim))
+    monkeypatch.setitem(sys.modules, "torch", joined)
+    scene = formats.read(workplace / "scene.ply")
+    given = {"gt": gt, "result": SimpleNamespace(object=scene)}
+    exec(block, given)
+    sh, linear = scene.to_arrays()["sh"], scene.to_arrays(activated=True)
+    splats = {
+        "means": scene.means, "quats": scene.quaternions, "sh0": sh[:, :1], "shN": sh[:, 1:],
+        "scales": scene.log_scales, "opacities": scene.opacity_logits,
+    }  # fmt: skip
+    model = SimpleNamespace(
+        get_xyz=scene.means, get_rotation=scene.quaternions, get_features=sh, get_scaling=linear["scales"],
+        get_opacity=linear["opacities"],
+    )  # fmt: skip
+    for read in (given["from_gsplat"](splats), given["from_inria"](model)):
+        np.testing.assert_allclose(read.log_scales, scene.log_scales, atol=1e-5)
+        np.testing.assert_allclose(read.opacity_logits, scene.opacity_logits, atol=1e-4)
+        np.testing.assert_array_equal(read.sh_rest, scene.sh_rest)
+
+
+def unknown_names(code):
+    """Names that code uses and neither imports, makes nor takes as an argument."""
+    nodes = list(ast.walk(ast.parse(code)))
+    used = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    made = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    made |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    made |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    made |= {alias.asname or alias.name.partition(".")[0]
+             for node in nodes if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names}  # fmt: skip
+    return used - made - set(dir(builtins))
+
+
+def test_a_name_that_a_page_does_not_make_is_found():
+    assert unknown_names("import a\nfrom b import c as d\ndef e(f): return f + g\nh = a, d, e, print") == {"g"}
 
 
 def test_no_exception_is_left_over():
-    assert NOT_RUN.keys() | set(STANDALONE) <= {page.name for page in PAGES if blocks(page)}
+    assert NOT_RUN.keys() <= {page.name for page in PAGES if blocks(page)}
 
 
 def commands():
