@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gaussian_trimmer.removal.relief import patches_with_grain
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map
 
 SIZE = 128
@@ -22,6 +23,7 @@ STRIPES = picture((COLUMNS // 8 % 2).astype(float))
 SLANTED = picture(((COLUMNS + ROWS) // 9 % 2).astype(float))
 CHECKS = picture(((COLUMNS // 10 + ROWS // 10) % 2).astype(float))
 PLAIN = picture(np.ones((SIZE, SIZE)))
+GRAVEL = picture(np.repeat(np.repeat(np.random.default_rng(1).random((SIZE // 4,) * 2), 4, 0), 4, 1))
 
 
 def without_hole(rgb):
@@ -60,3 +62,19 @@ def test_a_hole_of_which_nothing_is_known_around_is_filled_smoothly():
     known[:2, :2] = True
     rgb, _ = inpaint_shift_map(PLAIN, known, HOLE)
     assert np.isfinite(rgb).all()
+
+
+def test_what_never_repeats_is_continued_by_whole_pieces():
+    rgb, factor = inpaint_shift_map(without_hole(GRAVEL), KNOWN, HOLE)
+    patches = patches_with_grain(without_hole(GRAVEL), KNOWN, HOLE, rgb, factor)
+    assert (sum(patch.astype(int) for _, patch in patches) == HOLE).all()
+    assert patches[0][1].sum() > HOLE.sum() / 2
+    for (down, right), patch in patches:
+        rows, columns = np.nonzero(patch)
+        assert KNOWN[rows + down, columns + right].all()
+
+
+@pytest.mark.parametrize("truth", [STRIPES, SLANTED, CHECKS, PLAIN], ids=["stripes", "slanted", "checks", "plain"])
+def test_what_repeats_or_is_plain_is_not(truth):
+    rgb, factor = inpaint_shift_map(without_hole(truth), KNOWN, HOLE)
+    assert not patches_with_grain(without_hole(truth), KNOWN, HOLE, rgb, factor)

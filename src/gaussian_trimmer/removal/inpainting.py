@@ -20,6 +20,7 @@ from gaussian_trimmer.gaussians import (
     logit,
     quaternions_of,
 )
+from gaussian_trimmer.removal.relief import copy_relief
 from gaussian_trimmer.removal.shift_map import inpaint_shift_map
 from gaussian_trimmer.removal.surface_picture import PIXELS_A_RADIUS, SurfacePicture, take_picture
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface
@@ -77,11 +78,14 @@ def inpaint_surfaces(
         hole = grown(picture.hole, _RIM_PIXELS) & ~picture.empty
         rgb, relight = inpaint_shift_map(picture.rgb, picture.known, hole)
         hole &= _where_it_is(picture, hole)
-        new.append(_new_gaussians(picture, hole, rgb, gaussians.sh_rest.shape[2]))
+        relief = copy_relief(gaussians, background & visible, picture, surfaces, hole, rgb, relight)
+        new += [relief.copies] if relief else []
+        sink, top = (-relief.low, max(relief.high, _HEIGHT_RADII)) if relief else (_SINK_RADII, _HEIGHT_RADII)
+        new.append(_new_gaussians(picture, hole, rgb, sink, gaussians.sh_rest.shape[2]))
         (rows, columns), inside = picture.pixels_of(gaussians.means)
         inside &= background
         height = surface.heights(gaussians.means)
-        there = inside & hole[rows, columns] & (height < _HEIGHT_RADII)
+        there = inside & hole[rows, columns] & (height < top)
         replaced |= there & ((height > -_HEIGHT_RADII) | ((height > -_DEPTH_RADII) & ~visible))
         in_it = inside & (np.abs(height) < THICKNESS_RADII)
         factor = np.where(in_it, np.maximum(factor, relight[rows, columns]), factor)
@@ -105,8 +109,8 @@ def _where_it_is(picture: SurfacePicture, hole: BoolArray) -> BoolArray:
     return np.asarray(cv2.inpaint(ends, unknown, 3, cv2.INPAINT_TELEA) > HALF_COVERAGE)
 
 
-def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, rest: int) -> Gaussians:
-    """Return flat Gaussians in the surface, one for each square of the hole that has about one colour."""
+def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, sink: float, rest: int) -> Gaussians:
+    """Return flat Gaussians below the surface, one for each square of the hole that has about one colour."""
     left, surface = hole.copy(), picture.surface
     parts: list[tuple[Float64Array, FloatArray, Float64Array]] = []
     for width in _SQUARES:
@@ -121,7 +125,7 @@ def _new_gaussians(picture: SurfacePicture, hole: BoolArray, rgb: FloatArray, re
     n = len(coordinates)
     scales = widths[:, None] * surface.unit * np.array([_OVERLAP, _OVERLAP, _OVERLAP * _FLATNESS])
     return Gaussians(
-        surface.points(coordinates - [0, 0, _SINK_RADII]).astype(np.float32),
+        surface.points(coordinates - [0, 0, sink]).astype(np.float32),
         np.log(scales).astype(np.float32),
         np.tile(quaternions_of(surface.axes.T[None]), (n, 1)),
         np.full(n, logit(np.array(_OPACITY)), np.float32),

@@ -24,7 +24,7 @@ _SHIFTS = 40
 _SPREAD_PIXELS = 6
 """Shifts differ by more than this along one axis."""
 _MIN_SHIFT_PIXELS = 3
-_RING_PIXELS = 20
+RING_PIXELS = 20
 """Width of the ring around the hole in which shifts are compared."""
 _MIN_RING_SHARE, _MIN_HOLE_SHARE = 0.3, 0.1
 """Share of the ring, and of the hole, for which the shifted picture must be known."""
@@ -40,7 +40,7 @@ _SHARPNESS = 1.5
 """Difference, relative to that of the best shift, at which a shift counts 1/e as much."""
 _LEAST_DIFFERENCE = 2e-4
 """Squared difference of colours that is noise."""
-_MAX_ROUNDS = 10
+MAX_ROUNDS = 10
 _COARSENING = 4
 """Differences are smoothed on a grid so many times coarser."""
 _SHADOW_REACH_PIXELS = 20
@@ -79,10 +79,18 @@ def _inpaint(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> tuple[FloatA
     if known.sum() < _FEWEST_PIXELS:
         return _smoothed_into(rgb, known, hole), np.ones(hole.shape, np.float32)
     factor = _relight_factor(rgb, known, hole)
+    lit, examples = without_shadow(rgb, known, hole, factor)
+    return _filled(lit, examples, hole, RING_PIXELS), factor
+
+
+def without_shadow(
+    rgb: FloatArray, known: BoolArray, hole: BoolArray, factor: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return the picture (H, W, 3) without the shadow, and which of its pixels are examples of the surface, (H, W)."""
     lit = np.clip(rgb * factor[..., None], 0, 1).astype(np.float32)
-    clear = known & ~grown(factor > _SHADOWED_FACTOR, 1)
-    examples = clear if (clear & grown(hole, 2 * _RING_PIXELS)).sum() >= _FEWEST_PIXELS else known
-    return _filled(lit, examples, hole, _RING_PIXELS), factor
+    clear = known & ~hole & ~grown(factor > _SHADOWED_FACTOR, 1)
+    enough = (clear & grown(hole, 2 * RING_PIXELS)).sum() >= _FEWEST_PIXELS
+    return lit, clear if enough else known & ~hole
 
 
 def _relight_factor(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> FloatArray:
@@ -99,7 +107,7 @@ def _relight_factor(rgb: FloatArray, known: BoolArray, hole: BoolArray) -> Float
     beyond = seen & ~near
     if beyond.sum() < _FEWEST_PIXELS:
         return np.ones(hole.shape, np.float32)
-    predicted = _filled(colours, beyond, near & (seen | inside), _RING_PIXELS // 2)
+    predicted = _filled(colours, beyond, near & (seen | inside), RING_PIXELS // 2)
     ring = near & seen & ~inside
 
     def brightness(image: FloatArray) -> FloatArray:
@@ -133,9 +141,9 @@ def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: i
     if not around.any():
         return _smoothed_into(rgb, examples, hole)
     rgb = np.where(examples[..., None], rgb, rgb[around].mean(axis=0)).astype(np.float32)
-    examples = examples & _of_usual_colour(rgb, around)
+    examples = examples & of_usual_colour(rgb, around)
     left = hole.copy()
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         ring = examples & grown(left, ring_width)
         done = _fill_by_shifts(rgb, examples, ring, left) if ring.any() else np.zeros_like(hole)
         examples, left = examples | done, left & ~done
@@ -148,7 +156,7 @@ def _filled(rgb: FloatArray, examples: BoolArray, hole: BoolArray, ring_width: i
 
 def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray) -> BoolArray:
     """Fill those pixels of the hole that a shift reaches, in place; return which, (H, W)."""
-    shifts, differences = _best_shifts(rgb, examples, ring, hole)
+    shifts, differences = best_shifts(rgb, examples, ring, hole)
     if not len(shifts):
         return np.zeros_like(hole)
     window = box_slices(bounding_box(ring | hole, round(2 * _NEARBY_PIXELS)))
@@ -158,7 +166,7 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
 
     def found_at(shift: tuple[int, int], difference: float) -> tuple[FloatArray, FloatArray]:
         down, right = shift
-        moved, there = _moved(rgb, down, right, window), _moved(examples, down, right, window)
+        moved, there = shifted(rgb, down, right, window), shifted(examples, down, right, window)
         both = (there & ring_here).astype(np.float32)
         apart = (here - moved) * both[..., None]
         coarse, squared = _coarsened(np.dstack([apart, both])), _coarsened(np.einsum("hwc,hwc->hw", apart, apart))
@@ -177,7 +185,7 @@ def _fill_by_shifts(rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole:
     return done
 
 
-def _best_shifts(
+def best_shifts(
     rgb: FloatArray, examples: BoolArray, ring: BoolArray, hole: BoolArray
 ) -> tuple[list[tuple[int, int]], list[float]]:
     """Return the shifts down and right under which ring and examples agree best, and their mean squared differences."""
@@ -242,7 +250,7 @@ def _padded(shape: tuple[int, ...]) -> list[int]:
     return [cv2.getOptimalDFTSize(2 * length) for length in shape]
 
 
-def _moved(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]) -> np.ndarray:
+def shifted(image: np.ndarray, down: int, right: int, window: tuple[slice, slice]) -> np.ndarray:
     """Return a window of an image (H, W, ...) that shows what lies a shift farther; zero where nothing does."""
     height, width = image.shape[:2]
     top, left = window[0].start + down, window[1].start + right
@@ -278,7 +286,7 @@ def _middle_half(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, B
     return (values * part).sum(axis=0) / np.maximum(part.sum(axis=0), 1e-20), total > 0
 
 
-def _of_usual_colour(rgb: FloatArray, around: BoolArray) -> BoolArray:
+def of_usual_colour(rgb: FloatArray, around: BoolArray) -> BoolArray:
     """Return the pixels with about the colour of a fair share of those around the hole, (H, W)."""
     level = np.clip((rgb * _LEVELS).astype(np.int64), 0, _LEVELS - 1)
     counts = np.zeros((_LEVELS,) * 3)
