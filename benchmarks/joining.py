@@ -166,7 +166,7 @@ def _tested(cases: list[_Case], weights: Weights) -> str:
 def _found(case: _Case, weights: Weights) -> tuple[list[tuple[float, int]], int]:
     """For each object the largest IoU with a sure region and its number, and how many of these are no object."""
     surface = case.surface
-    regions = find_regions(surface, case.room, lambda contacts: contacts.measures @ weights[0] + weights[1])
+    (regions,) = find_regions(surface, case.room, lambda contacts: contacts.measures @ weights[0] + weights[1])
     sure = [
         one.region for one in judge(surface, case.room, regions, FindConfig()) if one.confidence >= SURE
     ]  # no surfaces of the room are among these

@@ -193,6 +193,15 @@ def test_clusters_of_a_quarter_of_the_heaviest_are_kept(sizes, kept):
     np.testing.assert_allclose(share, [blob in kept for blob in range(len(sizes))], atol=0.08)
 
 
+def test_a_sparse_trunk_below_a_dense_crown_counts_and_what_floats_far_below_does_not():
+    rng = np.random.default_rng(0)
+    crown, trunk = rng.normal([0, 0, 3], 0.3, (1000, 3)), np.stack([*np.zeros((2, 20)), np.linspace(0, 2.2, 20)], 1)
+    tree = gaussians(np.concatenate([crown, trunk, [[0, 0, -3]]]), (0.02,) * 3, (0.5, 0.5, 0.5))
+    kept = dominant_cluster(tree)
+    assert kept[1000:1020].all()
+    assert not kept[1020]
+
+
 def test_clusters_weigh_as_much_as_they_are_opaque():
     opaque, which = blobs(1000, 400)
     faint, _ = blobs(1000, 400, opacity=np.where(which == 0, 0.95, 0.3))

@@ -17,7 +17,7 @@ from gaussian_trimmer.gaussians import Float64Array, IntArray
 
 _ALIKE = 0.6
 """IoU of their Gaussians from which on two candidates are alike."""
-_MIN_ALIKE, _MIN_ALIKE_AT_ALL = 4, 2
+_MIN_ALIKE, _MIN_ALIKE_AT_ALL = 3, 2
 """Number of candidates that are alike from which on an object is sure, and named at all."""
 _MIN_FREE = 0.7
 """Share of a candidate that no better one has taken, at least."""

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from gaussian_trimmer.finding.visible_surface import VisibleSurface
-from gaussian_trimmer.gaussians import Float64Array, IntArray
-from gaussian_trimmer.selecting.surface_estimates import colour_evidence
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, IntArray
+from gaussian_trimmer.geometry.compiling import CACHE
+from gaussian_trimmer.selecting.surface_estimates import COLOURS, blurred_histograms
 
+_jit = numba.njit(cache=CACHE, nogil=True)
+_REGIONS_AT_ONCE = 64
 WEIGHTS = (19.32, -5.69, -0.92)
 """Change of the log-odds that two regions are one thing with each of the measures."""
 INTERCEPT = -2.04
@@ -48,27 +52,50 @@ def one_thing(contacts: Contacts) -> Float64Array:
 
 
 class Colours:
-    """How well colours tell regions apart; what was compared is kept."""
+    """How well colours tell regions apart; the histograms of regions are kept until they grow."""
 
     def __init__(self, surface: VisibleSurface) -> None:
-        self._bins, self._areas = surface.colours, surface.areas
-        self._known: dict[tuple[int, int, int, int], float] = {}
+        self._present, self._bins = np.unique(surface.colours, return_inverse=True)
+        self._areas = surface.areas
+        self._known: dict[tuple[int, int], FloatArray] = {}
 
     def accuracy(self, regions: IntArray, pairs: IntArray) -> Float64Array:
         """Balanced accuracy of telling the regions (S,) of each pair (P, 2) apart by their colours, 0.5 to 1, (P,)."""
+        if not len(pairs):
+            return np.zeros(0)
+        numbers, ends = np.unique(pairs, return_inverse=True)
         order = np.argsort(regions, kind="stable")
-        starts = np.searchsorted(regions[order], np.arange(int(regions.max(initial=0)) + 2))
-        found = np.zeros(len(pairs))
-        for place, ends in enumerate(pairs.tolist()):
-            first, second = (order[starts[end] : starts[end + 1]] for end in ends)
-            # A region grows, but for its first Gaussian and its size it stays the same.
-            key = int(first[0]), len(first), int(second[0]), len(second)
-            if key not in self._known:
-                self._known[key] = self._compared(first, second)
-            found[place] = self._known[key]
-        return found
+        first, last = (np.searchsorted(regions[order], numbers, side) for side in ("left", "right"))
+        # A region grows, but for its first Gaussian and its size it stays the same.
+        keys = list(zip(order[first].tolist(), (last - first).tolist(), strict=True))
+        new = np.array([key not in self._known for key in keys])
+        for start in range(0, int(new.sum()), _REGIONS_AT_ONCE):
+            places = np.flatnonzero(new)[start : start + _REGIONS_AT_ONCE]
+            rows = np.concatenate([order[first[place] : last[place]] for place in places])
+            counts = np.zeros((len(places), COLOURS))
+            of = np.repeat(np.arange(len(places)), (last - first)[places])
+            np.add.at(counts, (of, self._present[self._bins[rows]]), self._areas[rows])
+            both = np.stack([counts / counts.sum(axis=1, keepdims=True), blurred_histograms(counts)], axis=1)
+            found = both[:, :, self._present].astype(np.float32)
+            self._known.update((keys[place], one) for place, one in zip(places.tolist(), found, strict=True))
+        self._known = {key: self._known[key] for key in keys}
+        return np.asarray(_accuracies(np.stack(list(self._known.values())), ends.reshape(-1, 2)))
 
-    def _compared(self, first: IntArray, second: IntArray) -> float:
-        rows = np.concatenate([first, second])
-        inside, areas = np.arange(len(rows)) < len(first), self._areas[rows]
-        return colour_evidence(self._bins[rows], areas * inside, areas * ~inside)[1]
+
+@_jit
+def _accuracies(histograms, pairs):  # type: ignore[no-untyped-def]
+    """Balanced accuracy of telling by the blurred histogram which of two a colour is of, 0.5 to 1, (P,).
+
+    The histograms (R, 2, B) are as they are, and blurred.
+    """
+    found = np.empty(len(pairs))
+    for pair in range(len(pairs)):
+        a, b = histograms[pairs[pair, 0]], histograms[pairs[pair, 1]]
+        hits = np.float32(0)
+        for colour in range(a.shape[1]):
+            if a[1, colour] > b[1, colour]:
+                hits += a[0, colour]
+            elif a[1, colour] < b[1, colour]:
+                hits += b[0, colour]
+        found[pair] = hits / 2
+    return found

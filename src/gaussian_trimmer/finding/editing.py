@@ -70,5 +70,5 @@ def _parts(found: FoundObjects, mask: BoolArray) -> list[BoolArray]:
         surface = find_visible_surface(scene, views_of(scene, None, up), up, get_renderer(DEFAULT_RENDERER))
     numbers: IntArray = split_region(surface, mask[rows[surface.rows]])
     labels = np.zeros(len(mask), np.int64)
-    labels[rows] = with_hidden(surface, scene, numbers + 1, np.inf)
+    labels[rows] = with_hidden(surface, numbers + 1, np.inf, np.arange(len(scene)))
     return [mask & (labels == number) for number in range(1, int(numbers.max()) + 2)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.finding.agreement import Candidate, agree
-from gaussian_trimmer.finding.contacts import Colours, one_thing
+from gaussian_trimmer.finding.contacts import one_thing
 from gaussian_trimmer.finding.found import SURE, FoundObject, FoundObjects
 from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge, judge_surface
 from gaussian_trimmer.finding.model_masks import AskedModel
@@ -19,10 +19,15 @@ from gaussian_trimmer.finding.room_surfaces import Room, find_room
 from gaussian_trimmer.finding.storey import find_storey
 from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile, plan_tiles
 from gaussian_trimmer.finding.visible_surface import (
+    Look,
+    MeasuredSurface,
     NothingShowsError,
     VisibleSurface,
     find_visible_surface,
+    look_at,
+    measure,
     views_of,
+    visible_surface,
     with_hidden,
 )
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray, check_gaussians
@@ -36,8 +41,8 @@ from gaussian_trimmer.trimming.clock import Clock
 
 LARGEST_LOOK = 200_000
 """Captures of more Gaussians are looked at in tiles."""
-LEVELS = (1.0, 3.0)
-"""Log-odds that regions of a tile which touch must have to be joined, once more and once less easily."""
+LEVELS = (3.0, 2.0, 1.0)
+"""Log-odds that regions of a tile which touch must have to be joined, ever more easily."""
 _HIDDEN_REACH = 0.05
 """Distance, in units, up to which what does not show belongs to the visible Gaussian next to it."""
 _MIN_GAUSSIANS = 5
@@ -72,7 +77,7 @@ def find_objects(
         segmenter: a model that draws masks for clicks, such as `SamSegmenter`. Things that touch are likelier one where
             its masks take both; without it their contact, colours and size alone tell.
         progress: called with the name of each step when it begins: `look`, and `look 1/16` and so on for its views or
-            tiles, `surfaces`, `regions`, `agree`.
+            tiles, `surfaces`, `regions`, and for tiles `regions 1/16` and so on, and `agree`.
 
     Raises:
         InputError: the up vector is not valid, hardly anything shows in the views, or the model cannot be run.
@@ -81,9 +86,9 @@ def find_objects(
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     check_gaussians(scene)
     found_up = find_up(scene, cameras, up)
-    look = _Look(found_up.direction, config, renderer, segmenter)
+    looks = _Looks(found_up.direction, config, renderer, segmenter)
     if len(scene) > LARGEST_LOOK:
-        return _find_in_tiles(scene, found_up, look, clock)
+        return _find_in_tiles(scene, found_up, looks, clock)
     with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
@@ -92,8 +97,8 @@ def find_objects(
     with clock("surfaces"):
         room = find_room(surface)
     with clock("regions"):
-        [(verdicts, numbers)] = look.judged(scene, surface, views, room, (0.0,))
-        labels = with_hidden(surface, scene, numbers, _HIDDEN_REACH)
+        [(verdicts, numbers)] = looks.judged(scene, surface, views, room, (0.0,))
+        labels = with_hidden(surface, numbers, _HIDDEN_REACH, np.arange(len(scene)))
     objects = tuple(
         _described(scene, labels, number, verdict, *_box_in_scene(surface, verdict))
         for number, verdict in enumerate(verdicts, 1)
@@ -103,7 +108,7 @@ def find_objects(
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
+class _Looks:
     """How scenes and tiles are looked at."""
 
     up: Float64Array
@@ -121,77 +126,85 @@ class _Look:
             surface: what shows of them, S Gaussians.
             views: where they are looked at from.
             room: the flat surfaces.
-            levels: log-odds that regions which touch must have to be joined.
+            levels: log-odds that regions which touch must have to be joined, falling.
         """
         asked = AskedModel(scene, surface, views, self.segmenter, self.renderer) if self.segmenter else None
-        odds, colours = asked or one_thing, Colours(surface)
-        found = []
-        for level in levels:
-            regions = find_regions(surface, room, odds, colours, level)
-            found.append(name_objects(surface, room, regions, self.config))
-        return found
+        found = find_regions(surface, room, asked or one_thing, levels)
+        return [name_objects(surface, room, regions, self.config) for regions in found]
 
-    def tile(
-        self, scene: Gaussians, tile: Tile, axes: Float64Array, top: float
-    ) -> tuple[list[Viewpoint], list[Candidate]]:
-        """Find the objects that lie whole within a tile; none where hardly anything shows.
+    def tile(self, scene: Gaussians, tile: Tile) -> Look | None:
+        """Look at a tile of a scene from above; None where hardly anything shows."""
+        part = scene.select(tile.rows)
+        try:
+            look = look_at(part, views_of(part, None, self.up), self.renderer)
+        except NothingShowsError:
+            return None
+        return replace(look, rows=tile.rows[look.rows])
+
+    def candidates(
+        self, scene: Gaussians, tile: Tile, look: Look, measured: MeasuredSurface, top: float
+    ) -> list[Candidate]:
+        """Find the objects that lie whole within a tile.
 
         Args:
             scene: the N Gaussians below the ceiling.
-            tile: which of them are looked at.
-            axes: two horizontal axes, and up, (3, 3).
+            tile: which of them were looked at.
+            look: what shows.
+            measured: that of all tiles.
             top: height at which the capture was cut.
         """
-        part = scene.select(tile.rows)
-        try:
-            views = views_of(part, None, self.up)
-            surface = find_visible_surface(part, views, self.up, self.renderer)
-        except NothingShowsError:
-            return [], []
-        points = part.means.astype(np.float64) @ axes.T
-        candidates = []
-        for verdicts, numbers in self.judged(part, surface, views, find_room(surface), LEVELS):
-            labels = with_hidden(surface, part, numbers, _HIDDEN_REACH)
-            for number, verdict in enumerate(verdicts, 1):
-                rows = np.flatnonzero(labels == number)
+        surface = visible_surface(scene, look, measured, self.up)
+        found = []
+        for verdicts, numbers in self.judged(scene, surface, look.views, find_room(surface), LEVELS):
+            labels = with_hidden(surface, numbers, _HIDDEN_REACH, tile.rows)
+            order = np.argsort(labels, kind="stable")
+            parts = np.split(tile.rows[order], np.searchsorted(labels[order], np.arange(1, len(verdicts) + 1)))[1:]
+            for verdict, rows in zip(verdicts, parts, strict=True):
                 if len(rows) < _MIN_GAUSSIANS or verdict.region is None:
                     continue
-                low, high = np.percentile(points[rows], _END_PERCENTILES, axis=0)
+                points = scene.means[rows].astype(np.float64) @ surface.axes.T
+                low, high = np.percentile(points, _END_PERCENTILES, axis=0)
                 if tile.holds(low[:2], high[:2]):
-                    centre, size = _box_in_scene(surface, verdict)
                     cut = bool(high[2] > top - _CUT_SHARE * (high[2] - low[2]))
-                    candidates.append(Candidate(tile.rows[rows], verdict, centre, size, cut))
-        return views, candidates
+                    found.append(Candidate(rows, verdict, *_box_in_scene(surface, verdict), cut))
+        return found
 
 
-def _find_in_tiles(scene: Gaussians, up: UpVector, look: _Look, clock: Clock) -> FoundObjects:
+def _find_in_tiles(scene: Gaussians, up: UpVector, looks: _Looks, clock: Clock) -> FoundObjects:
     """Find the objects of a large capture, tile by tile.
 
     Args:
         scene: all N Gaussians.
         up: the up vector.
-        look: how tiles are looked at.
+        looks: how tiles are looked at.
         clock: told what is done.
     """
     storey = find_storey(scene, up.direction)
     below = scene.means.astype(np.float64) @ up.direction < storey.head_height  # (N,)
-    shown_rows, axes = np.flatnonzero(below), up_frame(up.direction)
+    shown_rows = np.flatnonzero(below)
     shown = scene.select(shown_rows)
-    plan = shown.means.astype(np.float64) @ axes[:2].T
+    plan = shown.means.astype(np.float64) @ up_frame(up.direction)[:2].T
     tiles = [tile for count in GAUSSIANS_IN_A_TILE for tile in plan_tiles(plan, count)]
-    views, candidates = list[Viewpoint](), list[Candidate]()
+    using = [looks.renderer] if looks.segmenter is None else [looks.renderer, looks.segmenter]
+    seen = list[tuple[Tile, Look]]()
     with clock("look"):
-        looked = parallel_map(
-            lambda tile: look.tile(shown, tile, axes, storey.head_height),
-            tiles,
-            using=[look.renderer] if look.segmenter is None else [look.renderer, look.segmenter],
+        for number, look in enumerate(parallel_map(lambda tile: looks.tile(shown, tile), tiles, using=using)):
+            clock.part(f"look {number + 1}/{len(tiles)}")
+            seen += [(tiles[number], look)] if look is not None else []
+    if not seen:
+        raise NothingShowsError("Hardly anything shows from above; check the up vector.")
+    with clock("surfaces"):
+        measured = measure(shown, [look for _, look in seen])
+    views, candidates = list[Viewpoint](), list[Candidate]()
+    with clock("regions"):
+        found = parallel_map(
+            lambda one: looks.candidates(shown, one[0], one[1], measured, storey.head_height), seen, using=using
         )
-        for number, (seen_from, found) in enumerate(looked, 1):
-            clock.part(f"look {number}/{len(tiles)}")
-            for candidate in found:
-                verdict = replace(candidate.verdict, view=len(views) + candidate.verdict.view)
-                candidates.append(replace(candidate, verdict=verdict))
-            views += seen_from
+        for number, (found_there, (_, look)) in enumerate(zip(found, seen, strict=True), 1):
+            clock.part(f"regions {number}/{len(seen)}")
+            for one in found_there:
+                candidates.append(replace(one, verdict=replace(one.verdict, view=len(views) + one.verdict.view)))
+            views += look.views
     with clock("agree"):
         agreed = sorted(agree(candidates, len(shown)), key=lambda one: (one.confidence < SURE, -len(one.rows)))
         labels = np.zeros(len(scene), np.int64)

@@ -9,8 +9,8 @@ that stand do, the likeliest first, as long as they are rather one thing than tw
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -40,38 +40,70 @@ Odds = Callable[[Contacts], Float64Array]
 """Says of P contacts how likely each joins one thing, above zero if it rather does, (P,)."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Links:
-    """The regions' contacts."""
+class _Partition:
+    """R regions of the visible surface, and the P links between them, while they grow."""
 
-    pairs: IntArray
-    """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
-    weight: Float64Array
-    """Strength of each link, in units, (P,)."""
-    moments: Float64Array
-    """Length of each contact, in units; that times its middle; and that times the middle's square, (P, 5)."""
+    def __init__(self, surface: VisibleSurface, free: BoolArray, feet: BoolArray) -> None:
+        inner = free[surface.edges].all(axis=1)
+        contact, middle = surface.contact[inner], surface.points[surface.edges[inner]].mean(axis=1)
+        self.regions = np.arange(len(free))
+        """Number of the region of each Gaussian, (S,)."""
+        self.areas, self.feet = surface.areas, surface.areas * feet
+        """Area of each region, and of its feet, in square units, (R,)."""
+        self.pairs = surface.edges[inner]
+        """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
+        moments = np.vstack([np.ones(len(middle)), middle.T, np.einsum("pi,pi->p", middle, middle)])
+        self._links = np.vstack([contact * surface.affinity[inner], contact * moments])
+        """Strength of each link, in units; length of its contact; that times its middle, and the square, (6, P)."""
+        self._renumber(self.regions)
 
-    def renumbered(self, numbers: IntArray) -> _Links:
-        """The links of the regions that have got new numbers (R,); what was within one is gone."""
+    @property
+    def weight(self) -> Float64Array:
+        """Strength of each link, in units, (P,)."""
+        return np.asarray(self._links[0])
+
+    @property
+    def size(self) -> Float64Array:
+        """Root of the area of the smaller region of each link, in units, (P,)."""
+        return np.asarray(np.sqrt(self.areas[self.pairs].min(axis=1)))
+
+    def spread(self, asked: IntArray) -> Float64Array:
+        """Standard deviation of the places along some contacts, in units, (A,)."""
+        moments = self._links[2:, asked] / np.maximum(self._links[1, asked], 1e-30)
+        return np.asarray(np.sqrt(np.maximum(moments[3] - np.square(moments[:3]).sum(axis=0), 0)))
+
+    def grow(self, joins: Callable[[_Partition], Float64Array]) -> IntArray:
+        """Join neighbours that are each other's strongest link, until there are none; return the regions, (S,).
+
+        Args:
+            joins: the strength of each link, zero for regions that may not join, (P,).
+        """
+        while len(self.pairs):
+            strength = joins(self)
+            mutual = _mutual(self.pairs, strength, len(self.areas))
+            if not mutual.any():
+                break
+            numbers = connected_pairs(len(self.areas), self.pairs[mutual])
+            self.regions = numbers[self.regions]
+            self._renumber(numbers)
+        return self.regions
+
+    def _renumber(self, numbers: IntArray) -> None:
+        """Give the regions new numbers (R,); the links within one are gone, and those of the same two are summed."""
         ends = np.sort(numbers[self.pairs], axis=1)
         across = ends[:, 0] != ends[:, 1]
         keys, place = np.unique((ends[across, 0] << 32) | ends[across, 1], return_inverse=True)
-        pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
-        columns = [self.weight, *self.moments.T]
-        weight, *moments = (np.bincount(place, one[across], len(keys)).astype(np.float64) for one in columns)
-        return _Links(pairs, weight, np.stack(moments, axis=1))
-
-    @property
-    def spread(self) -> Float64Array:
-        """Standard deviation of the places along each contact, in units, (P,)."""
-        length, middle = np.maximum(self.moments[:, :1], 1e-30), self.moments[:, 1:4]
-        variance = self.moments[:, 4:] / length - np.square(middle / length).sum(axis=1, keepdims=True)
-        return np.asarray(np.sqrt(np.maximum(variance[:, 0], 0)))
+        self.pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
+        self._links = np.array([np.bincount(place, one[across], len(keys)) for one in self._links])
+        self.areas, self.feet = np.array([np.bincount(numbers, one) for one in (self.areas, self.feet)], np.float64)
 
 
 def find_regions(
-    surface: VisibleSurface, room: Room, odds: Odds = one_thing, colours: Colours | None = None, level: float = 0.0
-) -> IntArray:
+    surface: VisibleSurface,
+    room: Room,
+    odds: Odds = one_thing,
+    levels: Sequence[float] = (0.0,),
+) -> list[IntArray]:
     """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces.
 
     Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself, and colours
@@ -81,35 +113,34 @@ def find_regions(
         surface: the visible surface.
         room: its flat surfaces.
         odds: says of regions that touch and stand which are one thing.
-        colours: what is known of the colours of this surface; found anew if not given.
-        level: log-odds from which on such regions are joined.
+        levels: log-odds from which on such regions are joined, falling: the regions of a level are joined at the next.
     """
-    free, colours = ~room.own, colours or Colours(surface)
+    free, colours = ~room.own, Colours(surface)
     by_itself = not room.has_floor and surface.filled > FILLED
 
-    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> Float64Array:
-        stands = (np.bincount(regions, surface.areas * room.feet) > _MIN_FOOT) & (areas > MIN_AREA)
+    def joins(partition: _Partition, level: float) -> Float64Array:
+        stands = (partition.feet > _MIN_FOOT) & (partition.areas > MIN_AREA)
         if by_itself:
-            stands = areas > _MIN_AREA_BY_ITSELF
-        size = np.sqrt(areas[links.pairs].min(axis=1))
-        linked, both = links.weight >= size * _MIN_LINK, stands[links.pairs].all(axis=1)
+            stands = partition.areas > _MIN_AREA_BY_ITSELF
+        size, pairs = partition.size, partition.pairs
+        linked, both = partition.weight >= size * _MIN_LINK, stands[pairs].all(axis=1)
         certain = linked & ~both
         if certain.any():
-            return np.where(certain, links.weight / size, 0.0)
-        asked, likely = np.flatnonzero(linked), np.zeros(len(links.pairs))
-        pairs = links.pairs[asked]
+            return np.where(certain, partition.weight / size, 0.0)
+        asked, likely = np.flatnonzero(linked), np.zeros(len(pairs))
         contacts = Contacts(
-            regions,
-            pairs,
-            links.spread[asked] / size[asked],
+            partition.regions,
+            pairs[asked],
+            partition.spread(asked) / size[asked],
             np.square(size[asked]),
-            colours.accuracy(regions, pairs),
+            colours.accuracy(partition.regions, pairs[asked]),
         )
         likely[asked] = _OTHER_COLOURS - contacts.accuracy if by_itself else odds(contacts) - level
         return np.maximum(likely, 0.0)
 
-    regions = _joined(surface, free, joins)
-    return _with_borders(surface, room, np.where(free, regions, -1))
+    partition = _Partition(surface, free, room.feet)
+    found = [partition.grow(partial(joins, level=level)) for level in levels]
+    return [_with_borders(surface, room, np.where(free, regions, -1)) for regions in found]
 
 
 def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
@@ -119,11 +150,11 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     """
     total = float(surface.areas[part].sum())
 
-    def joins(links: _Links, regions: IntArray, areas: Float64Array) -> Float64Array:
-        large = (areas > _LARGE_PART * total)[links.pairs].all(axis=1)
-        return np.where(large, 0.0, links.weight / np.sqrt(areas[links.pairs].min(axis=1)))
+    def joins(partition: _Partition) -> Float64Array:
+        large = (partition.areas > _LARGE_PART * total)[partition.pairs].all(axis=1)
+        return np.where(large, 0.0, partition.weight / partition.size)
 
-    regions = _joined(surface, part, joins)
+    regions = _Partition(surface, part, part).grow(joins)
     areas = np.bincount(regions[part], surface.areas[part])
     large = np.flatnonzero(areas > _LARGE_PART * total)
     large = large[np.argsort(-areas[large])]
@@ -132,41 +163,12 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     return np.where(part, parts[np.minimum(regions, len(parts) - 1)], -1)
 
 
-def _joined(
-    surface: VisibleSurface, free: BoolArray, joins: Callable[[_Links, IntArray, Float64Array], Float64Array]
-) -> IntArray:
-    """Number of the region that each Gaussian is in, (S,), as neighbours join that are each other's strongest link.
-
-    Args:
-        surface: the visible surface.
-        free: which of its Gaussians join others, (S,).
-        joins: the strength of the links between regions (S,) whose areas (R,) are given, zero for those that may not
-            join, (P,).
-    """
-    inner = free[surface.edges].all(axis=1)
-    edges, contact = surface.edges[inner], surface.contact[inner]
-    middle = surface.points[edges].mean(axis=1)
-    moments = contact[:, None] * np.column_stack([np.ones(len(edges)), middle, np.square(middle).sum(axis=1)])
-    links = _Links(edges, contact * surface.affinity[inner], moments)
-    regions = np.arange(len(free))
-    links = links.renumbered(regions)
-    while len(links.pairs):
-        areas = np.asarray(np.bincount(regions, surface.areas), np.float64)
-        mutual = _mutual(links, joins(links, regions, areas), len(areas))
-        if not mutual.any():
-            break
-        roots = connected_pairs(len(areas), links.pairs[mutual])
-        numbers = np.unique(roots, return_inverse=True)[1]
-        regions, links = numbers[regions], links.renumbered(numbers)
-    return regions
-
-
-def _mutual(links: _Links, strength: Float64Array, count: int) -> BoolArray:
+def _mutual(pairs: IntArray, strength: Float64Array, count: int) -> BoolArray:
     """Which links are the strongest ones of both of their regions, of so many, and not zero, (P,)."""
     strongest = np.zeros(count)
-    for end in links.pairs.T:
+    for end in pairs.T:
         np.maximum.at(strongest, end, strength)
-    return np.asarray((strength > 0) & (strength >= strongest[links.pairs].max(axis=1)))
+    return np.asarray((strength > 0) & (strength >= strongest[pairs].max(axis=1)))
 
 
 def _with_borders(surface: VisibleSurface, room: Room, regions: IntArray) -> IntArray:

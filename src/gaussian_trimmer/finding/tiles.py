@@ -1,4 +1,4 @@
-"""Squares of the plan, overlapped by half, into which a large capture is divided to be looked at closely."""
+"""Squares of the plan, overlapped by a third, into which a large capture is divided to be looked at closely."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from gaussian_trimmer.gaussians import Float64Array, IntArray
 
 GAUSSIANS_IN_A_TILE = (60_000, 18_000)
 """How many Gaussians the tiles of each size hold in the mean: things as large as a sofa, and as small as a chair."""
+CELLS, STEP = 3, 2
+"""Cells along the side of a tile, and from one to the next: they overlap by a third."""
 _MIN_GAUSSIANS = 500
 """Tiles with fewer Gaussians are left out."""
 _MARGIN = 0.03
@@ -35,24 +37,24 @@ class Tile:
 
 
 def plan_tiles(plan: Float64Array, count: int) -> Iterator[Tile]:
-    """Divide a plan into tiles that hold so many Gaussians in the mean, each overlapped by half with the next.
+    """Divide a plan into tiles that hold so many Gaussians in the mean, each overlapped by a third with the next.
 
     Args:
         plan: horizontal coordinates of N Gaussians, (N, 2).
         count: mean number of Gaussians in a tile, as seen from a Gaussian.
     """
     side = _side(plan, count)
-    origin = plan.min(axis=0) - side / 2
-    cells, place = np.unique(np.floor((plan - origin) / (side / 2)).astype(np.int64), axis=0, return_inverse=True)
+    cell, origin = side / CELLS, plan.min(axis=0) - side * (1 - STEP / CELLS)
+    cells, place = np.unique(np.floor((plan - origin) / cell).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(place, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(place, minlength=len(cells)))[:-1])
     rows_of = {(int(x), int(y)): rows for (x, y), rows in zip(cells, groups, strict=True)}
-    corners = {(x - i, y - j) for x, y in rows_of for i in (0, 1) for j in (0, 1)}
-    for x, y in sorted(corners):
-        parts = [rows_of[cell] for i in (0, 1) for j in (0, 1) if (cell := (x + i, y + j)) in rows_of]
-        rows = np.sort(np.concatenate(parts))
+    steps = [(x // STEP - i, y // STEP - j) for x, y in rows_of for i in range(2) for j in range(2)]
+    for x, y in sorted(set(steps)):
+        within = [(STEP * x + i, STEP * y + j) for i in range(CELLS) for j in range(CELLS)]
+        rows = np.sort(np.concatenate([rows_of.get(one, order[:0]) for one in within]))
         if len(rows) >= _MIN_GAUSSIANS:
-            yield Tile(origin + np.array([x, y]) * side / 2, side, rows)
+            yield Tile(origin + cell * np.array([STEP * x, STEP * y]), side, rows)
 
 
 def _side(plan: Float64Array, count: int) -> float:

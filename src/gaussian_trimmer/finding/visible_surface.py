@@ -20,7 +20,7 @@ from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.overview import drawn_part, plan_overview
-from gaussian_trimmer.selecting.surface_estimates import colour_bins, directions_to, estimate_surface
+from gaussian_trimmer.selecting.surface_estimates import SurfaceEstimates, colour_bins, directions_to, estimate_surface
 from gaussian_trimmer.selecting.viewed_scene import shown_weight
 
 Item = TypeVar("Item")
@@ -40,6 +40,36 @@ _EDGES_AT_ONCE = 1 << 19
 
 class NothingShowsError(InputError):
     """Hardly anything shows in the views."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What V views show of a scene: S of its N Gaussians."""
+
+    views: list[Viewpoint]
+    rows: IntArray
+    """Rows of the scene, (S,), ascending."""
+    shown: FloatArray
+    """Weight of each Gaussian in each view, in pixels, (V, S)."""
+    unit: float
+    """Length of one unit in the scene's own."""
+    centre: Float64Array
+    """Middle of what shows, (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSurface:
+    """M Gaussians of a scene of N that show somewhere, and the E edges between neighbours."""
+
+    rows: IntArray
+    """Rows of the scene, (M,), ascending."""
+    estimates: SurfaceEstimates
+    overlap: Float64Array
+    """How much the Gaussians of each edge overlap, 0 to 1, (E,)."""
+    nearest: IntArray
+    """Which of the M Gaussians is nearest to each of the scene, (N,)."""
+    distance: FloatArray
+    """Squared distance to it, (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +98,8 @@ class VisibleSurface:
     """Share of the views in which each lies within the picture, (S,)."""
     colours: IntArray
     """Bin of the colour histogram that each lies in, (S,)."""
+    measured: MeasuredSurface
+    """What it is a part of."""
     edges: IntArray
     """Pairs of neighbours, each once, (E, 2)."""
     contact: Float64Array
@@ -107,6 +139,101 @@ def views_of(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> l
     return overview.views if len(overview.whole) == len(overview.views) else overview.views[: overview.whole.start]
 
 
+def look_at(
+    scene: Gaussians,
+    views: Sequence[Viewpoint],
+    renderer: Renderer,
+    looked: Callable[[int], None] = lambda number: None,
+) -> Look:
+    """Find the Gaussians that show in some views.
+
+    Args:
+        scene: all N Gaussians.
+        views: where it is seen from.
+        renderer: draws the views.
+        looked: called before each view with its number, from 1.
+
+    Raises:
+        NothingShowsError: hardly anything shows.
+    """
+    plain = scene.replace(sh_rest=scene.sh_rest[:, :, :0])  # how much they show does not depend on colours
+    small = [replace(view, camera=_small(view.camera)) for view in views]
+    shown = np.zeros((len(views), len(scene)), np.float32)
+
+    def weighed(view: Viewpoint) -> tuple[IntArray, FloatArray]:
+        drawn, rows = drawn_part(plain, view)
+        return rows, shown_weight(drawn, view.camera, renderer)
+
+    for number, (rows, weights) in enumerate(parallel_map(weighed, small, using=[renderer])):
+        looked(number + 1)
+        shown[number, rows] = weights
+    total = shown.sum(axis=0)
+    rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
+    if len(rows) < _MIN_NODES:
+        raise NothingShowsError("Hardly anything shows in the views; check that the cameras belong to this scene.")
+    points = scene.means[rows].astype(np.float64)
+    unit, centre = _unit(points, shown[:, rows], [view.camera for view in small]), np.median(points, axis=0)
+    rows = rows[np.linalg.norm(points - centre, axis=1) < _REACH * unit]
+    if len(rows) > _MOST_NODES:
+        rows = np.sort(rows[np.argsort(-total[rows], kind="stable")[:_MOST_NODES]])
+    return Look(small, rows, shown[:, rows], unit, centre)
+
+
+def measure(scene: Gaussians, looks: Sequence[Look]) -> MeasuredSurface:
+    """Measure the Gaussians that show in some looks at a scene of N Gaussians."""
+    shown, facing = np.zeros(len(scene), np.float32), np.zeros((len(scene), 3), np.float32)
+    for look in looks:
+        shown[look.rows] += look.shown.sum(axis=0)
+        for weight, view in zip(look.shown, look.views, strict=True):
+            facing[look.rows] += weight[:, None] * directions_to(scene.means[look.rows], view.camera.centre)
+    rows = np.unique(np.concatenate([look.rows for look in looks]))
+    local = scene.select(rows)
+    found = estimate_surface(local, shown[rows], facing[rows])
+    hidden = np.setdiff1d(np.arange(len(scene)), rows, assume_unique=True)
+    beside, distance = np.empty(len(scene), np.int64), np.zeros(len(scene), np.float32)
+    beside[rows] = np.arange(len(rows))
+    squared, near = nearest(local.means, scene.means[hidden], 1)
+    beside[hidden], distance[hidden] = near[:, 0], squared[:, 0]
+    return MeasuredSurface(rows, found, _touching(local, found.edges), beside, distance)
+
+
+def visible_surface(scene: Gaussians, look: Look, measured: MeasuredSurface, up: Float64Array) -> VisibleSurface:
+    """Return the surface that a look shows.
+
+    Args:
+        scene: all N Gaussians.
+        look: what is seen of it.
+        measured: the Gaussians that show in this look, and maybe others.
+        up: the up vector, (3,).
+    """
+    places = np.searchsorted(measured.rows, look.rows)
+    found, axes, unit = measured.estimates, up_frame(up), look.unit
+    numbers = np.full(len(measured.rows), -1)
+    numbers[places] = np.arange(len(places))
+    edges = _edges_among(found.edges, numbers)
+    pixels = np.array([[view.camera.width * view.camera.height] for view in look.views], np.float32)
+    areas = np.square(found.spacing[places] / unit, dtype=np.float64)
+    means = scene.means[look.rows]
+    return VisibleSurface(
+        rows=look.rows,
+        unit=unit,
+        centre=look.centre,
+        axes=axes,
+        points=(means - look.centre) @ axes.T / unit,
+        normals=found.normals[places] @ axes.T,
+        flatness=found.flatness[places],
+        areas=np.minimum(areas, np.quantile(areas, 0.99)),
+        shown=look.shown / pixels,
+        inside=_inside(means.astype(np.float64), [view.camera for view in look.views]),
+        colours=colour_bins(found.colours[places]),
+        measured=measured,
+        edges=numbers[found.edges[edges]],
+        contact=found.lengths[edges] / unit * measured.overlap[edges],
+        convexity=found.convexity[edges],
+        affinity=found.affinity[edges],
+    )
+
+
 def find_visible_surface(
     scene: Gaussians,
     views: Sequence[Viewpoint],
@@ -114,72 +241,33 @@ def find_visible_surface(
     renderer: Renderer,
     looked: Callable[[int], None] = lambda number: None,
 ) -> VisibleSurface:
-    """The Gaussians that show in some views, measured.
+    """Return the surface that some views show, as `look_at` and `visible_surface` find it."""
+    look = look_at(scene, views, renderer, looked)
+    return visible_surface(scene, look, measure(scene, [look]), up)
+
+
+def with_hidden(surface: VisibleSurface, numbers: IntArray, reach: float, among: IntArray) -> IntArray:
+    """Return the number of the nearest Gaussian that shows for some rows of the scene, 0 beyond reach, (A,).
 
     Args:
-        scene: all N Gaussians.
-        views: where it is seen from.
-        up: the up vector, (3,).
-        renderer: draws the views.
-        looked: called before each view with its number, from 1.
-
-    Raises:
-        NothingShowsError: hardly anything shows.
+        surface: what shows.
+        numbers: of its Gaussians, (S,).
+        reach: largest distance, in units.
+        among: the rows, (A,).
     """
-    views = [replace(view, camera=_small(view.camera)) for view in views]
-    shown = np.zeros((len(views), len(scene)), np.float32)
-
-    def weighed(view: Viewpoint) -> tuple[IntArray, FloatArray]:
-        drawn, rows = drawn_part(scene, view)
-        return rows, shown_weight(drawn, view.camera, renderer)
-
-    for number, (rows, weights) in enumerate(parallel_map(weighed, views, using=[renderer])):
-        looked(number + 1)
-        shown[number, rows] = weights
-    total = shown.sum(axis=0)
-    rows = np.flatnonzero(total > _MIN_SHOWN_PIXELS)
-    if len(rows) < _MIN_NODES:
-        raise NothingShowsError("Hardly anything shows in the views; check that the cameras belong to this scene.")
-    unit = _unit(scene.means[rows].astype(np.float64), shown[:, rows], [view.camera for view in views])
-    centre = np.median(scene.means[rows].astype(np.float64), axis=0)
-    rows = rows[np.linalg.norm(scene.means[rows] - centre, axis=1) < _REACH * unit]
-    if len(rows) > _MOST_NODES:
-        rows = np.sort(rows[np.argsort(-total[rows], kind="stable")[:_MOST_NODES]])
-    local, shown = scene.select(rows), shown[:, rows]
-    facing = np.zeros((len(rows), 3), np.float32)
-    for weight, view in zip(shown, views, strict=True):
-        facing += weight[:, None] * directions_to(local.means, view.camera.centre)
-    found = estimate_surface(local, shown.sum(axis=0), facing)
-    axes = up_frame(up)
-    pixels = np.array([[view.camera.width * view.camera.height] for view in views], np.float32)
-    areas = np.square(found.spacing / unit, dtype=np.float64)
-    return VisibleSurface(
-        rows=rows,
-        unit=unit,
-        centre=centre,
-        axes=axes,
-        points=(local.means - centre) @ axes.T / unit,
-        normals=found.normals @ axes.T,
-        flatness=found.flatness,
-        areas=np.minimum(areas, np.quantile(areas, 0.99)),
-        shown=shown / pixels,
-        inside=_inside(local, [view.camera for view in views]),
-        colours=colour_bins(found.colours),
-        edges=found.edges,
-        contact=found.lengths / unit * _touching(local, found.edges),
-        convexity=found.convexity,
-        affinity=found.affinity,
-    )
+    measured = surface.measured
+    of_measured = np.zeros(len(measured.rows), np.int64)
+    of_measured[np.searchsorted(measured.rows, surface.rows)] = numbers
+    near = measured.distance[among] < (reach * surface.unit) ** 2
+    return np.where(near, of_measured[measured.nearest[among]], 0)
 
 
-def with_hidden(surface: VisibleSurface, scene: Gaussians, numbers: IntArray, reach: float) -> IntArray:
-    """Numbers (S,) of the visible surface for all N Gaussians, (N,): that of the nearest, 0 beyond reach."""
-    labels = np.zeros(len(scene), np.int64)
-    squared, near = nearest(scene.means[surface.rows], scene.means, 1, reach * surface.unit)
-    found = np.isfinite(squared[:, 0])
-    labels[found] = numbers[near[found, 0]]
-    labels[surface.rows] = numbers
-    return labels
+def _edges_among(edges: IntArray, numbers: IntArray) -> IntArray:
+    """Find the edges (E, 2), sorted by their first end, both of whose ends have a number (M,) that is not negative."""
+    first, last = np.searchsorted(edges[:, 0], np.flatnonzero(numbers >= 0) + np.array([[0], [1]]))
+    count = last - first
+    found = np.repeat(last - np.cumsum(count), count) + np.arange(count.sum())
+    return np.asarray(found[numbers[edges[found, 1]] >= 0])
 
 
 def _small(camera: Camera) -> Camera:
@@ -196,9 +284,9 @@ def _unit(points: Float64Array, shown: FloatArray, cameras: Sequence[Camera]) ->
     return float(np.median(spans))
 
 
-def _inside(gaussians: Gaussians, cameras: Sequence[Camera]) -> FloatArray:
-    """Share of the cameras in whose pictures each centre lies, (S,)."""
-    inside, means = np.zeros(len(gaussians), np.float32), gaussians.means.astype(np.float64)
+def _inside(means: Float64Array, cameras: Sequence[Camera]) -> FloatArray:
+    """Share of the cameras in whose pictures each centre (S, 3) lies, (S,)."""
+    inside = np.zeros(len(means), np.float32)
     for camera in cameras:
         inside += camera.contains(camera.project(means)[0])
     return inside / np.float32(len(cameras))

@@ -14,6 +14,8 @@ from gaussian_trimmer.geometry.neighbours import nearest
 _VOXELS_ACROSS = 16
 _DOMINANT_SHARE = 0.5
 _SECOND_SHARE = 0.25
+_GAP_VOXELS = 4
+"""Largest gap to a cluster that is part of the object all the same, in voxels: between a crown and its sparse trunk."""
 BOUND_PERCENTILES = (1.0, 99.0)
 """Percentiles of an object's points along an axis that are taken for its ends, so that floaters do not count."""
 _REACH_DEVIATIONS = 1.5
@@ -96,7 +98,8 @@ def dominant_cluster(target: Gaussians) -> BoolArray:
 
     The voxels are a sixteenth of the weighted interdecile range wide, so the result does not depend on units; they grow
     until the heaviest cluster holds half of the weight, since a few sparse Gaussians are one object as well. Clusters
-    of large Gaussians touch although their centres lie far apart: those that touch the heaviest count as well.
+    of large Gaussians touch although their centres lie far apart: those that touch the heaviest, or are within
+    four voxels of it, count as well, step by step.
     """
     return _dominant_cluster(target, *_standing_points(target))
 
@@ -119,14 +122,14 @@ def _standing_points(target: Gaussians) -> tuple[Float64Array, float]:
 def _dominant_cluster(target: Gaussians, points: Float64Array, size: float) -> BoolArray:
     if size <= 0:
         return np.ones(len(target), np.bool_)
-    weights = target.opacities.astype(np.float64)
+    weights, gap = target.opacities.astype(np.float64), _GAP_VOXELS * size
     middle = np.median(points[:, 0], axis=0)
     while True:
         cluster = connected_bodies(points - middle, size)
         shares = np.bincount(cluster, weights) / weights.sum()
         if shares.max() >= _DOMINANT_SHARE:
             dominant = np.asarray(shares[cluster] >= _SECOND_SHARE * shares.max())
-            return _with_touching_clusters(target, dominant, cluster)
+            return _with_touching_clusters(target, dominant, cluster, gap)
         size *= 1.5
 
 
@@ -136,7 +139,7 @@ def _voxel_size(target: Gaussians, points: Float64Array) -> float:
     return float((high - low).max()) / _VOXELS_ACROSS
 
 
-def touching(target: Gaussians, group: BoolArray) -> BoolArray:
+def touching(target: Gaussians, group: BoolArray, gap: float = 0.0) -> BoolArray:
     """Return Gaussians outside a group that touch it: their reach and that of the group's nearest member meet, (N,).
 
     A Gaussian reaches 1.5 of its largest standard deviations far, but no farther than the group's median one does: a
@@ -145,20 +148,21 @@ def touching(target: Gaussians, group: BoolArray) -> BoolArray:
     Args:
         target: N Gaussians.
         group: the members of the group, (N,); at least one.
+        gap: distance within which Gaussians touch whatever their reach.
     """
     widths: FloatArray = np.exp(np.minimum(target.log_scales.max(axis=1), target.log_scales[group].max(axis=1).max()))
     reach = np.float32(_REACH_DEVIATIONS) * np.minimum(widths, np.median(widths[group]))
     members, others = np.flatnonzero(group), np.flatnonzero(~group)
     squared, near = nearest(target.means[members], target.means[others], 1)
     touches = np.zeros(len(target), np.bool_)
-    touches[others] = np.sqrt(squared[:, 0]) < reach[others] + reach[members[near[:, 0]]]
+    touches[others] = np.sqrt(squared[:, 0]) < np.maximum(reach[others] + reach[members[near[:, 0]]], np.float32(gap))
     return touches
 
 
-def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: IntArray) -> BoolArray:
-    """Return the dominant clusters and, step by step, each cluster that touches them, (N,)."""
+def _with_touching_clusters(target: Gaussians, dominant: BoolArray, cluster: IntArray, gap: float) -> BoolArray:
+    """Return the dominant clusters and, step by step, each cluster that touches them or is within a gap, (N,)."""
     while not dominant.all():
-        found = np.isin(cluster, cluster[touching(target, dominant)])
+        found = np.isin(cluster, cluster[touching(target, dominant, gap)])
         if not found.any():
             break
         dominant = dominant | found

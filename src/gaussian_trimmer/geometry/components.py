@@ -22,11 +22,30 @@ def connected_pairs(count: int, pairs: IntArray) -> IntArray:
     >>> connected_pairs(5, np.array([[4, 2], [2, 1]])).tolist()
     [0, 1, 1, 2, 1]
     """
-    from scipy.sparse import coo_array  # at start-up, these take longer than most commands that connect nothing
-    from scipy.sparse.csgraph import connected_components
+    return np.asarray(_components(count, np.ascontiguousarray(pairs, np.int64)))
 
-    edges = coo_array((np.ones(len(pairs), np.bool_), pairs.T), (count, count))
-    return np.asarray(connected_components(edges, directed=False)[1])
+
+@_jit
+def _components(count, pairs):  # type: ignore[no-untyped-def]
+    """Return the number of each node's component, in the order of their first nodes, (count,)."""
+    parents = np.arange(count)  # the first node of a component is its root, which others lead to
+    for pair in range(len(pairs)):
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        while parents[a] != a:
+            parents[a] = parents[parents[a]]
+            a = parents[a]
+        while parents[b] != b:
+            parents[b] = parents[parents[b]]
+            b = parents[b]
+        parents[max(a, b)] = min(a, b)
+    found = 0
+    for node in range(count):  # parents come before
+        if parents[node] == node:
+            parents[node] = found
+            found += 1
+        else:
+            parents[node] = parents[parents[node]]
+    return parents
 
 
 def connected_voxels(points: Float64Array, size: float) -> IntArray:

@@ -17,6 +17,7 @@ _MAX_WEIGHT = 20.0
 """Visible weight beyond which a Gaussian counts no more in these estimates."""
 _COLOUR_SIGMA = 10.0
 """Standard deviation of edge weights over Lab colours."""
+_COLOUR_FACTOR = np.float32(-0.5 / (2 * _COLOUR_SIGMA) ** 2)
 _LAB_WEIGHTS = np.array([0.5**0.5, 1, 1])
 """Weights of the channels in distances between Lab colours: lightness changes with shading."""
 _CONCAVITY_SCALE = 0.3
@@ -27,6 +28,7 @@ _MIN_EDGE_WEIGHT = 0.05
 """Smallest relative weight of an edge: small spots of another colour stay with what surrounds them."""
 _COLOUR_BINS, _BIN_OFFSET, _BIN_SIZE = (20, 26, 26), np.array([0, 128, 128]), np.array([6.25, 10, 10])
 """Bins of the colour histograms over L, a and b: their number, and where and how wide they are."""
+COLOURS = int(np.prod(_COLOUR_BINS))
 _MAX_LOG_RATIO = 2.0
 """Log-ratio at which colour evidence is clipped."""
 
@@ -44,7 +46,7 @@ class SurfaceEstimates:
     spacing: FloatArray
     """Distance to the near neighbours, (S,)."""
     edges: IntArray
-    """Pairs of neighbours, each once, (E, 2)."""
+    """Pairs of neighbours, each once, the smaller first, in order, (E, 2)."""
     lengths: Float64Array
     """Length of boundary that passes between both, (E,)."""
     convexity: Float64Array
@@ -96,7 +98,8 @@ def colour_evidence(bins: IntArray, inside: Float64Array, outside: Float64Array)
         inside: area of each Gaussian in the one part, (S,).
         outside: the same in the other.
     """
-    models = [_blurred_histogram(bins, areas) for areas in (inside, outside)]
+    counts = np.array([np.bincount(bins, areas, COLOURS) for areas in (inside, outside)], np.float64)
+    models = blurred_histograms(counts)
     ratio = np.log((models[0] + 1e-4) / (models[1] + 1e-4))[bins]
     hits = [
         areas[right].sum() / max(areas.sum(), 1e-12) for areas, right in ((inside, ratio > 0), (outside, ratio < 0))
@@ -108,9 +111,10 @@ def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) ->
     """Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
     lab = np.asarray(cv2.cvtColor(rgb.astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0])
     for _ in range(2):
-        difference = np.square(lab[beside] - lab[:, None]).sum(axis=2)
-        alike = shares * np.exp(-0.5 * difference / (2 * _COLOUR_SIGMA) ** 2)
-        lab = np.einsum("sk,ski->si", alike, lab[beside]) / np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
+        around = lab[beside]
+        difference = around - lab[:, None]
+        alike = shares * np.exp(np.einsum("ski,ski->sk", difference, difference) * _COLOUR_FACTOR)
+        lab = np.einsum("sk,ski->si", alike, around) / np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
     return np.asarray(lab, np.float32)
 
 
@@ -129,7 +133,7 @@ def _normals(
 
 
 def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray) -> tuple[IntArray, Float64Array]:
-    """Pairs of neighbours, each once, (E, 2), and the length of boundary that passes between them, (E,).
+    """Pairs of neighbours, each once and in order, (E, 2), and the length of boundary that passes between them, (E,).
 
     The edges of a node share the length of boundary that passes it, so that the length of a cut does not depend on how
     densely a surface is covered.
@@ -137,8 +141,8 @@ def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray
     n, k = len(beside), min(_EDGE_NEIGHBOURS, beside.shape[1] - 1)
     starts, ends = np.repeat(np.arange(n), k), beside[:, 1 : k + 1].ravel().astype(np.int64)
     keys = np.minimum(starts, ends) * n + np.maximum(starts, ends)
-    _, first, count = np.unique(keys, return_index=True, return_counts=True)
-    a, b = starts[first], ends[first]
+    keys, first, count = np.unique(keys, return_index=True, return_counts=True)
+    a, b = np.divmod(keys, n)
     width = np.sqrt(spacing[a] * spacing[b]).astype(np.float64)
     near = np.exp(-0.5 * (distances[:, 1 : k + 1].ravel()[first] / np.maximum(1.5 * width, 1e-30)) ** 2)
     return np.stack([a, b], axis=1), near * width * (2 * count / max(k, 1))
@@ -160,10 +164,11 @@ def _convexity(edges: IntArray, means: FloatArray, normals: FloatArray, flatness
     return np.asarray(flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT)
 
 
-def _blurred_histogram(bins: IntArray, areas: Float64Array) -> Float64Array:
-    """Normalised colour histogram over flat bins, blurred by one bin, flat."""
-    counts = np.bincount(bins, areas, int(np.prod(_COLOUR_BINS))).reshape(_COLOUR_BINS)
-    for axis in range(3):
-        padded = np.pad(np.moveaxis(counts, axis, 0), ((1, 1), (0, 0), (0, 0)))
-        counts = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
-    return np.asarray((counts / max(counts.sum(), 1e-12)).ravel())
+def blurred_histograms(counts: Float64Array) -> Float64Array:
+    """Normalise histograms over the colours' bins, blurred by one bin, (R, `COLOURS`)."""
+    blurred = counts.reshape(-1, *_COLOUR_BINS)
+    for axis in range(1, 4):
+        padded = np.pad(np.moveaxis(blurred, axis, 0), ((1, 1), *[(0, 0)] * 3))
+        blurred = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
+    sums = np.maximum(blurred.sum(axis=(1, 2, 3), keepdims=True), 1e-12)
+    return np.asarray((blurred / sums).reshape(len(counts), -1))
