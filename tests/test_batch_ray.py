@@ -36,9 +36,16 @@ def test_the_same_bytes_as_local(tmp_path, monkeypatch):
     assert contents(tmp_path / "ray") == contents(tmp_path / "local")
 
 
-def test_what_cannot_be_had(tmp_path):
+def test_what_cannot_be_had(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="no Ray cluster at"):
         gt.batch.run([gt.batch.Item("a.ply")], tmp_path, engine="ray", address="127.0.0.1:1")
+    monkeypatch.setattr(ray, "init", refuse)
+    with pytest.raises(InputError, match="timed out during startup"):
+        gt.batch.run([gt.batch.Item("a.ply")], tmp_path, engine="ray")
+
+
+def refuse(**options):
+    raise Exception("The current node timed out during startup.")  # as Ray raises it
 
 
 @pytest.mark.slow

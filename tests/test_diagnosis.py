@@ -7,9 +7,12 @@ import pytest
 import toy
 from command_line import SMALL, run, save_ball
 
+import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
+from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.planning.diagnosis import neighbour_agreement, selection_warning
+from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.trimming.trim import trim
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -111,6 +114,9 @@ def test_coordinates_in_which_the_gaussians_are_lost_are_known():
     result = trim(scene, TRUTH, config=CONFIG)
     assert "around 431200 5412345 121, where coordinates in single precision are 0.5 apart" in result.refused
     check_untrimmed(result, TRUTH)
+    for look in (gt.find_objects, lambda scene: gt.select(scene, [Sphere((431_200, 5_412_345, 121), 1)])):
+        with pytest.raises(InputError, match="around 431200 5412345 "):
+            look(scene)
 
 
 def test_coordinates_of_a_map_that_still_resolve_the_gaussians_are_trimmed():

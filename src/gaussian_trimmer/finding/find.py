@@ -32,6 +32,7 @@ from gaussian_trimmer.finding.visible_surface import (
 )
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray, check_gaussians
 from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
@@ -80,11 +81,13 @@ def find_objects(
             tiles, `surfaces`, `regions`, and for tiles `regions 1/16` and so on, and `agree`.
 
     Raises:
-        InputError: the up vector is not valid, hardly anything shows in the views, or the model cannot be run.
+        InputError: the coordinates are as large as a map's, the up vector is not valid, hardly anything shows in the
+            views, or the model cannot be run.
     """
     clock, config = Clock(progress, log=None), config or FindConfig()
     renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
     check_gaussians(scene)
+    check_places(scene)
     found_up = find_up(scene, cameras, up)
     looks = _Looks(found_up.direction, config, renderer, segmenter)
     if len(scene) > LARGEST_LOOK:

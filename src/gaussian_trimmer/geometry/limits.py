@@ -12,6 +12,8 @@ LARGEST_LOG_SCALE = 80.0
 """Greatest log scale of a scene; standard deviations a few thousand times larger do not fit in a float32."""
 SMALLEST_SCENE = 1e-15
 """Least extent of a scene, in its units."""
+_MAX_STEP_WIDTHS = 0.5
+"""Step between single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
 _LARGEST_FLOAT = float(np.finfo(np.float32).max)
 _RANGES_BY_FIELD = {
     "means": (-LARGEST, LARGEST),
@@ -59,6 +61,39 @@ def check_magnitudes(scene: Gaussians) -> None:
     size = max(float(np.ptp(scene.means, axis=0).max()), float(np.exp(scene.log_scales.max())))
     if size < SMALLEST_SCENE:
         raise InputError(f"The whole scene is {size:.3g} units large; scale it up, to at least {SMALLEST_SCENE:g}.")
+
+
+def lost_places(means: FloatArray, log_scales: FloatArray) -> str | None:
+    """Say what single precision has made of coordinates as those of maps, which have their origin far away.
+
+    Args:
+        means: where Gaussians are, (N, 3).
+        log_scales: logarithms of their standard deviations, (N, 3).
+
+    Returns:
+        A clause without a full stop; None where the coordinates tell the Gaussians apart.
+    """
+    middle = np.median(means, axis=0)
+    step = float(np.spacing(np.abs(middle).max()))
+    width = float(np.exp(np.median(log_scales.max(axis=1))))
+    if step <= _MAX_STEP_WIDTHS * width:
+        return None
+    place = " ".join(f"{value:.0f}" for value in middle)
+    return (
+        f"the Gaussians lie around {place}, where coordinates in single precision are {step:.3g} apart, and are "
+        f"themselves only {width:.3g} wide; move the origin into the scene, by subtracting such a place from "
+        "double-precision coordinates of Gaussians and cameras before they are stored"
+    )
+
+
+def check_places(scene: Gaussians) -> None:
+    """Refuse a scene of which single precision has lost most.
+
+    Raises:
+        InputError: as `lost_places` says it.
+    """
+    if len(scene) and (lost := lost_places(scene.means, scene.log_scales)):
+        raise InputError(f"The scene cannot be told apart: {lost}.")
 
 
 def has_direction(quaternions: FloatArray) -> BoolArray:

@@ -156,7 +156,7 @@ def remove_leftovers(folder: Path) -> None:
         for part in folder.glob(f"{_HIDDEN_PREFIX}-*.part"):
             if time.time() - part.lstat().st_mtime > _SECONDS_UNTIL_LEFT_OVER:
                 part.unlink()
-        if (folder / _STAGING).is_dir():
+        if (folder / _STAGING).is_dir() or (folder / _LOCK).exists():
             with _locked(folder, folder):
                 _recover(folder.resolve())
 

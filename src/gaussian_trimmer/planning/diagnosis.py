@@ -13,6 +13,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
@@ -28,8 +29,6 @@ _MIN_JUDGED = 20
 _MIN_AGREEMENT = 0.3
 """Agreement of neighbours below which a selection is no object. Of selections of objects, thin and broken ones among
 them, the least is 0.58; rows in another order, also where both orders follow the space, reach 0.2."""
-_MAX_STEP_WIDTHS = 0.5
-"""Step between single-precision coordinates, in widths of a Gaussian, from which on places are lost."""
 _MOST_OF_SCENE = 0.5
 """Share of a scene's Gaussians from which on a selection may be the background by mistake."""
 _MAX_TILT_DEGREES = 30.0
@@ -48,7 +47,11 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
     """
     if np.count_nonzero(selection) == 1:
         return "a single Gaussian is selected, which has no outline that others make; select all those of the object"
-    return _lost_places(scene, selection) or _scatter(scene, selection) or _blind_cameras(cameras, bounds)
+    return (
+        lost_places(scene.means[selection], scene.log_scales[selection])
+        or _scatter(scene, selection)
+        or _blind_cameras(cameras, bounds)
+    )
 
 
 def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
@@ -143,20 +146,4 @@ def _blind_cameras(cameras: Sequence[Camera], bounds: Bounds) -> str | None:
     return (
         f"none of the {len(cameras)} training cameras has the object, around {centre}, in its picture; give the "
         "cameras of this scene in the scene's own coordinates, or leave them out"
-    )
-
-
-def _lost_places(scene: Gaussians, selection: BoolArray) -> str | None:
-    """What single precision has made of coordinates as those of maps, which have their origin far away."""
-    centres = scene.means[selection]
-    middle = np.median(centres, axis=0)
-    step = float(np.spacing(np.abs(middle).max()))
-    width = float(np.exp(np.median(scene.log_scales[selection].max(axis=1))))
-    if step <= _MAX_STEP_WIDTHS * width:
-        return None
-    place = " ".join(f"{value:.0f}" for value in middle)
-    return (
-        f"the selected Gaussians lie around {place}, where coordinates in single precision are {step:.3g} apart, and "
-        f"are themselves only {width:.3g} wide; move the origin into the scene, by subtracting such a place from "
-        "double-precision coordinates of Gaussians and cameras before they are stored"
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
+from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.interpretation import apply_marks
 from gaussian_trimmer.selecting.marks import Mark, Marks, Viewpoint
@@ -68,9 +69,11 @@ def select(
         model: draws masks for boxes, and for first clicks where nothing stands on a surface.
 
     Raises:
-        InputError: a mark is not possible, a view is not known, nothing is seen at a pixel, or nothing is selected.
+        InputError: the coordinates are as large as a map's, a mark is not possible, a view is not known, nothing is
+            seen at a pixel, or nothing is selected.
     """
     check_gaussians(scene)
+    check_places(scene)
     if isinstance(marks, str | Path):
         marks = read_marks(marks)
     if not isinstance(marks, Marks):
