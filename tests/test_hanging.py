@@ -1,4 +1,4 @@
-"""What hangs in the air without the object: things on it stay and are told, or go with it; splinters go."""
+"""What hangs in the air without the object: things stay and are told, or go with it; remnants go."""
 
 from dataclasses import replace
 
@@ -14,11 +14,11 @@ SPLINTER = toy.gaussians([[1.06, 0, 1.2], [1.1, 0, 1.25]], 0.06, toy.WHITE)
 CONFIG = toy.small_config()
 
 
-def small_ball(centre):
-    """A blue ball of 60 Gaussians."""
-    outward = RNG.normal(size=(60, 3))
+def small_ball(centre, count=60, radius=0.25):
+    """A blue ball."""
+    outward = RNG.normal(size=(count, 3))
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return toy.gaussians(np.asarray(centre) + 0.25 * outward, 0.08, toy.BLUE)
+    return toy.gaussians(np.asarray(centre) + radius * outward, 0.08, toy.BLUE)
 
 
 def trimmed(more, **options):
@@ -53,5 +53,12 @@ def test_what_stands_beside_the_object_has_its_own_hold():
 
 def test_splinters_do_not_stay_in_the_air():
     result, _, in_background = trimmed(SPLINTER)
+    assert not in_background.any()
+    assert not result.warnings
+
+
+def test_a_remnant_within_the_bounds_goes_with_the_object():
+    result, in_object, in_background = trimmed(small_ball([0.78, 0, 1.78], 30, 0.1))
+    assert in_object.any()
     assert not in_background.any()
     assert not result.warnings

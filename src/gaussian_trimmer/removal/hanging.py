@@ -1,7 +1,8 @@
-"""What hangs in the air once an object is gone: things that stood on it, and splinters of it.
+"""What hangs in the air once an object is gone: things that stood on it, and remnants and splinters of it.
 
 What is above the surfaces around an object hangs together with them, or with what lies farther away. A piece that hangs
-together with nothing but the object loses its hold with it.
+together with nothing but the object loses its hold with it. A small one within the object's bounds is a remnant of it,
+such as the dark half of a roof that no camera saw.
 """
 
 from __future__ import annotations
@@ -26,10 +27,14 @@ _FAR_RADII = 1.5
 """What lies this far from the object's centre has another hold, in object radii."""
 _FEWEST_OF_A_THING = 8
 """A piece of fewer Gaussians is a splinter."""
+_MAX_REMNANT_SHARE = 0.05
+"""Largest number of Gaussians of a remnant, relative to the object's; most of it lies within the object's bounds."""
 
 
-def find_hanging(views: RemovalViews, gone: BoolArray, surfaces: Sequence[Surface]) -> tuple[IntArray, BoolArray]:
-    """Return the things that only the object holds, numbered from 1, 0 elsewhere, and the splinters, (N,) each.
+def find_hanging(
+    views: RemovalViews, gone: BoolArray, surfaces: Sequence[Surface]
+) -> tuple[IntArray, BoolArray, BoolArray]:
+    """Return things that only the object holds, numbered from 1, 0 elsewhere, its remnants and splinters, (N,) each.
 
     Args:
         views: the object and what is around it.
@@ -39,7 +44,8 @@ def find_hanging(views: RemovalViews, gone: BoolArray, surfaces: Sequence[Surfac
     gaussians, bounds = views.gaussians, views.bounds
     widths = np.exp(gaussians.log_scales.max(axis=1))
     reach = _REACH_DEVIATIONS * np.minimum(widths, np.median(widths[views.of_object]))
-    things, splinters = np.zeros(len(gaussians), np.int64), np.zeros(len(gaussians), np.bool_)
+    things = np.zeros(len(gaussians), np.int64)
+    remnants, splinters = (np.zeros(len(gaussians), np.bool_) for _ in range(2))
     rows = np.flatnonzero(~(views.removed | gone) & (gaussians.opacities >= _LEAST_OPACITY) & (widths < bounds.radius))
     means, members = gaussians.means[rows], np.flatnonzero(views.of_object)
     piece = _pieces(means, reach[rows])
@@ -50,10 +56,14 @@ def find_hanging(views: RemovalViews, gone: BoolArray, surfaces: Sequence[Surfac
     touching = np.sqrt(squared[:, 0]) < reach[rows[free]] + reach[members[near[:, 0]]]
     free = free[np.isin(piece[free], piece[free[touching]])]
     _, number, count = np.unique(piece[free], return_inverse=True, return_counts=True)
-    large = (count >= _FEWEST_OF_A_THING)[number]
-    splinters[rows[free[~large]]] = True
+    within = (np.abs((means[free] - bounds.centre) @ bounds.axes.T) <= bounds.half_extents).all(axis=1)
+    inside = np.bincount(number, within) > 0.5 * count
+    remnant = (inside & (count <= _MAX_REMNANT_SHARE * len(members)))[number]
+    large = (count >= _FEWEST_OF_A_THING)[number] & ~remnant
+    remnants[rows[free[remnant]]] = True
+    splinters[rows[free[~large & ~remnant]]] = True
     things[rows[free[large]]] = np.unique(number[large], return_inverse=True)[1] + 1
-    return things, splinters
+    return things, remnants, splinters
 
 
 def _pieces(means: np.ndarray, reach: np.ndarray) -> IntArray:

@@ -47,12 +47,12 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
     """
     surfaces = find_surfaces(views.gaussians.means, views.removed, views.total_visible, views.bounds)
     interior, fragments, isolated = find_hidden(views, surfaces)
-    things, splinters = find_hanging(views, interior | fragments, surfaces)
-    if with_standing and things.any():
-        on_it = things > 0
-        larger = replace(views, of_object=views.of_object | on_it, removed=views.removed | on_it)
-        removal = remove(larger, fill=fill)
-        return replace(removal, fragments_of_object=removal.fragments_of_object | on_it)
+    things, remnants, splinters = find_hanging(views, interior | fragments, surfaces)
+    joining = remnants | (things > 0) if with_standing else remnants
+    if joining.any():
+        larger = replace(views, of_object=views.of_object | joining, removed=views.removed | joining)
+        removal = remove(larger, fill=fill, with_standing=with_standing)
+        return replace(removal, fragments_of_object=removal.fragments_of_object | joining)
     interior |= splinters
     found = inpaint_surfaces(views, surfaces, interior | fragments, isolated) if fill and surfaces else None
     not_filled = None if found or not fill else NOT_SEEN if surfaces else NO_SURFACE
