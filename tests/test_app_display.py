@@ -70,7 +70,7 @@ def test_parts_are_the_object_and_the_rest(session, painter):
         background = painter.paint(now, Showing("background", when))
         both = painter.paint(now, Showing("both", when))
         assert len(object_) == now.object.n_selected  # the second object has not been trimmed
-        gone = len(result.dropped) - result.count(RowLabel.FILLED) if when == "after" else 0
+        gone = len(result.discarded) - result.count(RowLabel.FILLED) if when == "after" else 0
         more = len(result.object) - result.object_mask.sum() if when == "after" else 0  # the fit has cut some in two
         assert len(background) == (~(rest | now.object.selected.mask)).sum() - gone
         assert len(both) == len(scene) - gone + more

@@ -32,15 +32,15 @@ def training_cameras(*yaws):
 def test_a_full_circle_of_accepted_views_is_seen_from_all_around(views):
     found = sides(views=views)
     height = ", from 30 degrees above the horizon"
-    part = f"seen over 288 of 360 degrees{height}; the other 72 were not checked"
-    assert found.sentence() == (f"seen from all around{height}" if views > 4 else part)
+    part = f"checked over 288 of 360 degrees{height}; the other 72 were not checked"
+    assert found.sentence() == (f"checked from all sides{height}" if views > 4 else part)
 
 
 def test_views_over_an_arc_leave_the_far_side_unchecked():
     found = sides(yaws=(20, 74))
     assert (
         found.sentence()
-        == "seen over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked"
+        == "checked over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked"
     )
     assert found.as_json()["yaw_ranges_degrees"] == [[20, 74]]
     assert found.middle == 47
@@ -50,7 +50,7 @@ def test_views_over_an_arc_leave_the_far_side_unchecked():
 
 def test_rejected_views_judge_nothing():
     found = sides(rejected=[2])
-    assert found.sentence().startswith("seen over 288 of 360 degrees, from 30")
+    assert found.sentence().startswith("checked over 288 of 360 degrees, from 30")
     assert found.verdict(144) == "no accepted view from here"
     nothing = sides(rejected=range(5))
     assert nothing.sentence() == "seen from no side; nothing was checked"

@@ -81,7 +81,7 @@ def test_options_of_all_stages_reach_the_trimmer(ball, tmp_path):
     assert (len(report["views"]), report["segmenter"]) == (3, "grabcut")
     assert report["inputs"]["segmenter_options"]["iterations"] == 1
     assert report["up"]["direction"][1] == pytest.approx(-0.1 / np.hypot(0.1, 1))
-    assert report["counts"]["recovered"] == report["counts"]["split"] == 0
+    assert report["counts"]["added"] == report["counts"]["split"] == 0
     assert len(formats.read(tmp_path / "object.splat")) == report["counts"]["object"]
 
 

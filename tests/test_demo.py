@@ -40,5 +40,5 @@ def test_demo_trims_the_lighthouse_and_says_where_to_look(tmp_path, monkeypatch,
     assert all(view["accepted"] for view in report["views"])
     # The table around the foot goes, and not much else.
     counts = report["counts"]
-    assert 50 < counts["removed"] + counts["left_out"] < 250
+    assert 50 < counts["removed"] + counts["discarded"] < 250
     assert 2100 < report["counts"]["object"] == len(formats.read(folder / "object.ply")) < 2413

@@ -54,7 +54,7 @@ def test_every_engine_gets_files_that_can_be_written(name):
 def test_trim_writes_both_parts_for_an_engine_beside_those_of_the_scene(ball, tmp_path, capsys):
     command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", "z", "--output", tmp_path / "out", *SMALL]
     assert run(*command, "--for", "three") == 0
-    assert "For three.js, upright there: object_for_three.spz and background_for_three.spz." in capsys.readouterr().out
+    assert "For three.js, turned upright: object_for_three.spz and background_for_three.spz." in capsys.readouterr().out
     own, theirs = (formats.read(tmp_path / "out" / f"object{name}") for name in (".ply", "_for_three.spz"))
     np.testing.assert_allclose(theirs.means, own.means @ rotation_between(*np.eye(3)[[2, 1]]).T, atol=1e-3)
     assert len(formats.read(tmp_path / "out" / "background_for_three.spz")) == len(

@@ -97,14 +97,14 @@ THROUGH_GAPS = [(300, 0, 5), (300, 1, 3)]
 def test_what_is_only_seen_through_the_object_is_not_recovered(n_ball, seed, views):
     truth = sparse_ball(n_ball, seed)[1]
     result = trimmed(truth, n_ball, seed, views)
-    assert result.count(RowLabel.RECOVERED) == 0
+    assert result.count(RowLabel.ADDED) == 0
     assert jaccard(object_rows(result), truth) >= 0.98
 
 
 @pytest.mark.parametrize(("n_ball", "seed", "views"), THROUGH_GAPS)
 def test_without_a_limit_it_is_recovered(n_ball, seed, views):
     truth = sparse_ball(n_ball, seed)[1]
-    assert trimmed(truth, n_ball, seed, views, recover_limit=0.0).count(RowLabel.RECOVERED) > 0
+    assert trimmed(truth, n_ball, seed, views, recover_limit=0.0).count(RowLabel.ADDED) > 0
 
 
 @pytest.mark.parametrize("n_ball", [100, 200, 300])
@@ -120,8 +120,8 @@ def test_a_sparse_ball_that_is_selected_exactly_stays_whole(n_ball, seed):
 def test_recovery_can_be_left_out(seed):
     rough = eroded(*sparse_ball(700, seed), 0.5)
     both, no_recovery = (trimmed(rough, 700, seed, **part) for part in ({}, {"recover": False}))
-    assert both.count(RowLabel.RECOVERED) > 0
-    assert no_recovery.count(RowLabel.RECOVERED) == 0
+    assert both.count(RowLabel.ADDED) > 0
+    assert no_recovery.count(RowLabel.ADDED) == 0
     assert not (object_rows(no_recovery) & ~rough).any()
 
 

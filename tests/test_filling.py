@@ -56,7 +56,7 @@ def test_what_was_filled_is_marked(results, tmp_path):
     assert filled.report["counts"]["filled"] == count
     assert (filled.background_source[-count:] == -1).all()
     assert without.report["counts"]["filled"] == 0
-    taken_off = len(filled.dropped) - len(without.dropped)
+    taken_off = len(filled.discarded) - len(without.discarded)
     assert len(filled.background) == len(without.background) + count - taken_off
     toy.check_parts(filled, TRUTH)
     filled.save(tmp_path)

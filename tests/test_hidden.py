@@ -28,7 +28,7 @@ def with_more(means, scales, colour):
 def added(result):
     """What became of the added Gaussians: numbers of those in the object, in the background, and in neither."""
     rows = np.arange(len(SCENE), len(result.scene))
-    places = (result.only.source_index, result.background_source, result.dropped)
+    places = (result.only.source_index, result.background_source, result.discarded)
     return tuple(int(np.isin(rows, where).sum()) for where in places)
 
 
@@ -67,7 +67,7 @@ def test_foreign_colours_under_the_object_leave_the_background_and_the_ground_st
     assert added(clean)[1:] == (0, left)
     assert psnr(clean) > 45
     ground = ~truth & (np.abs(scene.means[:, 2] + 0.05) < 0.01) & (np.arange(len(scene)) < len(SCENE))
-    assert not ground[clean.dropped].any()
+    assert not ground[clean.discarded].any()
     np.testing.assert_array_equal(clean.object_mask & ground, exact.object_mask & ground)
 
 
@@ -77,15 +77,15 @@ def test_what_stands_beside_the_object_stays():
 
 
 @pytest.mark.parametrize("mode", ["exact", "clean"])
-def test_every_row_is_in_the_object_in_the_background_or_dropped(mode, tmp_path):
+def test_every_row_is_in_the_object_in_the_background_or_discarded(mode, tmp_path):
     scene, truth = BELOW
     result = trim(scene, truth, config=replace(CONFIG, background=mode))
-    rows = np.concatenate([result.only.source_index, result.background_source, result.dropped])
+    rows = np.concatenate([result.only.source_index, result.background_source, result.discarded])
     np.testing.assert_array_equal(np.sort(rows), np.arange(len(scene)))
-    assert result.report["counts"]["dropped"] == len(result.dropped)
-    assert (len(result.dropped) > 0) == (mode == "clean")
-    assert len(result.background) == len(scene) - len(result.object) - len(result.dropped)
-    assert (np.diff(result.dropped) > 0).all()
+    assert sum(result.report["counts"][name] for name in ("discarded", "hidden")) == len(result.discarded)
+    assert (len(result.discarded) > 0) == (mode == "clean")
+    assert len(result.background) == len(scene) - len(result.object) - len(result.discarded)
+    assert (np.diff(result.discarded) > 0).all()
     stored = read_result(result.save(tmp_path / "t"), scene)
     np.testing.assert_array_equal(stored.selection, result.object_mask)
     np.testing.assert_array_equal(stored.before, truth)
@@ -123,14 +123,14 @@ def test_a_trim_that_is_refused_leaves_the_background_as_it_is():
     scene, truth = INSIDE
     result = trim(scene, truth, config=CONFIG, segmenter=toy.EmptyMasks())
     assert result.refused
-    assert len(result.dropped) == 0
+    assert len(result.discarded) == 0
     toy.check_parts(result, truth)
 
 
-def test_labels_on_disk_name_the_dropped_rows(tmp_path):
+def test_labels_on_disk_name_the_discarded_rows(tmp_path):
     scene, truth = BELOW
     result = trim(scene, truth, config=CONFIG)
     result.save(tmp_path)
     labels = np.load(tmp_path / "labels.npz", allow_pickle=False)
-    np.testing.assert_array_equal(labels["dropped"], result.dropped)
-    assert len(labels["source_index"]) == len(scene) - len(result.dropped)
+    np.testing.assert_array_equal(labels["discarded"], result.discarded)
+    assert len(labels["source_index"]) == len(scene) - len(result.discarded)

@@ -53,7 +53,7 @@ def check_same(result, expected):
     assert result.warnings == expected.warnings
     for name in ("source_index", "label", "fitted", "selected_rows"):
         assert np.array_equal(getattr(result.only, name), getattr(expected.only, name))
-    for name in ("background_source", "background_label", "dropped"):
+    for name in ("background_source", "background_label", "discarded"):
         assert np.array_equal(getattr(result, name), getattr(expected, name))
 
 

@@ -80,8 +80,8 @@ def test_every_selected_gaussian_is_counted_once(stages):
     result = trim(scene, toy.dilated(scene, truth), config=toy.small_config(**stages), segmenter=toy.TightMasks())
     counts = result.report["counts"]
     assert counts["selected"] == np.count_nonzero(result.selection)
-    assert counts["selected"] == counts["kept"] + counts["cut"] + counts["removed"] + counts["left_out"]
-    assert counts["kept"] + counts["cut"] + counts["recovered"] == np.count_nonzero(result.object_mask)
+    assert counts["selected"] == counts["kept"] + counts["cut"] + counts["removed"] + counts["discarded"]
+    assert counts["kept"] + counts["cut"] + counts["added"] == np.count_nonzero(result.object_mask)
     assert (counts["object"], counts["background"]) == (len(result.object), len(result.background))
     parts = result.only.source_index[result.only.label == RowLabel.SPLIT_INSIDE]
     assert counts["cut"] == np.count_nonzero(result.selection[np.unique(parts)])
@@ -109,4 +109,4 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
 
 
 def test_numbers_of_labels_in_files_stay_what_they_are():
-    assert LABEL_NAMES == ("kept", "removed", "recovered", "split_inside", "split_outside", "filled", "relit")
+    assert LABEL_NAMES == ("kept", "removed", "added", "split_inside", "split_outside", "filled", "relit")

@@ -9,7 +9,7 @@ import toy
 from command_line import SMALL, run, save_ball
 from page_reading import Page, check_stands_alone
 
-from gaussian_trimmer.output.html.figures import FITTED, LEFT_OUT, coloured_changes, legend_of
+from gaussian_trimmer.output.html.figures import DISCARDED, FITTED, coloured_changes, legend_of
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.result import RowLabel
@@ -69,12 +69,12 @@ def test_counts_times_settings_and_doubts_are_told(result):
 
 
 def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page, result):
-    legend = legend_of(result)
-    assert [change.name for change in legend] == [*LABEL_NAMES, LEFT_OUT, FITTED]
+    legend = legend_of(result, describe(result))
+    assert [change.name for change in legend] == [*LABEL_NAMES, DISCARDED, FITTED]
     assert len({change.colour for change in legend}) == len(legend)
     counts = {change.name: change.count for change in legend}
-    assert counts["removed"] == result.count(RowLabel.REMOVED) > 0
-    assert (counts[LEFT_OUT], counts[FITTED]) == (len(result.dropped), len(result.only.fitted))
+    assert counts["removed"] == describe(result)["counts"]["removed"] > 0
+    assert (counts[DISCARDED], counts[FITTED]) == (len(result.discarded), len(result.only.fitted))
     for change in legend:
         assert f"{change.name.replace('_', ' ')}{change.count:,}" in page.text_of("changes")
 
@@ -82,7 +82,7 @@ def test_the_legend_has_every_label_with_its_count_and_a_colour_of_its_own(page,
 def test_fitted_gaussians_have_a_colour_and_a_line_in_the_legend():
     result = trimmed(refine="fit")
     assert len(result.only.fitted)
-    colours = {change.name: change.colour for change in legend_of(result)}
+    colours = {change.name: change.colour for change in legend_of(result, describe(result))}
     kept = np.flatnonzero(result.only.label == RowLabel.KEPT)
     is_coloured = np.ptp(coloured_changes(result, result.only).sh_dc[kept], axis=1) > 0.5
     assert colours[FITTED] == "#e69f00"
@@ -178,7 +178,7 @@ def test_several_objects_have_a_section_each(ball, capsys):
         section = page.text_of(f"object-{entry['id']}")
         assert (f"Not trimmed: {entry['refused']}" if entry["refused"] else f"{entry['gaussians']:,}") in section
         counts = entry["counts"]
-        fates = ("kept", "cut", "removed", "left_out", "went_to_other_objects")
+        fates = ("kept", "cut", "removed", "discarded", "went_to_other_objects")
         assert counts["selected"] == sum(counts[fate] for fate in fates)
         assert entry["file"] == f"object_{entry['id']}.ply" and (ball / "out" / entry["file"]).is_file()
         for layer in ("selection", "trimmed object", "scene", "scene without the object"):

@@ -237,7 +237,7 @@ def test_object_numbers_give_all_objects_in_one_pass(ball, tmp_path, capsys):
         (["--masks", "masks"], "--cameras PATH"),
         (["--click", 5, 5], "--view-index INT"),
         (["--click", 5, 5, "--view-index", 99], "no view 99"),
-        (["--click", 5, 5, "--view", "nowhere"], "0 views are named 'nowhere'"),
+        (["--click", 5, 5, "--view", "nowhere"], "No view is named 'nowhere'"),
         (["--click", 5, 5, "--view-index", 0, "--object-ids"], "--masks"),
         (["--click", 9999, 5, "--view-index", 0], "outside the view"),
         (["--click", 5, 5, "--view-index", 0, "--output", "a.txt"], "ending"),

@@ -169,24 +169,24 @@ def with_object(result, **changes):
 
 
 def check_parts(result, selection):
-    """Every row of the scene is in the object, in the background, split into both, or dropped; labels tell why."""
+    """Every row of the scene is in the object, in the background, split into both, or discarded; labels tell why."""
     part, rest, why_rest = result.only, result.background_source, result.background_label
     mine, why_mine = part.source_index, part.label
     assert len(mine) == len(why_mine) == len(result.object)
     assert len(rest) == len(why_rest) == len(result.background)
     whole = np.concatenate([mine[why_mine != RowLabel.SPLIT_INSIDE], rest[why_rest != RowLabel.SPLIT_OUTSIDE]])
     split = mine[why_mine == RowLabel.SPLIT_INSIDE]
-    every = np.concatenate([whole[whole >= 0], split, result.dropped])
+    every = np.concatenate([whole[whole >= 0], split, result.discarded])
     np.testing.assert_array_equal(np.sort(every), np.arange(len(result.scene)))
     np.testing.assert_array_equal(
         rest[why_rest == RowLabel.SPLIT_OUTSIDE], split[: np.count_nonzero(why_rest == RowLabel.SPLIT_OUTSIDE)]
     )
-    assert set(why_mine) <= {RowLabel.KEPT, RowLabel.RECOVERED, RowLabel.SPLIT_INSIDE}
+    assert set(why_mine) <= {RowLabel.KEPT, RowLabel.ADDED, RowLabel.SPLIT_INSIDE}
     made_up = {RowLabel.RELIT, RowLabel.FILLED}
     assert set(why_rest) <= {RowLabel.KEPT, RowLabel.REMOVED, RowLabel.SPLIT_OUTSIDE} | made_up
     np.testing.assert_array_equal(rest < 0, why_rest == RowLabel.FILLED)
     assert selection[mine[why_mine == RowLabel.KEPT]].all()
-    assert not selection[mine[why_mine == RowLabel.RECOVERED]].any()
+    assert not selection[mine[why_mine == RowLabel.ADDED]].any()
     assert selection[rest[why_rest == RowLabel.REMOVED]].all()
     assert not selection[rest[why_rest == RowLabel.KEPT]].any()
     for part, rows, why in ((result.object, mine, why_mine), (result.background, rest, why_rest)):

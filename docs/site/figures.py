@@ -35,7 +35,7 @@ from gaussian_trimmer.rendering.gradients import draw
 
 FOLDER = Path(__file__).parents[1] / "images" / "stages"
 SIDE = 300
-KEPT, REMOVED, RECOVERED, OTHER = (0.25, 0.7, 0.3), (0.95, 0.2, 0.1), (0.2, 0.45, 1.0), (0.82, 0.82, 0.82)
+KEPT, REMOVED, ADDED, OTHER = (0.25, 0.7, 0.3), (0.95, 0.2, 0.1), (0.2, 0.45, 1.0), (0.82, 0.82, 0.82)
 BLUE, ORANGE = (0.1, 0.4, 0.9), (0.95, 0.5, 0.1)
 
 
@@ -115,9 +115,9 @@ def _segmentation(result: TrimResult) -> Picture:
 
 
 def _evidence(result: TrimResult) -> Picture:
-    """What became of each Gaussian: kept, removed or recovered."""
+    """What became of each Gaussian: kept, removed or added."""
     colours = np.tile(np.float32(OTHER), (len(result.scene), 1))
-    for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.RECOVERED, RECOVERED)):
+    for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.ADDED, ADDED)):
         colours[result.only.source_index[result.only.label == label]] = colour
     colours[result.background_source[result.background_label == RowLabel.REMOVED]] = REMOVED
     cells = []
@@ -126,7 +126,7 @@ def _evidence(result: TrimResult) -> Picture:
         rows = result.selection | result.object_mask
         shown = result.used_renderer.blend_values(result.scene.select(rows), camera, colours[rows])
         alpha = result.used_renderer.render(result.scene.select(rows), camera).alpha
-        cells.append((f"view {i}: kept, removed, recovered", shown + (1 - alpha)[..., None]))
+        cells.append((f"view {i}: kept, removed, added", shown + (1 - alpha)[..., None]))
     return row_of_pictures(cells)
 
 

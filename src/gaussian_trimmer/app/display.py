@@ -152,7 +152,7 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
         if part.hidden:
             unseen |= owner == place
         elif after and (result := part.cut.result) is not None:
-            unseen[result.dropped] = True
+            unseen[result.discarded] = True
             unseen[_relit_rows(result)] = True
     return ~unseen & (owner < 0) if showing.part == "background" else ~unseen
 

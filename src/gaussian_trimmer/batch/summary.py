@@ -12,7 +12,7 @@ from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
-_COUNTS = ("selected", "object", "kept", "cut", "removed", "recovered")
+_COUNTS = ("selected", "object", "kept", "cut", "removed", "added")
 COLUMNS = (
     *("name", "state", "look_first", "message", "scene_gaussians", *_COUNTS),
     *("views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint"),
@@ -35,7 +35,7 @@ def look_first(outcome: Outcome) -> float:
         return 3.0
     accepted, views = outcome.views
     rejected = 1 - accepted / views if views else 1.0
-    changed = sum(outcome.counts.get(name, 0) for name in ("removed", "recovered"))
+    changed = sum(outcome.counts.get(name, 0) for name in ("removed", "added"))
     share = min(1.0, changed / max(1, outcome.counts.get("selected", 0)))
     return (2.0 if outcome.refused else 0.0) + 0.5 * rejected + 0.5 * share
 
@@ -107,7 +107,7 @@ def _row(outcome: Outcome, picture: str) -> str:
     counts = outcome.counts
     numbers = (
         f"{counts.get('selected', 0):,} selected, {counts.get('object', 0):,} in the object<br>"
-        f"{counts.get('removed', 0):,} removed, {counts.get('recovered', 0):,} recovered"
+        f"{counts.get('removed', 0):,} removed, {counts.get('added', 0):,} added"
         if counts
         else ""
     )

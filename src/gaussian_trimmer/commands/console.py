@@ -104,20 +104,20 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
         table.add_row("  cut", f"{counts['cut']:,} at the outline{split}")
     floaters = f", {counts['floaters']:,} of them far away" if counts["floaters"] else ""
     table.add_row("  removed", f"{counts['removed']:,}{floaters}")
-    if counts["left_out"]:
-        table.add_row("  left out", f"{counts['left_out']:,}, in neither file")
-    table.add_row("recovered", f"{counts['recovered']:,} that were not selected")
+    if counts["discarded"]:
+        table.add_row("  discarded", f"{counts['discarded']:,}, in neither file")
+    table.add_row("added", f"{counts['added']:,} that the selection had missed")
     if counts["fitted"]:
         table.add_row("fitted", f"{counts['fitted']:,} at the outline")
     elif report["not_fitted"]:
         table.add_row("not fitted", report["not_fitted"])
-    if counts["dropped"]:
-        table.add_row("background", f"{counts['dropped']:,} Gaussians that the object hid are left out")
+    if counts["hidden"]:
+        table.add_row("background", f"{counts['hidden']:,} hidden Gaussians discarded")
     if counts["filled"]:
-        relit = f"; {counts['relit']:,} lose its shadow" if counts["relit"] else ""
-        table.add_row("made up", f"{counts['filled']:,} Gaussians where the object stood{relit}")
+        relit = f"; shadow removed from {counts['relit']:,}" if counts["relit"] else ""
+        table.add_row("filled in", f"{counts['filled']:,} new Gaussians where the object stood{relit}")
     elif report["not_filled"]:
-        table.add_row("not made up", report["not_filled"])
+        table.add_row("not filled in", report["not_filled"])
     judged = all(view["judged"] for view in report["views"])
     not_judged = "; masks that the selection itself gives are not judged"
     table.add_row("views", f"{accepted} of {len(report['views'])} used{'' if judged else not_judged}")
@@ -144,13 +144,13 @@ def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
     """What to do about an up vector that is a guess: the opposite one is the usual truth.
 
     >>> _doubt_about_up([0, -1, 0])
-    'The up vector is a guess. If the views are upside down, give --up y; if they are tilted, another axis.'
+    'The up vector is a guess. If the views are upside down, give --up y; if they are tilted, try another axis.'
     """
     axis = int(np.argmax(np.abs(direction)))
     sign = "-" if direction[axis] > 0 else ""
     return (
         f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are tilted, "
-        "another axis."
+        "try another axis."
     )
 
 

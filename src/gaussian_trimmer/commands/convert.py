@@ -74,8 +74,8 @@ class Convert:
     def _refuse_options_of_other_formats(self, page: bool) -> None:
         if self.engine is not None and not any(formats.is_named(self.target.name, end) for end in self._readable()):
             raise InputError(
-                f"{self.engine} reads {', '.join(self._readable())}; give '{self.target.name}' such an ending, or "
-                "leave --for out."
+                f"{self.engine} reads {', '.join(self._readable())}; name the target "
+                f"'{Path(self.target.stem).stem}{self._readable()[0]}', or leave --for out."
             )
         if self.up is not None and not page and self.engine is None:
             raise InputError("--up is for pages, which end with .html, and for --for; else the axes stay as they are.")

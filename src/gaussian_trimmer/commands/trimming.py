@@ -242,7 +242,7 @@ class TrimRun:
         console.print(f"{listed}, background{self.suffix}, {looked_at} and the rest are in {self.folder}.")
         if engine is not None:
             made = " and ".join(name for name in engine_files(engine) if (self.folder / name).is_file())
-            console.print(f"For {ENGINES[engine].name}, upright there: {made}.")
+            console.print(f"For {ENGINES[engine].name}, turned upright: {made}.")
         if pages.export_viewer is not None:
             console.print(pages.sentence())
 
@@ -259,5 +259,5 @@ def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) 
         f"{len(entries)} objects, {sum(entry['gaussians'] for entry in entries):,} Gaussians; "
         f"{counts.get('claimed_by_several', 0):,} claimed by two objects; time {seconds:.1f} s"
     )
-    if counts["dropped"]:
-        console.print(f"{counts['dropped']:,} Gaussians hidden by the objects were removed from the background.")
+    if counts["hidden"]:
+        console.print(f"{counts['hidden']:,} Gaussians that the objects hid were discarded.")

@@ -94,7 +94,7 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
             confidence, doubts = min(confidence, DOUBTFUL), ["goes on beyond the pictures", *doubts]
         if rests is None:
-            confidence, doubts = min(confidence, DOUBTFUL), ["rests on nothing that was found", *doubts]
+            confidence, doubts = min(confidence, DOUBTFUL), ["no surface was found under it", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])
         view = int(np.argmax(by_view[number]))
         found.append(Verdict(number, float(shown[number]), seen[number], view, (low, high), confidence, why))
@@ -119,7 +119,7 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:
     """What a region rests on, in words."""
     if not room.has_floor:
-        return "is by itself"
+        return "touches nothing else"
     if (surface.areas[rows] * room.feet[rows]).any():
         return "stands on a surface"
     if (surface.areas[rows] * room.leaning[rows]).any():

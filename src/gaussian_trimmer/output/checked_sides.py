@@ -49,16 +49,16 @@ class CheckedSides:
 
         >>> some = np.arange(360) < 54
         >>> CheckedSides(some, some, (30.0,)).sentence()
-        'seen over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked'
+        'checked over 54 of 360 degrees, from 30 degrees above the horizon; the far side was not checked'
         """
         if not self.degrees:
-            return "seen from no side; nothing was checked"
+            return "no side was checked"
         ends = sorted({round(self.pitches[0]), round(self.pitches[-1])})
         words = " to ".join(f"{abs(end)} degrees {'below' if end < 0 else 'above'}" for end in ends)
         if self.degrees >= _ALL_AROUND_DEGREES:
-            return f"seen from all around, from {words} the horizon"
+            return f"checked from all sides, from {words} the horizon"
         rest = "the far side was" if self.degrees <= 180 else f"the other {360 - self.degrees} were"
-        return f"seen over {self.degrees} of 360 degrees, from {words} the horizon; {rest} not checked"
+        return f"checked over {self.degrees} of 360 degrees, from {words} the horizon; {rest} not checked"
 
     def verdict(self, yaw: int) -> str:
         """Say why a direction was not judged, in a few words; empty if it was."""

@@ -101,12 +101,12 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
 
 
 def _count_scene(result: TrimResult) -> dict[str, int]:
-    """Numbers of Gaussians: of the scene, of those that were split or are in no file, and of rows of the background."""
+    """Count Gaussians of the scene, those that were split or were hidden and discarded, and rows of the background."""
     label = result.background_label
     return {
         "scene": len(result.scene),
         "split": len(np.unique(result.background_source[label == RowLabel.SPLIT_OUTSIDE])),
-        "dropped": len(result.dropped),
+        "hidden": len(np.setdiff1d(result.discarded, np.concatenate([p.selected_rows for p in result.objects]))),
         "relit": int(np.count_nonzero(label == RowLabel.RELIT)),
         "filled": int(np.count_nonzero(label == RowLabel.FILLED)),
         "background": len(label),
@@ -116,14 +116,14 @@ def _count_scene(result: TrimResult) -> dict[str, int]:
 def _count_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, int]:
     """What became of the Gaussians of a selection, and how many rows the object has.
 
-    Every selected Gaussian is counted once: it was kept, cut (the object has parts of it), left out (of all files),
-    went to another object, or was removed (it is in the background). `recovered` ones joined the object, `floaters`
+    Every selected Gaussian is counted once: it was kept, cut (the object has parts of it), discarded (it is in no
+    file), went to another object, or was removed (it is in the background). `added` ones joined the object, `floaters`
     are removed ones that lay far off. `object` and `fitted` count rows, of which a Gaussian may have several.
     """
     left, rows = part.selected_rows, np.unique(part.source_index)
     counts = {"selected": len(left)}
     cut = part.source_index[part.label == RowLabel.SPLIT_INSIDE]
-    for name, taken in (("cut", cut), ("kept", rows), ("left_out", result.dropped)):
+    for name, taken in (("cut", cut), ("kept", rows), ("discarded", result.discarded)):
         found = np.isin(left, taken)
         counts[name] = int(np.count_nonzero(found))
         left = left[~found]
@@ -132,7 +132,7 @@ def _count_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -
         counts["went_to_other_objects"] = elsewhere
     return counts | {
         "removed": len(left) - elsewhere,
-        "recovered": len(np.setdiff1d(rows, part.selected_rows, assume_unique=True)),
+        "added": len(np.setdiff1d(rows, part.selected_rows, assume_unique=True)),
         "fitted": len(part.fitted),
         "floaters": part.floaters,
         "object": len(part.gaussians),

@@ -36,7 +36,7 @@ class RowLabel(IntEnum):
     """It is on the side that the selection put it on."""
     REMOVED = 1
     """It was selected and is now in the background."""
-    RECOVERED = 2
+    ADDED = 2
     """It was not selected and is now in the object."""
     SPLIT_INSIDE = 3
     """It is the part of a split Gaussian that lies in the object."""
@@ -98,7 +98,7 @@ class TrimmedObject:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrimResult:
-    """Objects and the scene without them: every Gaussian of the scene is in one of them, split, or dropped.
+    """Objects and the scene without them: every Gaussian of the scene is in one of them, split, or discarded.
 
     Where there is one object, `object` and the other properties up to `warnings` speak of it.
     """
@@ -113,7 +113,7 @@ class TrimResult:
     appended; -1 for filled ones."""
     background_label: NDArray[np.uint8]
     """What happened to each, a `RowLabel`, (B,)."""
-    dropped: IntArray
+    discarded: IntArray
     """Scene rows, ascending, that nothing has: what only the objects hid, and what new Gaussians took the place of."""
     contested: int
     """Number of Gaussians that several objects claimed."""

@@ -162,7 +162,7 @@ def _write_labels(result: TrimResult, path: Path) -> None:
     arrays: dict[str, Any] = {
         "source_index": np.concatenate([*(part.source_index for part in objects), result.background_source]),
         "fitted": np.concatenate([start + part.fitted for start, part in zip(starts, objects, strict=True)]),
-        "dropped": result.dropped,
+        "discarded": result.discarded,
     }
     if len(objects) == 1:
         arrays["selected"] = result.only.selected_rows

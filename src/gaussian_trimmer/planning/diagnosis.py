@@ -63,10 +63,7 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
     if share <= _MOST_OF_SCENE:
         return None
     if selection.all():
-        return (
-            "The selection holds the whole scene, so nothing is left to tell the object from; if there is more in it "
-            "than the object, select the object alone."
-        )
+        return "The whole file counts as the object. To cut one thing out of it, give a selection of that thing."
     if _spread(scene.means[~selection]) > _spread(scene.means[selection]):
         return None
     return (

@@ -13,8 +13,8 @@ from gaussian_trimmer.removal.inpainting import inpaint_surfaces
 from gaussian_trimmer.removal.surfaces import find_surfaces
 from gaussian_trimmer.removal.views import RemovalViews
 
-NO_SURFACE = "no flat surface that the object stands on or leans against was found, so nothing was made up where it was"
-NOT_SEEN = "too little is seen of the surfaces around the object, so nothing was made up where it was"
+NO_SURFACE = "there is no flat surface under or behind the object"
+NOT_SEEN = "too little of the surface around the object is visible"
 
 
 @dataclass(frozen=True, eq=False)

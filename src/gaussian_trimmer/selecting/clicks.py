@@ -62,8 +62,8 @@ def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
     pieces = _pieces_at(small, target, _visible_around(small, target))
     if not pieces:
         raise NothingFoundError(
-            f"No object that stands on a surface was found at the pixel ({x}, {y}). Draw a box around what you mean, "
-            "click in another view, or let a model find it (--segmenter sam)."
+            f"Nothing at the pixel ({x}, {y}) stands on a surface. If the capture has no floor, run 'gaussian-trimmer "
+            "objects'; else draw a box (--box), click in another view, or let a model find it (--segmenter sam)."
         )
     return Pick(pieces[0], "piece")
 
@@ -94,8 +94,8 @@ def select_by_box(scene: ViewedScene, box: Box) -> Pick:
     if not (small.renderer.render(small.gaussians, small.camera).alpha[box_slices(box)] > HALF).any():
         raise InputError("Nothing is seen in the box; choose another one or another view.")
     raise NothingFoundError(
-        "Nothing that fills the box can be told from what is around it. Draw the box close around what you mean, take "
-        "another view, or let a model find it (--segmenter sam)."
+        "The contents of the box cannot be separated from their surroundings. Draw the box close around what you mean, "
+        "take another view, or let a model find it (--segmenter sam)."
     )
 
 

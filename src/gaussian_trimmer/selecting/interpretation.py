@@ -52,7 +52,7 @@ _BOX_TAKES_ALL = 0.9
 """A box that would remove more than this share of the selection means only what is selected within its sides."""
 INTERPRETATIONS = {
     "piece": "an object that stands on a surface",
-    "part": "the part that is marked, on all of its sides",
+    "part": "the part in the box, its back included",
     "region": "the region around the click, by which the boundary moved",
     "frame": "all that is selected in the box",
 }

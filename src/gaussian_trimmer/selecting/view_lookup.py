@@ -103,7 +103,8 @@ def find_view(views: Sequence[Viewpoint], wanted: View) -> Viewpoint:
             return named[0]
         if named or not wanted.isdigit():
             known = f"{views[0].camera.name} ... {views[-1].camera.name}" if views[0].camera.name else "numbered from 0"
-            raise InputError(f"{len(named)} views are named '{wanted}'; the {len(views)} views are {known}.")
+            how_many = f"{len(named)} views are" if named else "No view is"
+            raise InputError(f"{how_many} named '{wanted}'; the {len(views)} views are {known}.")
     number = int(wanted)  # type: ignore[arg-type]
     if not 0 <= number < len(views):
         raise InputError(f"There is no view {wanted}; the {len(views)} views are numbered from 0.")

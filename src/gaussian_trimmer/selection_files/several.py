@@ -52,6 +52,6 @@ def load_objects(
     if not ids:
         load_selection(path, gaussians, options)  # says which ids there are, where the kind knows
         raise InputError(
-            f"'{path.name}' holds one selection, or must be told which objects are meant: --objects ID ..."
+            f"'{path.name}' is the selection of one object: give it without --labels, or name ids with --objects ID ..."
         )
     return {number: load_selection(path, gaussians, replace(options, object_id=(number,))) for number in ids}

@@ -35,7 +35,7 @@ def assemble_object(
     rows = decision.owned(owner, number)
     split, inner, outer = _split_rows(decision, scene, rows)
     whole = np.setdiff1d(rows, split, assume_unique=True)
-    label = np.where(np.isin(whole, rough.rows, assume_unique=True), RowLabel.KEPT, RowLabel.RECOVERED)
+    label = np.where(np.isin(whole, rough.rows, assume_unique=True), RowLabel.KEPT, RowLabel.ADDED)
     gaussians = concatenate([scene.select(whole), inner])
     source = np.concatenate([whole, split])
     label = np.concatenate([label, np.full(len(split), RowLabel.SPLIT_INSIDE)]).astype(np.uint8)
@@ -103,16 +103,16 @@ def assemble_result(
         seconds: time taken by each stage.
     """
     scene, (objects, outer, split) = setup.scene, zip(*assembled, strict=True)
-    dropped, selected, gain = hidden.copy(), np.zeros(len(scene), np.bool_), np.ones(len(scene), np.float32)
+    discarded, selected, gain = hidden.copy(), np.zeros(len(scene), np.bool_), np.ones(len(scene), np.float32)
     for part in objects:
         selected[part.selected_rows] = True
     for rows, removal in removals:
-        dropped[rows[removal.replaced]] = True
+        discarded[rows[removal.replaced]] = True
         gain[rows] = np.maximum(gain[rows], removal.relight_factor)
     unowned = owner == 0
-    dropped &= unowned
-    relit = np.flatnonzero(unowned & ~dropped & (gain > 1))
-    whole = np.flatnonzero(unowned & ~dropped & (gain == 1))
+    discarded &= unowned
+    relit = np.flatnonzero(unowned & ~discarded & (gain > 1))
+    whole = np.flatnonzero(unowned & ~discarded & (gain == 1))
     filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in removals)])
     labels = [
         np.where(selected[whole], RowLabel.REMOVED, RowLabel.KEPT),
@@ -126,7 +126,7 @@ def assemble_result(
         appended=concatenate([*outer, scale_radiance(scene.select(relit), gain[relit]), filled]),
         background_source=np.concatenate([whole, *split, relit, np.full(len(filled), -1, np.int64)]),
         background_label=np.concatenate(labels).astype(np.uint8),
-        dropped=np.flatnonzero(dropped),
+        discarded=np.flatnonzero(discarded),
         contested=contested,
         config=setup.config,
         renderer=name_of(setup.renderer),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from gaussian_trimmer.output.pictures import (
     nearby_rows,
     nearby_scene,
 )
+from gaussian_trimmer.output.report import object_entries
 from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.rendering import Renderer
@@ -29,16 +30,16 @@ _MOST_PIXELS = 512
 _MOST_VIEWS = 12
 _TRAINING_CAMERAS = 2
 """Number of those from which the whole scene is shown."""
-LEFT_OUT, FITTED = "left_out", "fitted"
+DISCARDED, FITTED = "discarded", "fitted"
 _COLOURS_AND_MEANINGS = {
     "kept": ("#9a9a9a", "in the object as it was selected"),
     "removed": ("#d55e00", "was selected, and is now in the background"),
-    "recovered": ("#00a070", "was not selected, and is now in the object"),
+    "added": ("#00a070", "was not selected, and is now in the object"),
     "split_inside": ("#2a78d0", "a part of a Gaussian that was cut; it lies in the object"),
     "split_outside": ("#56b4e9", "a part of a Gaussian that was cut; it lies in the background"),
     "filled": ("#f0e442", "new: continues what the object stood on or leaned against"),
-    "relit": ("#b8860b", "in the background, brighter: the object's shadow is gone"),
-    LEFT_OUT: ("#c45fb0", "only the object hid it, or a new one took its place; in neither file"),
+    "relit": ("#b8860b", "in the background, brightened to remove the object's shadow"),
+    DISCARDED: ("#c45fb0", "in neither file: only the object hid it, or a new one took its place; selected or not"),
     FITTED: ("#e69f00", "adjusted to the outline (also counted above); shown in this colour if kept"),
 }
 _BLACK_BRIGHTNESS = 0.4
@@ -80,7 +81,7 @@ CHANGES, SCENE, REST = "what was done", "scene", "scene without the object"
 VIEW_PAIRINGS = (
     Pairing("before and after", SELECTION, OBJECT, "The selection and the trimmed object, each alone."),
     Pairing(
-        "where the views put the edge",
+        "outline found in each view",
         OBJECT,
         OUTLINES,
         "The view as it was segmented: orange is the outline of the selection, light blue that of the mask, red "
@@ -123,7 +124,7 @@ def background_figures(result: TrimResult) -> list[Figure]:
     part = result.only
     seeing = _evenly(cameras_that_see(result.cameras, part.bounds), _TRAINING_CAMERAS)
     whole = [(f"the whole scene from {camera.name or 'a training camera'}", camera) for camera in seeing]
-    near = [(f"about the object, view {i}", part.views[i].view.camera) for i in shown_views(part)]
+    near = [(f"around the object, view {i}", part.views[i].view.camera) for i in shown_views(part)]
     layers = {SCENE: result.scene, REST: result.background} if whole else {}
     near_layers = {SCENE: nearby_scene(result, part), REST: nearby_background(result, part)} if near else {}
     return [
@@ -173,14 +174,15 @@ class Change:
     """As in CSS."""
     meaning: str
     count: int
-    """Number of rows of the objects and of the background."""
+    """Number of Gaussians, or of rows where parts of one count by themselves."""
 
 
-def legend_of(result: TrimResult) -> list[Change]:
-    """Return what can happen to a Gaussian, and to how many rows it did; `kept` counts those of objects alone."""
+def legend_of(result: TrimResult, report: Mapping[str, Any]) -> list[Change]:
+    """Return what can happen to a Gaussian, and to how many it did: the numbers of the report, or else rows."""
     counts = {label.name.lower(): result.count(label) for label in RowLabel}
-    counts["kept"] -= int(np.count_nonzero(result.background_label == RowLabel.KEPT))
-    counts |= {LEFT_OUT: len(result.dropped), FITTED: sum(len(part.fitted) for part in result.objects)}
+    for name in ("kept", "removed", "added"):
+        counts[name] = sum(entry["counts"][name] for entry in object_entries(report))
+    counts |= {DISCARDED: len(result.discarded), FITTED: sum(len(part.fitted) for part in result.objects)}
     return [Change(name, *_COLOURS_AND_MEANINGS[name], number) for name, number in counts.items()]
 
 
@@ -195,13 +197,13 @@ def coloured_changes(result: TrimResult, part: TrimmedObject) -> Gaussians:
     painted[part.fitted[part.label[part.fitted] == RowLabel.KEPT]] = _rgb(FITTED)
     removed = nearby_rows(scene, rows[result.background_label[: len(rows)] != RowLabel.KEPT], part.bounds)
     new = nearby_rows(appended, np.arange(len(appended)), part.bounds)
-    dropped = nearby_rows(scene, result.dropped, part.bounds)
+    discarded = nearby_rows(scene, result.discarded, part.bounds)
     return concatenate(
         [
             _painted(part.gaussians, painted),
             _painted(scene.select(removed), np.tile(palette[RowLabel.REMOVED], (len(removed), 1))),
             _painted(appended.select(new), palette[result.background_label[len(rows) + new]]),
-            _painted(scene.select(dropped), np.tile(_rgb(LEFT_OUT), (len(dropped), 1))),
+            _painted(scene.select(discarded), np.tile(_rgb(DISCARDED), (len(discarded), 1))),
         ]
     )
 

@@ -55,7 +55,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
     links = [(section["name"], section["heading"]) for section in parts.get("sections", ())]
     links += [] if several else [("views", "Before and after")]
     links += [("changes", "What was done")]
-    links += [] if several else [("background", "The scene without the object"), ("errors", "Errors")]
+    links += [] if several else [("background", "The scene without the object"), ("errors", "How good is it?")]
     title = _title(result, report["inputs"])
     body = render(
         "report.html",
@@ -63,7 +63,7 @@ def report_page(result: TrimResult, report: Mapping[str, Any]) -> str:
         report=report,
         several=several,
         links=[*links, ("numbers", "Figures and settings")],
-        legend=legend_of(result),
+        legend=legend_of(result, report),
         floaters=sum(part.floaters for part in result.objects),
         counts=[(name.replace("_", " "), f"{number:,}") for name, number in report["counts"].items()],
         times=[(name, f"{time:.2f} s") for name, time in report["seconds"].items()],
@@ -110,12 +110,12 @@ def _title(result: TrimResult, inputs: Mapping[str, Any]) -> str:
 def sentence_of(counts: Mapping[str, int]) -> str:
     """Say what became of the selected Gaussians.
 
-    >>> sentence_of({"selected": 9, "kept": 5, "cut": 1, "removed": 2, "left_out": 1, "recovered": 3})
-    'Of 9 selected, 5 kept, 1 cut, 2 removed, 1 left out; 3 more joined'
+    >>> sentence_of({"selected": 9, "kept": 5, "cut": 1, "removed": 2, "discarded": 1, "added": 3})
+    'Of 9 selected, 5 kept, 1 cut, 2 removed, 1 discarded; 3 added'
     """
-    fates = ("kept", "cut", "removed", "left_out", "went_to_other_objects")
+    fates = ("kept", "cut", "removed", "discarded", "went_to_other_objects")
     words = ", ".join(f"{counts[fate]:,} {fate.replace('_', ' ')}" for fate in fates if fate in counts)
-    return f"Of {counts['selected']:,} selected, {words}; {counts['recovered']:,} more joined"
+    return f"Of {counts['selected']:,} selected, {words}; {counts['added']:,} added"
 
 
 def _facts(report: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
