@@ -50,7 +50,7 @@ def test_every_view_can_be_compared_and_has_its_pictures(page, result):
         for layer, times in (("selection", 2), ("trimmed object", 1), ("outlines", 1), ("what was done", 1)):
             assert alternatives.count(f"view {number}: {layer}") == times
         for layer in ("scene", "scene without the object"):
-            assert alternatives.count(f"about the object, view {number}: {layer}") == 1
+            assert alternatives.count(f"around the object, view {number}: {layer}") == 1
     sliders = [attributes for attributes, _ in page.all("input", type="range") if "id" not in attributes]
     assert len(sliders) == 3 * len(result.views)
     assert all(attributes["aria-label"] for attributes in sliders)
