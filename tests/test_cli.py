@@ -364,7 +364,7 @@ def test_the_summary_adds_up(ball, tmp_path, capsys):
     counts = {
         name.strip(): int(number) for name, number in re.findall(r"^ *(\w[\w ]*?)  +(\d+)", printed, re.MULTILINE)
     }
-    assert counts["selected"] == sum(counts.get(name, 0) for name in ("kept", "cut", "removed", "left out"))
+    assert counts["selected"] == sum(counts.get(name, 0) for name in ("kept", "cut", "removed", "discarded"))
     assert "split" not in printed
 
 

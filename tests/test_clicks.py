@@ -163,7 +163,7 @@ def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     pick = box_in(scene, camera, bounding_box(shown, 1))
     assert pick.kind == "part"
     assert toy.jaccard(pick.selection, red) > 0.8
-    with pytest.raises(NothingFoundError, match=r"Draw a box .*--segmenter sam"):
+    with pytest.raises(NothingFoundError, match=r"objects.*--box.*--segmenter sam"):
         click_on((0, 0.1, 0.1), camera, scene)
     plain = scene.replace(sh_dc=np.full_like(scene.sh_dc, 0.3))
     with pytest.raises(NothingFoundError, match="box close around"):
