@@ -57,7 +57,9 @@ def nearest(
 def _by_cells(points: Float64Array) -> IntArray:
     """Return an order in which points (N, D) are near those before them: searches find more in the cache, (N,)."""
     low, high = np.quantile(points[:: 1 + len(points) // 1000, :3], [0.25, 0.75], axis=0)
-    cells = np.floor((points[:, :3] - low) / np.maximum((high - low) / _CELLS_ACROSS, 1e-300))
+    sizes = np.maximum((high - low) / _CELLS_ACROSS, 1e-300)
+    with np.errstate(over="ignore"):  # a plane has no thickness, but may have an outlier
+        cells = np.floor((points[:, :3] - low) / sizes)
     return np.lexsort(np.clip(cells, -1000, 1000).astype(np.int16).T)
 
 
