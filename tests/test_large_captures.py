@@ -8,10 +8,11 @@ import toy
 from gaussian_trimmer.finding import find
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.judging import Verdict
-from gaussian_trimmer.finding.storey import find_storey
 from gaussian_trimmer.finding.tiles import plan_tiles
 from gaussian_trimmer.finding.visible_surface import NothingShowsError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning.storey import find_storey
+from gaussian_trimmer.planning.up_vector import up_from_layers
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -41,6 +42,24 @@ def test_the_storey_turns_and_scales_with_the_scene():
     scene = concatenate([room.floor(), ceiling(2.6), *furniture()])
     larger = scene.replace(means=100 * scene.means, log_scales=scene.log_scales + np.float32(np.log(100)))
     assert find_storey(larger, UP).head_height == pytest.approx(130, abs=3)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_up_is_found_in_a_room_between_its_floor_and_ceiling(axis, sign):
+    """Turned by whole axes: the floor is the end that the furniture is near."""
+    scene = concatenate([room.floor(), ceiling(2.6), *furniture()])
+    to_axes = sign * np.roll(np.eye(3), axis - 2, axis=0)  # up becomes this axis
+    turned = toy.moved(scene, to_axes if np.linalg.det(to_axes) > 0 else to_axes @ np.diag([-1.0, 1, 1]))
+    found = up_from_layers(turned)
+    assert found.direction == pytest.approx(sign * np.eye(3)[axis])
+    assert found.source == "floor"
+
+
+def test_a_cloud_has_no_floor():
+    rng = np.random.default_rng(0)
+    flakes = toy.gaussians(rng.normal(size=(5000, 3)), (0.05, 0.05, 0.005), room.GREY)
+    assert up_from_layers(flakes.replace(quaternions=rng.normal(size=(5000, 4)).astype(np.float32))) is None
 
 
 def test_tiles_overlap_by_a_third_and_hold_as_many_as_asked():

@@ -26,6 +26,7 @@ from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
+from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.trimming.options import TrimOptions
 
@@ -95,10 +96,12 @@ class Objects:
         with found_files as part, progress_over_stages(console) as stage:
             stage("read")
             scene, cameras = self.inputs.read(self.options, console)
+            up = find_up(scene, cameras, self.options.config.up)
+            print_up(console, up)
             found = find_objects(
                 scene,
                 cameras=cameras,
-                up=self.options.config.up,
+                up=up,
                 config=self.find,
                 renderer=renderer,
                 segmenter=self.options.promptable_model(),
@@ -108,7 +111,6 @@ class Objects:
             write_found(found, part, renderer, command=self._next_command(), names=names)
             if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
                 write_manifest([self._batch_row(sure, folder)], part / "batch.csv")
-        print_up(console, found.up)
         _print_found(console, found, names)
         console.print(
             f"{folder}: {sum(one.sure for one in found)} objects, and "

@@ -16,7 +16,6 @@ from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge, judge_s
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
-from gaussian_trimmer.finding.storey import find_storey
 from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile, plan_tiles
 from gaussian_trimmer.finding.visible_surface import (
     Look,
@@ -34,6 +33,7 @@ from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray,
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.planning.storey import find_storey
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Viewpoint
@@ -72,7 +72,8 @@ def find_objects(
     Args:
         scene: all N Gaussians.
         cameras: the cameras that the scene was trained with, if known. Large captures are looked at without them.
-        up: the up vector in the scene's coordinates, if known: three numbers, or an axis, "z" or "-y".
+        up: the up vector in the scene's coordinates, if known: three numbers, an axis, "z" or "-y", or as `find_up`
+            returns it.
         config: what counts as an object; the usual, if not given.
         renderer: a renderer, or the name of one.
         segmenter: a model that draws masks for clicks, such as `SamSegmenter`. Things that touch are likelier one where

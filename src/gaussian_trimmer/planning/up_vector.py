@@ -10,6 +10,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
+from gaussian_trimmer.planning.storey import find_storey
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
 """Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
@@ -21,6 +22,14 @@ _MAX_ROLL = 0.05
 """Largest scatter of the right axes out of their plane, relative to that turn."""
 _MIN_AGREEMENT = 0.5
 """Smallest length of the mean of the cameras' unit up axes at which it is used."""
+
+# Layers
+_LAYER_SAMPLE_SIZE = 200_000
+_MIN_LEAD = 0.6
+"""Confidence, one less the area of the largest level layer along another axis relative to it, from which on one is a
+floor."""
+_MIN_FLOOR = 0.05
+"""Share of the plan that a floor covers at least."""
 
 # Ground plane
 _SAMPLE_SIZE = 20_000
@@ -53,7 +62,7 @@ class UpVector:
     direction: Float64Array
     """Unit vector in the world, (3,)."""
     source: str
-    """One of: given, camera file, camera axes, mean camera up, ground plane, default."""
+    """One of: given, camera file, camera axes, mean camera up, ground plane, floor, default."""
     confidence: float
     """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane."""
 
@@ -65,27 +74,29 @@ KNOWN_SOURCES = ("given", "camera file", "camera axes")
 def find_up(
     gaussians: Gaussians,
     cameras: CameraSet | None = None,
-    given: str | Sequence[float] | Float64Array | None = None,
+    given: str | Sequence[float] | Float64Array | UpVector | None = None,
     object_rows: BoolArray | None = None,
 ) -> UpVector:
     """The up vector from the best source there is.
 
     In order of preference: the given vector, the one that the camera file states, the cameras' axes, the plane that the
-    scene or the object stands on, and -y with confidence 0.
+    scene or the object stands on, the axis along which the floor of a room lies, and -y with confidence 0.
 
     Args:
-        given: any non-zero vector (3,), or an axis, "z" or "-y".
+        given: any non-zero vector (3,), an axis, "z" or "-y", or what was found before.
         object_rows: the Gaussians of the object, (N,), whose support plane is then searched.
 
     Raises:
         InputError: the given vector is neither an axis nor three finite numbers that are not all zero.
     """
+    if isinstance(given, UpVector):
+        return given
     if given is not None:
         return UpVector(unit_up(vector_of_up(given)), "given", 1.0)
     if cameras is not None and cameras.up is not None:
         return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
-    found = found or up_from_ground_plane(gaussians, object_rows)
+    found = found or up_from_ground_plane(gaussians, object_rows) or up_from_layers(gaussians)
     return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
 
 
@@ -112,6 +123,22 @@ def up_from_cameras(cameras: Sequence[Camera]) -> UpVector | None:
         # A camera always agrees with itself, so a single one is no more than a guess.
         return UpVector(mean_up / agreement, "mean camera up", agreement * (1 - 1 / len(axes)))
     return None
+
+
+def up_from_layers(gaussians: Gaussians) -> UpVector | None:
+    """Return the axis along which flat level Gaussians cover by far the largest area in one layer, or None.
+
+    Walls are many and narrow, a floor is one and wide, however few Gaussians it has. Below a ceiling, the floor is the
+    end that tables and seats are near; without one, more lies above it.
+    """
+    sample = gaussians.select(np.arange(0, len(gaussians), 1 + len(gaussians) // _LAYER_SAMPLE_SIZE))
+    found = [find_storey(sample, axis) for axis in np.eye(3)]
+    areas = np.array([storey.area for storey in found])
+    best = int(np.argmax(areas))
+    lead = 1 - float(np.delete(areas, best).max() / max(areas[best], 1e-30))
+    if lead < _MIN_LEAD or found[best].share < _MIN_FLOOR:
+        return None
+    return UpVector(np.eye(3)[best] * (1.0 if found[best].is_upright else -1.0), "floor", lead)
 
 
 def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = None) -> UpVector | None:

@@ -1,4 +1,4 @@
-"""The floor of a capture and, indoors, the height at which the ceiling is cut away to look in from above."""
+"""The floor and ceiling of a capture: horizontal layers that cover its plan."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ class Storey:
     floor: float
     ceiling: float | None
     """None outdoors, and where the ceiling was not captured."""
+    area: float
+    """Area of the plan that the larger of both covers, in square scene units."""
+    share: float
+    """That area, relative to the square of the plan's longer side."""
+    is_upright: bool
+    """Whether more of what lies level is above the floor or, below a ceiling, in the lower half: tables and seats."""
 
     @property
     def head_height(self) -> float:
@@ -48,20 +54,24 @@ def find_storey(scene: Gaussians, up: Float64Array) -> Storey:
     points = scene.means.astype(np.float64) @ axes.T  # (N, 3), heights last
     rows = np.flatnonzero(_is_horizontal(scene, axes[2]))
     if not len(rows):
-        return Storey(float(np.percentile(points[:, 2], _END_PERCENTILES[0])), None)
+        return Storey(float(np.percentile(points[:, 2], _END_PERCENTILES[0])), None, 0.0, 0.0, True)
     low, high = np.percentile(points[:, 2], _END_PERCENTILES)
     bin_height = max(float(high - low), 1e-9) / (_BINS - 2 * _LAYER_BINS)
     low -= _LAYER_BINS * bin_height  # what lies in the lowest and the highest layer is spread around their heights
-    covered = _covered_cells(points[rows], float(low), bin_height)
+    covered, cell = _covered_cells(points[rows], float(low), bin_height)
     first = int(np.argmax(covered))
-    others = covered.copy()
-    margin = int(_MIN_STOREY * _BINS)
+    others, margin = covered.copy(), int(_MIN_STOREY * _BINS)
     others[max(0, first - margin) : first + margin + 1] = 0
     second = int(np.argmax(others))
-    heights = [float(low + (place + 0.5) * bin_height) for place in sorted((first, second))]
+    found = float(covered[first]) * cell**2, float(covered[first]) / _CELLS**2
+    floor, ceiling = (float(low + (place + 0.5) * bin_height) for place in sorted((first, second)))
     if others[second] < _CEILING_SHARE * covered[first]:
-        return Storey(float(low + (first + 0.5) * bin_height), None)
-    return Storey(heights[0], heights[1])
+        upright = others[first:].sum() >= others[:first].sum()
+        return Storey(float(low + (first + 0.5) * bin_height), None, *found, bool(upright))
+    others[max(0, second - margin) : second + margin + 1] = 0
+    middle = (first + second) // 2
+    upright = others[min(first, second) : middle].sum() >= others[middle : max(first, second)].sum()
+    return Storey(floor, ceiling, *found, bool(upright))
 
 
 def _is_horizontal(scene: Gaussians, up: Float64Array) -> BoolArray:
@@ -73,8 +83,8 @@ def _is_horizontal(scene: Gaussians, up: Float64Array) -> BoolArray:
     return np.asarray(is_flat & (np.abs(normals @ up) > _MAX_TILT_COSINE))
 
 
-def _covered_cells(points: Float64Array, low: float, bin_height: float) -> IntArray:
-    """Count the cells of the plan that each layer covers, (bins,)."""
+def _covered_cells(points: Float64Array, low: float, bin_height: float) -> tuple[IntArray, float]:
+    """Count the cells of the plan that each layer covers, (bins,), and return the side of a cell."""
     bins = np.floor((points[:, 2] - low) / bin_height).astype(np.int64)
     left, right = np.percentile(points[:, :2], [2, 98], axis=0)
     cell = max(float((right - left).max()), 1e-9) / _CELLS
@@ -87,4 +97,4 @@ def _covered_cells(points: Float64Array, low: float, bin_height: float) -> IntAr
     for shift in range(1, half + 1):
         layers[shift:] |= filled[:-shift]
         layers[:-shift] |= filled[shift:]
-    return np.asarray(layers.sum(axis=(1, 2)))
+    return np.asarray(layers.sum(axis=(1, 2))), cell
