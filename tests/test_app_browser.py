@@ -117,6 +117,11 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     marked(tab, lighthouse)
     tinted = tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() > 25)
 
+    tab.page.keyboard.press("t")
+    tab.page.locator("[role=status]").get_by_text("Cancel").click()
+    tab.wait("Cancelled")
+    assert session.now.object.fresh is None
+
     tab.page.keyboard.press("x")  # the box hides nothing behind it
     until(lambda: panels.tool.value == "3D box", "the box")
     finish(app)
@@ -160,6 +165,10 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     tab.write("Folder", str(tmp_path / "by app"))
     tab.press("Save in this folder")
     tab.wait("Saved in")
+    line, picture = (tab.page.locator(which).first.bounding_box() for which in ("[role=status]", "canvas"))
+    assert line["x"] < picture["x"] + 40 and line["x"] + line["width"] < picture["x"] + picture["width"]
+    assert picture["height"] - 40 < line["y"] + line["height"] < picture["height"]  # it is never scrolled away
+    assert tab.page.locator("[role=status] button").text_content() == str(tmp_path / "by app")
     command = tab.page.locator("textarea").first.input_value()
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0

@@ -71,7 +71,7 @@ def open_scene(app, path, camera_path=""):
 
 
 def mark(app, *marks, event=Event.MARKED):
-    app.jobs.do("Marking", lambda: app.session.do(edits.mark, *marks), None, event)
+    app.jobs.do("Marking", lambda: app.session.do(edits.mark, *marks), event)
     finish(app)
 
 
@@ -145,7 +145,7 @@ def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(app, f
     act(app.cut_out)
     first = session.now.object.fresh
     act(app.change_objects, "New")
-    follow, app.jobs._follow = app.jobs._follow, lambda client: None  # the program ends before it comes to it
+    follow, app.jobs._follow = app.jobs._follow, lambda: None  # the program ends before it comes to it
     try:
         for _ in range(2):
             open_scene(app, folder / "scene.ply", folder / "cameras.json")

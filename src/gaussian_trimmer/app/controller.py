@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app import edits, files, panels
+from gaussian_trimmer.app import edits, files, gestures, panels
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
 from gaussian_trimmer.app.keys import Binding, bind_keys, help_text
 from gaussian_trimmer.app.project import is_project
@@ -45,12 +45,12 @@ class Controller:
 
     def cut_out(self, client: Any = None) -> None:
         """Trim the active object and show it alone."""
-        self.jobs.do("Cutting out", self._cut_out, client, Event.CUT_OUT)
+        self.jobs.do("Cutting out", self._cut_out, Event.CUT_OUT)
 
     def find_objects(self, client: Any = None) -> None:
         """Add every object that is found without a mark."""
         stages = self.jobs.stages(_STAGES_OF_FINDING, "Finding objects: ")
-        self.jobs.do("Finding objects", lambda: self.session.do(edits.find, progress=stages), client, Event.OPENED)
+        self.jobs.do("Finding objects", lambda: self.session.do(edits.find, progress=stages), Event.OPENED)
 
     def load(self, path: Path | None, client: Any = None) -> None:
         """Replace the marks of the active object by those of a file."""
@@ -60,14 +60,14 @@ class Controller:
                 raise InputError("Give the path of a selection file first.")
             return self.session.do(edits.load, path)
 
-        self.jobs.do("Loading", work, client, Event.OPENED)
+        self.jobs.do("Loading", work, Event.OPENED)
 
     def step(self, name: str, client: Any = None) -> None:
         """Undo, redo, or clear."""
         steps = {
             "Undo": self.session.undo, "Redo": self.session.redo, "Clear": lambda: self.session.do(edits.clear),
         }  # fmt: skip
-        self.jobs.do(name, steps[name], client, Event.STEPPED)
+        self.jobs.do(name, steps[name], Event.STEPPED)
 
     def show_part(self, part: str, client: Any = None) -> None:
         """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet."""
@@ -79,11 +79,11 @@ class Controller:
                 return self._cut_out()
             return self.panels.status_text
 
-        self.jobs.do("Showing", work, client, Event.PART_CHOSEN)
+        self.jobs.do("Showing", work, Event.PART_CHOSEN)
 
     def change_objects(self, name: str, client: Any = None) -> None:
         """Add an object, delete the active one, or show all."""
-        self.jobs.do("Changing", lambda: self.session.do(_OBJECT_EDITS[name]), client, Event.STEPPED)
+        self.jobs.do("Changing", lambda: self.session.do(_OBJECT_EDITS[name]), Event.STEPPED)
 
     def hide(self, client: Any = None) -> None:
         """Hide the active object, or show it again."""
@@ -103,17 +103,17 @@ class Controller:
                 self._view.look(client, *look_at_points(now.document.scene.means[rows], forward))
             return self.panels.status_text
 
-        self.jobs.do("Looking", work, client)
+        self.jobs.do("Looking", work)
 
     def switch_wipe(self, client: Any) -> None:
         """Compare what is shown with its other state, or show one state again."""
         on = self._presenter.wipe is None
-        self.jobs.do("Comparing", lambda: self._presenter.begin_wipe() if on else self.session.now.sentence, client)
+        self.jobs.do("Comparing", lambda: self._presenter.begin_wipe() if on else self.session.now.sentence)
 
     def choose_next(self, choice: Any, client: Any = None) -> None:
         """Take the next option of a choice."""
         choice.value = choice.options[(choice.options.index(choice.value) + 1) % len(choice.options)]
-        self.jobs.do("Showing", lambda: self.panels.status_text, client)
+        self.jobs.do("Showing", lambda: self.panels.status_text)
 
     def save(self, client: Any = None, *, together: bool = False) -> None:
         """Save the cut-out in the folder that the panel names, or all objects, trimmed together."""
@@ -124,13 +124,13 @@ class Controller:
             self.panels.show_command(command)
             return sentence
 
-        self.jobs.do("Saving", work, client)
+        self.jobs.do("Saving", work)
 
     def download(self, client: Any) -> None:
         """Send what the panel names to a tab."""
         controls = self.panels
         what, upright = controls.download.value, controls.placed[panels.UPRIGHT]
-        self.jobs.do("Saving", lambda: self._files.download(what, controls.ending, client, upright=upright), client)
+        self.jobs.do("Saving", lambda: self._files.download(what, controls.ending, client, upright=upright))
 
     def describe(self) -> None:
         """Give the active object the name and colour that somebody has just entered, if they can be given."""
@@ -157,7 +157,7 @@ class Controller:
             if as_scene is not None:
                 self._take(name, content, client, as_scene=as_scene)
 
-        answers = {"A scene to open": True, "A selection of the open scene": False, panels.CANCEL: None}
+        answers = {"A scene to open": True, "A selection of the open scene": False, gestures.CANCEL: None}
         with question:
             for label, as_scene in answers.items():
                 client.gui.add_button(label).on_click(partial(answer, as_scene))
@@ -169,7 +169,7 @@ class Controller:
             if as_scene is None:
                 as_scene = is_project(path) or formats.has_splats(path)
         except InputError as error:
-            self.jobs.complain(str(error), client)
+            self.panels.say(str(error), wrong=True)
             return
         if path.name in files.CAMERA_NAMES:
             self.panels.camera_path.value = str(path)
@@ -200,7 +200,7 @@ class Controller:
             room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
             return f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
 
-        self.jobs.do("Opening", work, client, Event.OPENED)
+        self.jobs.do("Opening", work, Event.OPENED)
 
     def _cut_out(self) -> str:
         stages = self.jobs.stages(STAGES_OF_A_TRIM, "Cutting out: ")
@@ -214,7 +214,7 @@ class Controller:
                 raise InputError("Give the path of the cameras first.")
             return self.session.do(edits.use_cameras, path)
 
-        self.jobs.do("Reading the cameras", work, client, Event.STEPPED)
+        self.jobs.do("Reading the cameras", work, Event.STEPPED)
 
     def _set_up(self, client: Any) -> None:
         given = panels.UPS[self.panels.up.value]
@@ -224,16 +224,16 @@ class Controller:
             self._look_from_start()
             return sentence
 
-        self.jobs.do("Turning", work, client, Event.STEPPED)
+        self.jobs.do("Turning", work, Event.STEPPED)
 
     def _keep_object(self, client: Any) -> None:
         hidden, locked = (self.panels.kept[option] for option in ("Hidden", "Locked"))
-        self.jobs.do("Changing", lambda: self.session.do(edits.keep_object, hidden=hidden, locked=locked), client)
+        self.jobs.do("Changing", lambda: self.session.do(edits.keep_object, hidden=hidden, locked=locked))
 
     def _activate(self, client: Any) -> None:
         number = int(self.panels.active.value.partition(":")[0])
         work = partial(self.session.do, edits.activate, number, joined=True)
-        self.jobs.do("Choosing", work, client, Event.STEPPED)
+        self.jobs.do("Choosing", work, Event.STEPPED)
 
     def _first_look(self) -> tuple[Point, Point]:
         document = self.session.document
@@ -254,7 +254,7 @@ class Controller:
 
         connect(controls.open, self.open)
         connect(controls.use_cameras, self._use_cameras)
-        connect(controls.save_project, lambda tab: do("Saving", lambda: self._files.download_project(tab), tab))
+        connect(controls.save_project, lambda tab: do("Saving", lambda: self._files.download_project(tab)))
         connect(controls.up, self._set_up)
         connect(controls.history, lambda tab: self.step(controls.history.value, tab))
         connect(controls.load, lambda tab: self.load(files.path_of(controls.selection_path.value), tab))
@@ -269,13 +269,12 @@ class Controller:
         connect(controls.part, lambda tab: self.show_part(controls.part.value, tab))
         connect(controls.compare, self.switch_wipe)
         for choice in (controls.when, controls.colours, controls.backdrop, controls.overlays):
-            connect(choice, lambda tab: do("Showing", lambda: controls.status_text, tab))
+            connect(choice, lambda tab: do("Showing", lambda: controls.status_text))
         for control in (controls.name, controls.colour):
             control.on_update(lambda event: self.describe() if event.client is not None else None)
         controls.upload.on_upload(
             lambda event: self.receive(event.target.value.name, event.target.value.content, event.client)
         )
-        controls.cancel.on_click(lambda event: self.jobs.worker.cancel())
 
     def _bindings(self) -> list[Binding]:
         """Return what the keys do."""

@@ -188,8 +188,8 @@ def save(
             file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"
             write_marks(replace(now.basis, marks=part.marks), results / file)
     if together:
-        return f"{len(parts)} objects saved in {target.folder}.", ""
-    return f"Saved in {target.folder}.", command_for(now, target)
+        return f"{len(parts)} objects saved in '{target.folder}'.", ""
+    return f"Saved in '{target.folder}'.", command_for(now, target)
 
 
 def command_for(now: Snapshot, target: Target) -> str:

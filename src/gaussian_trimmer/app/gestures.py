@@ -19,8 +19,8 @@ _SCRIPT = Path(__file__).with_name("page.js")
 _EFFECTS: dict[str, Effect] = {"shift": "add", "ctrl": "remove", "both": "intersect"}
 """What keys that are held make of a mark."""
 _MOST_CHARACTERS = 200_000
-STILL_TAKEN, SMALLER, LARGER = "Still taken", "[", "]"
-"""In place of a tool: the page has its picture; the brush is to be smaller, or larger."""
+STILL_TAKEN, CANCEL, SMALLER, LARGER = "Still taken", "Cancel", "[", "]"
+"""In place of a tool: the page has its picture; the job is to stop; the brush is to be smaller, or larger."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Gesture:
 
 
 class GestureChannel:
-    """The page's script, what it has to know, and the hidden field through which it answers."""
+    """The page's script, what it has to know and show, and the hidden field through which it answers."""
 
     def __init__(self, gui: Any, heard: Callable[[Gesture, Any], None]) -> None:
         """Call a function with each gesture, and the tab in which it was made."""
@@ -53,11 +53,24 @@ class GestureChannel:
 
         field.on_update(answer)
         self._tool, self._still, self._stills = "data-tool='Look' data-radius='0'", "", 0
+        self._status = ""
         self._tell()
 
     def show(self, tool: str, radius: float) -> None:
         """Tell the page the tool, and the brush's radius in pixels."""
         self._tool = f"data-tool='{html.escape(tool)}' data-radius='{radius:g}'"
+        self._tell()
+
+    def show_status(self, text: str, share: float | None = None, *, wrong: bool = False) -> None:
+        """Have the page show a sentence over the picture, with a bar and Cancel while something is going on.
+
+        Args:
+            text: the sentence; a path in single quotes can be copied.
+            share: how far what is going on is, 0 to 1; None: nothing is.
+            wrong: it says why something was not done.
+        """
+        progress = "" if share is None else f" data-share='{share:.2f}'"
+        self._status = f" data-said='{html.escape(text)}'{progress}" + wrong * " data-wrong='yes'"
         self._tell()
 
     def compare(self, comparison: Comparison | None) -> None:
@@ -70,7 +83,7 @@ class GestureChannel:
         self._tell()
 
     def _tell(self) -> None:
-        self._state.content = f"<span {self._tool}{self._still}></span>"
+        self._state.content = f"<span {self._tool}{self._still}{self._status}></span>"
 
 
 def parse_gesture(text: str) -> Gesture | None:

@@ -13,7 +13,7 @@ from typing import Any
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.app.files import Files
-from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture, GestureChannel
+from gaussian_trimmer.app.gestures import CANCEL, STILL_TAKEN, Gesture, GestureChannel
 from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
@@ -37,9 +37,9 @@ class Jobs:
         self.server, self.worker = server, Worker()
         self.session = Session(self.worker.cancelled)
         self.files = Files(self.session, state)
-        self.panels = Panels(server.gui, *offered)
-        self.view = SceneView(server)
         self.channel = GestureChannel(server.gui, self._heard)
+        self.panels = Panels(server.gui, self.channel, *offered)
+        self.view = SceneView(server)
         self.presenter = Presenter(self.session, self.panels, self.view, self.channel, most)
         self.made_gesture: Callable[[Gesture, Any], None] = lambda gesture, client: None
         """Called with what is done in the 3D view, and in which tab."""
@@ -48,12 +48,12 @@ class Jobs:
         self.presenter.refresh()
         server.on_client_connect(self._welcome)
 
-    def do(self, name: str, work: Callable[[], str], client: Any = None, event: Event | None = None) -> None:
+    def do(self, name: str, work: Callable[[], str], event: Event | None = None) -> None:
         """Have something done in the worker's thread, show its sentence and, after success, what an event shows."""
 
         def job() -> None:
-            self._job(name, work, client, event)
-            self._follow(client)
+            self._job(name, work, event)
+            self._follow()
 
         self.worker.submit(job)
 
@@ -62,13 +62,10 @@ class Jobs:
         if self._rest is not None:
             self._rest.cancel()
         self.worker.stop()
-        self.panels.busy("", 0)
-        self.panels.say(PROGRAM_ENDED)
-        for client in self.server.get_clients().values():
-            client.add_notification("The program has ended", PROGRAM_ENDED, color="red", auto_close_seconds=None)
+        self.panels.say(PROGRAM_ENDED, wrong=True)
         self.server.flush()
 
-    def _job(self, name: str, work: Callable[[], str], client: Any, event: Event | None) -> None:
+    def _job(self, name: str, work: Callable[[], str], event: Event | None) -> None:
         """Do some work, and show its sentence and, if it succeeds, what is to be seen after an event."""
         self.panels.busy(name, 0)
         self.presenter.end_wipe()
@@ -91,12 +88,9 @@ class Jobs:
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
             text = f"This is a defect of the program ({type(error).__name__}: {error}); everything is as it was."
-        self.panels.busy("", 0)
-        self.panels.say(text)
-        if wrong:
-            self.complain(text, client)
+        self.panels.say(text, wrong=wrong)
 
-    def _follow(self, client: Any) -> None:
+    def _follow(self) -> None:
         """Cut out again what is due; whatever else is done goes first, and then it is still due."""
         if self.due is Due.NOTHING:
             return
@@ -113,13 +107,7 @@ class Jobs:
                 if self.worker.stop_asked_by is not Stop.NEXT_JOB:  # otherwise it is tried once
                     self.due = Due.NOTHING
 
-        job = partial(self._job, "Cutting out again", work, client, None)
-        self.worker.submit_if_idle(job)
-
-    def complain(self, text: str, client: Any) -> None:
-        """Show a message in the tab that it concerns, or in all."""
-        for tab in [client] if client is not None else self.server.get_clients().values():
-            tab.add_notification("Not done", text, color="red", auto_close_seconds=12.0)
+        self.worker.submit_if_idle(partial(self._job, "Cutting out again", work, None))
 
     def _welcome(self, client: Any) -> None:
         """Tell a second tab that it is one, and refine what a tab sees when its view rests."""
@@ -132,13 +120,15 @@ class Jobs:
         """Do what the page has said."""
         if gesture.tool == STILL_TAKEN:
             self.worker.submit(self.presenter.show_other_state)
+        elif gesture.tool == CANCEL:
+            self.worker.cancel()
         else:
             self.made_gesture(gesture, client)
 
     def _moved(self, client: Any) -> None:
         """End a comparison, and refine what a tab sees once its view rests."""
         if self.presenter.wipe is not None:
-            self.do("Showing", lambda: self.session.now.sentence, client)
+            self.do("Showing", lambda: self.session.now.sentence)
         if self._rest is not None:
             self._rest.cancel()
         look = partial(self.worker.submit_if_idle, lambda: self._refine(client))

@@ -1,6 +1,6 @@
-// What the page itself does for the tools: it draws the brush's ring, the lasso and the box while they are used, tells the
-// program what was drawn, compares two states by a line to drag, and takes files that are dropped. Everything is said
-// through one hidden text field.
+// What the page itself does: it draws the brush's ring, the lasso and the box while they are used, tells the program what
+// was drawn, shows what goes on in a line over the picture, compares two states by a line to drag, and takes files that
+// are dropped. Everything is said through one hidden text field.
 (() => {
   const CHANNEL = "gesture:";
   const FREE_PIXELS = 12; // a press that moves less is a click
@@ -55,6 +55,43 @@
     input.dispatchEvent(new Event("input", { bubbles: true }));
   }
 
+  // The status line, over the picture at its lower left: what is going on, with a bar and Cancel, or what was done.
+  const styled = (parent, name, style) => {
+    const element = parent.appendChild(document.createElement(name));
+    element.setAttribute("style", style);
+    return element;
+  };
+  const BUTTON = "pointer-events:auto;cursor:pointer;font:inherit;color:#fff;background:#444;border:0;border-radius:4px;";
+  const status = styled(document.body, "div", "");
+  status.setAttribute("role", "status");
+  page.signal.addEventListener("abort", () => status.remove());
+
+  function showStatus() {
+    const { said, share, wrong } = state();
+    const box = document.querySelector("canvas")?.getBoundingClientRect();
+    const shown = [said, share, wrong, box?.left, box?.right].join("|");
+    if (!said || !box || status.shown === shown) return;
+    status.shown = shown;
+    const look =
+      `position:fixed;z-index:40;pointer-events:none;bottom:12px;left:${box.left + 12}px;box-sizing:border-box;` +
+      `max-width:min(36rem,${box.width - 24}px);padding:8px 12px;border-radius:6px;font:13px/1.4 sans-serif;color:#fff;` +
+      `overflow-wrap:anywhere;background:rgba(32,32,32,.88);border-left:4px solid `;
+    status.setAttribute("style", look + (wrong ? "#e03131" : share ? "#1c7ed6" : "#2f9e44"));
+    status.replaceChildren();
+    said.split(/'([^']*[/\\][^']*)'/).forEach((text, i) => {
+      if (i % 2 === 0) return status.append(text);
+      const path = styled(status, "button", `${BUTTON}padding:0 4px`);
+      [path.textContent, path.title] = [text, "Copy this path"];
+      path.onclick = () => navigator.clipboard?.writeText(text).then(() => (path.title = "Copied"));
+    });
+    if (share === undefined) return;
+    const cancel = styled(status, "button", `${BUTTON}background:#c92a2a;margin-left:12px;padding:1px 8px`);
+    cancel.textContent = "Cancel";
+    cancel.onclick = () => say("Cancel", [], {});
+    const bar = styled(status, "div", "height:4px;margin-top:6px;border-radius:2px;background:#555");
+    styled(bar, "div", `height:4px;border-radius:2px;background:#1c7ed6;width:${100 * share}%`);
+  }
+
   // Comparing: a picture of what was shown lies over one side of the line, and the 3D view shows the other state.
   const wipe = { line: shape("line", { stroke: "#fff", "stroke-width": 2 }), names: [], share: 0.5 };
   wipe.grip = shape("circle", { r: 11, fill: "#fff", stroke: "#000", "stroke-opacity": 0.4 });
@@ -104,8 +141,10 @@
     }
     drawWipe();
   }
-  const watch = new MutationObserver(followWipe);
-  watch.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-number"] });
+  const follow = () => (followWipe(), showStatus());
+  const watch = new MutationObserver(follow);
+  const attributeFilter = ["data-number", "data-said", "data-share", "data-wrong"];
+  watch.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter });
   page.signal.addEventListener("abort", () => (watch.disconnect(), wipe.still?.remove()));
 
   function dragWipe(event) {
@@ -185,7 +224,7 @@
   });
 
   listen("dblclick", (event) => active === "Polygon" && drawn.length > 2 && finish("Polygon", event));
-  listen("resize", drawWipe);
+  listen("resize", () => (drawWipe(), showStatus()));
   listen("contextmenu", (event) => event.target instanceof HTMLCanvasElement && event.preventDefault());
 
   const cancelOfQuestion = () =>
@@ -207,6 +246,7 @@
     draw(null);
   });
   drawWipe();
+  showStatus();
 
   const upload = () => document.querySelector('input[type="file"]');
   listen("dragover", (event) => event.dataTransfer.types.includes("Files") && event.preventDefault());

@@ -12,6 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app.buttons import Choice, Switches
 from gaussian_trimmer.app.edits import describe_up
 from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
+from gaussian_trimmer.app.gestures import GestureChannel
 from gaussian_trimmer.app.showing import Colouring, Part, Showing, When
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.io.names import safe_file_name
@@ -42,7 +43,6 @@ AS_SCENE = "as the scene"
 WIPE = "Wipe"
 VIEWS, ARROW = "Virtual cameras", "Up arrow"
 UPRIGHT = "Upright at the origin"
-CANCEL = "Cancel"
 KEEP, REPLACE = "Keep", "Replace"
 _TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
 _CLEAN_BACKGROUND, _CONTINUE_SURFACE = "Clean the background", "Continue the surface"
@@ -66,16 +66,14 @@ PROGRAM_ENDED = (
 class Panels:
     """All controls, made once and shared by all tabs."""
 
-    def __init__(self, gui: Any, path: str, camera_path: str) -> None:
+    def __init__(self, gui: Any, channel: GestureChannel, path: str, camera_path: str) -> None:
         self.status_text = _WELCOME
-        """The sentence at the top while nothing is going on."""
-        self._offered = ""
-        self.status = gui.add_html("")
+        """The sentence over the picture while nothing is going on."""
+        self._channel, self._offered = channel, ""
         self._make_tools(gui)
         self.cut_out = gui.add_button("Cut out", icon="cut", color="green", hint="Trim the object and show it alone.")
         self._make_views(gui)
         self.history = gui.add_button_group("History", ("Undo", "Redo", "Clear"))
-        self.cancel = gui.add_button(CANCEL, color="red", disabled=True)
         tabs = gui.add_tab_group()
         with tabs.add_tab("File"):
             self._make_files(gui, path, camera_path)
@@ -129,16 +127,14 @@ class Panels:
         self.folder.value = self.selection_path.value = ""
         self.show_command("")
 
-    def say(self, text: str) -> None:
-        """Show a sentence at the top."""
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """Show a sentence over the picture, now that nothing is going on."""
         self.status_text = text
-        self._show_status(text)
+        self._channel.show_status(text, wrong=wrong)
 
     def busy(self, doing: str, share: float) -> None:
-        """Show what is being done, and how far it is, 0 to 1; nothing if it is empty."""
-        self.cancel.disabled = not doing
-        if doing:
-            self._show_status(f"{doing} ...", share)
+        """Show what is being done, and how far it is, 0 to 1."""
+        self._channel.show_status(f"{doing} ...", share)
 
     def refresh(self, now: Snapshot) -> None:
         """Show the names, numbers and settings of a state."""
@@ -156,7 +152,6 @@ class Panels:
         ]
         self.counts.content = "\n".join(["| object | marks | selected | cut out |", "|---|---|---|---|", *rows])
         self.up_text.content = describe_up(now.up)
-        self.summary.content = escaped(part.summary)
         stem = now.document.path.name.split(".")[0]
         offered = str(Path("trimmed") / (stem if len(now.objects) == 1 else f"{stem}-{safe_file_name(part.name)}"))
         if self.folder.value in ("", self._offered):  # otherwise somebody has chosen another one
@@ -165,7 +160,7 @@ class Panels:
 
     def show_tool(self, tool: str) -> None:
         """Show the controls and the hint of a tool."""
-        self.tool.value, self.hint.content = tool, _text(_HINTS[tool], 2.8)
+        self.tool.value, self.hint.content = tool, _text(_HINTS[tool])
         self.brush.visible = tool == BRUSH
         self.reach.visible = tool in (LASSO, POLYGON, BRUSH)
         self.box_size.visible = self.box_apply.visible = tool == BOX3D
@@ -174,18 +169,10 @@ class Panels:
         """Show the command that makes what was saved again, as text to copy; nothing if it is empty."""
         self.command.value, self.command.visible = command, bool(command)
 
-    def _show_status(self, text: str, share: float | None = None) -> None:
-        """Show a text, and a bar below it, in a box whose size does not change."""
-        width = 0 if share is None else 100 * share
-        self.status.content = (
-            f'{_text(text, 4.2)}<div style="height:4px;margin:0.2em 0.9em"><div'
-            f' style="height:4px;background:#2f9e44;width:{width:.0f}%"></div></div>'
-        )
-
     def _make_tools(self, gui: Any) -> None:
         self.tool = Choice(gui, "Tool", TOOLS)
         self.effect = Choice(gui, "Mode", tuple(EFFECTS))
-        self.hint = gui.add_html(_text(_HINTS[LOOK], 2.8))
+        self.hint = gui.add_html(_text(_HINTS[LOOK]))
         self.brush = gui.add_slider("Brush radius", 3, 200, 1, 24, visible=False)
         self.reach = Choice(gui, "Reach", (SURFACE, THROUGH), visible=False)
         self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
@@ -228,7 +215,6 @@ class Panels:
     def _make_options(self, gui: Any) -> None:
         options = (_TAKE_ATTACHED, _FIT_OUTLINE, _CLEAN_BACKGROUND, _CONTINUE_SURFACE)
         self.options = Switches(gui, "Cutting out", options, options)
-        self.summary = gui.add_markdown("")
         self.overlays = Switches(gui, "Also show", (VIEWS, ARROW))
 
     def _make_save(self, gui: Any) -> None:
@@ -244,9 +230,9 @@ class Panels:
         self.command = gui.add_text("The same by command", "", multiline=True, visible=False)
 
 
-def _text(text: str, height: float) -> str:
-    """Return a text in a box of a fixed height in em, so that what stands below does not move with its length."""
-    style = f"height:{height}em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
+def _text(text: str) -> str:
+    """Return a text in a box of a fixed height, so that what stands below does not move with its length."""
+    style = "height:2.8em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
     return f'<div style="{style}">{html.escape(text)}</div>'
 
 

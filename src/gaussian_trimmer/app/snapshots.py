@@ -134,8 +134,11 @@ class MarkedObject:
         if result.refused:
             return f"Not cut out: {result.refused}; the selection stays as it is."
         rejected = sum(bool(view.rejected) for view in result.views)
-        doubt = f" {rejected} of {len(result.views)} views were rejected; see 'Virtual cameras'." if rejected else ""
-        return " ".join([f"{self.name} is cut out: {len(result.object):,} Gaussians.{doubt}", *result.warnings])
+        doubt = (
+            f"It could not be checked from {rejected} of {len(result.views)} sides; turn there and look for remains."
+        )
+        said = [f"{self.name} is cut out: {len(result.object):,} Gaussians.", *[doubt] * (rejected > 0)]
+        return " ".join([*said, *result.warnings])
 
     def marked(self, marks: tuple[Mark, ...], selected: SelectionState, *, further: bool = False) -> MarkedObject:
         """Return the object with other marks; with further ones, its cut-out is stale and still to be seen."""

@@ -47,8 +47,8 @@ from gaussian_trimmer.selecting.row_packing import pack_rows
 class Do(Protocol):
     """Has something done in the worker's thread."""
 
-    def __call__(self, name: str, work: Callable[[], str], client: Any = None, event: Event | None = None) -> None:
-        """Do some work for a tab; if it succeeds, show what is to be seen after an event."""
+    def __call__(self, name: str, work: Callable[[], str], event: Event | None = None) -> None:
+        """Do some work; if it succeeds, show what is to be seen after an event."""
 
 
 _SCREEN_MIDDLE = (0.5, 0.5)
@@ -81,7 +81,7 @@ class Tools:
     def choose(self, tool: str, client: Any) -> None:
         """Take another tool."""
         self._panels.show_tool(tool)
-        self._do(tool, lambda: self.begin(tool, client), client)
+        self._do(tool, lambda: self.begin(tool, client))
 
     def viewpoint(self, client: Any) -> Viewpoint:
         """Return where a tab looks from."""
@@ -119,13 +119,13 @@ class Tools:
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
             view, event = self.viewpoint(client), None if gesture.tool == POINTS else Event.MARKED
-            self._do("Marking", lambda: work[gesture.tool](view, gesture), client, event)
+            self._do("Marking", lambda: work[gesture.tool](view, gesture), event)
 
     def change_selection(self, way: str, client: Any) -> None:
         """Let the selection grow or shrink, or invert it."""
         marks: dict[str, Mark] = {"Grow": Grow(_SPACINGS), "Shrink": Shrink(_SPACINGS)}
         work = (lambda: self._mark(marks[way])) if way in marks else lambda: self._session.do(edits.invert)
-        self._do(way, work, client, Event.MARKED)
+        self._do(way, work, Event.MARKED)
 
     def _tell_page(self) -> None:
         self._channel.show(self._panels.tool.value, self._panels.brush.value)
@@ -198,7 +198,7 @@ class Tools:
                 raise InputError("There is no box; choose the tool '3D box' first.")
             return self._mark(mark)
 
-        self._do("Marking", work, client, Event.MARKED)
+        self._do("Marking", work, Event.MARKED)
 
     def _mark(self, mark: Mark) -> str:
         sentence = self._session.do(edits.mark, mark, among=markable_rows(self._session.now, self._panels.showing))
