@@ -15,6 +15,7 @@ import toy
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.commands.console import PrintOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
 from gaussian_trimmer.commands.trimming import ResultOptions
@@ -352,7 +353,7 @@ def test_a_refused_trim_has_the_mask_of_the_selection():
 def test_saving_writes_what_the_command_writes(result, tmp_path):
     gt.write(SCENE, tmp_path / "scene.ply")
     np.save(tmp_path / "rough.npy", ROUGH)
-    options, results = TrimOptions(config=CONFIG), ResultOptions(quiet=True)
+    options, results = TrimOptions(config=CONFIG), ResultOptions(printing=PrintOptions(quiet=True))
     given = {"output": tmp_path / "command", "options": options, "results": results}
     Trim(SceneInputs(tmp_path / "scene.ply"), tmp_path / "rough.npy", **given).run()
     trimmed = gt.trim(gt.read(tmp_path / "scene.ply"), ROUGH, config=CONFIG)

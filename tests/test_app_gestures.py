@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.files import stood_upright
 from gaussian_trimmer.app.gestures import Gesture, parse_gesture
 from gaussian_trimmer.app.viewpoints import drawn_mask, rows_drawn
 from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.rendering.reference import view_colours
 from gaussian_trimmer.selecting.marks import Viewpoint
 
 
@@ -74,25 +71,3 @@ def test_a_lasso_takes_no_more_than_it_surrounds_behind_the_camera_too():
     everywhere = ((-1.0, -1.0), (2.0, -1.0), (2.0, 2.0), (-1.0, 2.0))
     taken = rows_drawn(scene, inside, everywhere, radius=None, through=True, renderer=get_renderer("numba"))
     assert (scene.means[taken, 1] > 0).all()
-
-
-def test_an_object_that_stands_upright_looks_the_same_from_the_same_side():
-    rng = np.random.default_rng(3)
-    scene = toy.moved(toy.ball_on_floor(n_floaters=0)[0], toy.any_rotation())
-    scene = scene.replace(sh_rest=(0.2 * rng.normal(size=(len(scene), 3, 15))).astype(np.float32))
-    up = toy.any_rotation() @ toy.UP
-    upright = stood_upright(scene, up)
-    turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) @ up_frame(up)
-    assert np.allclose(turn @ up, (0, 1, 0))
-    shift = upright.means[0] - turn @ scene.means[0]
-    assert np.allclose(upright.means, scene.means @ turn.T + shift, atol=1e-4)
-    assert np.allclose(upright.covariances(), turn @ scene.covariances() @ turn.T, atol=1e-5)
-    eye = np.array([3.0, -5, 2])
-    pose = look_at(eye, np.zeros(3), toy.UP)
-    there = look_at(turn @ eye + shift, shift, toy.UP)
-    cameras = (Camera(matrix, np.eye(3), 10, 10) for matrix in (pose, there))
-    before, after = (
-        view_colours(gaussians, camera) for gaussians, camera in zip((scene, upright), cameras, strict=True)
-    )
-    assert np.allclose(before, after, atol=1e-3)
-    assert np.quantile(upright.means[:, 1], 0.01) == pytest.approx(0, abs=1e-3)

@@ -16,7 +16,6 @@ from command_line import run
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.documents import SPZ_UP
 from gaussian_trimmer.app.files import Target, command_for, save
 from gaussian_trimmer.app.project import (
     autosave_path,
@@ -31,6 +30,7 @@ from gaussian_trimmer.app.snapshots import PALETTE, CutState, TrimChoices
 from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import SH_C0
+from gaussian_trimmer.planning.up_vector import FROM_FORMAT
 from gaussian_trimmer.selecting.marks import Box3D, FromFile, Sphere
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
 from gaussian_trimmer.selecting.select import SelectionResult, select
@@ -115,7 +115,7 @@ def test_spz_files_are_y_up_unless_something_else_is_known(session, tmp_path):
     opened.open(tmp_path / "floor.spz")
     assert opened.now.up.source == "ground plane" and opened.now.given_up is None
     opened.open(tmp_path / "lone.spz")
-    assert opened.now.up is SPZ_UP
+    assert opened.now.up.source == FROM_FORMAT
     assert opened.now.given_up == (0, 1, 0)  # the trim, and the command that repeats it, are told
 
 

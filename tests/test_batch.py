@@ -211,6 +211,9 @@ def test_the_command(copy, capsys):
     assert table[0] == ("gone", "failed")
     assert sorted(table[1:]) == [(f"s{s}-{k}", "done") for s in (0, 1) for k in (0, 1)]
     assert (copy / "new" / "records" / "gone.json").exists()
+    assert main(["batch", str(manifest), *arguments, "--json"]) == 2
+    states = {row["name"]: row["state"] for row in json.loads(capsys.readouterr().out)["items"]}
+    assert states == dict(table)
     manifest.write_text(rows)
     assert main(["batch", str(manifest), *arguments]) == 0
     assert "4 of 4 items are finished, 4 of them by an earlier run" in capsys.readouterr().out

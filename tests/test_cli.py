@@ -151,7 +151,7 @@ def test_output_goes_to_a_folder_named_after_the_inputs(ball, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     assert run("trim", folder / "scene.ply", folder / "rough.npy", *SMALL, "--quiet") == 0
     assert capsys.readouterr() == ("", "")
-    assert (tmp_path / "trimmed" / "scene-rough" / "object.ply").is_file()
+    assert (tmp_path / "trimmed" / f"{folder.name}-rough" / "object.ply").is_file()
 
 
 def test_overwriting_leaves_no_file_of_the_earlier_run(ball, tmp_path, capsys):
@@ -251,6 +251,17 @@ def test_convert_and_info(ball, tmp_path, capsys):
     for text in (f"{len(scene)} Gaussians", "bool", "5 views"):
         assert text in printed
     assert run("info") == 2
+
+
+def test_info_and_convert_as_json(ball, tmp_path, capsys):
+    folder, scene, _ = ball
+    assert run("convert", folder / "scene.ply", tmp_path / "a.splat", "--json") == 0
+    made = json.loads(capsys.readouterr().out)
+    assert (made["gaussians"], made["file"]) == (len(scene), str(tmp_path / "a.splat")) and "precision" in str(made)
+    assert run("info", tmp_path / "a.splat", folder / "rough.npy", "--json") == 0
+    splats, selection = json.loads(capsys.readouterr().out)["files"]
+    assert splats["gaussians"] == len(scene) and splats["sh_degree"] == 0
+    assert "bool" in selection["said"] and "gaussians" not in selection
 
 
 @pytest.mark.parametrize("command", [*cli.COMMANDS])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from command_line import SMALL, run, save_ball
 from scenes import front_camera, random_scene
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.output.engines import ENGINES, rotation_between, turned, upright
+from gaussian_trimmer.commands.scene_inputs import SceneInputs
+from gaussian_trimmer.formats import ply
+from gaussian_trimmer.output.engines import ENGINES, placement_for, rotation_between, turned
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 
@@ -41,9 +44,33 @@ def test_any_up_vector_is_turned_to_the_axis_that_is_wanted(target):
         assert np.linalg.det(rotation) == pytest.approx(1)
 
 
-def test_what_stands_upright_already_is_not_touched():
+def foot_of(gaussians, axis):
+    """The point below the middle, at the lower end along an axis."""
+    low, high = np.quantile(gaussians.means, [0.01, 0.99], axis=0)
+    foot = (low + high) / 2
+    foot[axis] = low[axis]
+    return foot
+
+
+def test_the_foot_is_at_the_origin_and_sizes_are_scaled_with_places():
+    ball = toy.ball_on_floor(n_floaters=0)
+    ball = ball[0].select(ball[1])
+    moved = ball.replace(means=ball.means + np.float32([5, -3, 2]))
+    place = placement_for(moved, "z", engine="blender", scale=100)
+    found = place.apply(moved)
+    np.testing.assert_allclose(foot_of(found, 2), 0, atol=4)  # centimetres
+    np.testing.assert_allclose(found.scales, 100 * moved.scales, rtol=1e-4)
+    pose = np.array(place.as_json(moved)["file_to_scene"])
+    np.testing.assert_allclose(found.means @ pose[:3, :3].T + pose[:3, 3], moved.means, atol=1e-5)
+    box = place.as_json(moved)["box"]
+    assert box["centre"][2] == pytest.approx(box["size"][2] / 2)
+    centred = placement_for(moved, "z", origin="centre").apply(moved)
+    np.testing.assert_allclose(centred.means.max(axis=0) + centred.means.min(axis=0), 0, atol=0.1)
+
+
+def test_what_stands_as_it_is_wanted_is_not_touched():
     scene = random_scene(0)
-    assert upright(scene, [0, 0, 1], "blender") is scene
+    assert placement_for(scene, [0, 0, 1], engine="blender", origin="scene").apply(scene) is scene
 
 
 @pytest.mark.parametrize("name", ENGINES)
@@ -53,23 +80,65 @@ def test_every_engine_gets_files_that_can_be_written(name):
 
 def test_trim_writes_both_parts_for_an_engine_beside_those_of_the_scene(ball, tmp_path, capsys):
     command = ["trim", ball / "scene.ply", ball / "rough.npy", "--up", "z", "--output", tmp_path / "out", *SMALL]
-    assert run(*command, "--for", "three") == 0
-    assert "For three.js, turned upright: object_for_three.spz and background_for_three.spz." in capsys.readouterr().out
+    assert run(*command, "--for", "three", "--origin", "scene") == 0
+    assert "For three.js, upright: object_for_three.spz, background_for_three.spz" in capsys.readouterr().out
     own, theirs = (formats.read(tmp_path / "out" / f"object{name}") for name in (".ply", "_for_three.spz"))
     np.testing.assert_allclose(theirs.means, own.means @ rotation_between(*np.eye(3)[[2, 1]]).T, atol=1e-3)
-    assert len(formats.read(tmp_path / "out" / "background_for_three.spz")) == len(
-        formats.read(tmp_path / "out" / "background.ply")
-    )
     listed = json.loads((tmp_path / "out" / "manifest.json").read_text())
-    assert "object_for_three.spz" in json.dumps(listed)
+    assert {"object_for_three.spz", "poses.json"} <= set(json.dumps(listed).split('"'))
+    assert run(*command, "--overwrite", "--config", tmp_path / "out" / "report.json") == 0
+    again = formats.read(tmp_path / "out" / "object_for_three.spz")
+    np.testing.assert_array_equal(again.means, theirs.means)
     assert run(*command, "--overwrite") == 0
     assert not (tmp_path / "out" / "object_for_three.spz").exists()
 
 
+def test_each_object_stands_at_the_origin_and_poses_say_where_in_the_scene(ball, tmp_path):
+    np.save(tmp_path / "ids.npy", np.load(ball / "rough.npy").astype(np.int32) * 7)
+    out = tmp_path / "out"
+    command = ["trim", ball / "scene.ply", "--labels", tmp_path / "ids.npy", "--up", "z", "--output", out, *SMALL]
+    assert run(*command, "--for", "unreal", "--format", "splat") == 0
+    poses = json.loads((out / "poses.json").read_text())["files"]
+    assert set(poses) == {"object_7_for_unreal.ply", "background_for_unreal.ply"}
+    own, theirs = formats.read(out / "object_7.splat"), formats.read(out / "object_7_for_unreal.ply")
+    pose = np.array(poses["object_7_for_unreal.ply"]["file_to_scene"])
+    np.testing.assert_allclose(theirs.means @ pose[:3, :3].T + pose[:3, 3], own.means, atol=1e-5)
+    assert abs(np.quantile(theirs.means[:, 1], 0.99)) < 0.05  # up is -y
+
+
 def test_convert_turns_for_an_engine(ball, tmp_path, capsys):
     scene = formats.read(ball / "scene.ply")
-    assert run("convert", ball / "scene.ply", tmp_path / "a.ply", "--for", "unreal", "--up", "z") == 0
+    assert run("convert", ball / "scene.ply", tmp_path / "a.ply", "--for", "unreal", "--up", "z", "--scale", "2") == 0
     found = formats.read(tmp_path / "a.ply")
-    np.testing.assert_allclose(-found.means[:, 1], scene.means[:, 2], atol=1e-5)
+    shift = -found.means[:, 1] - 2 * scene.means[:, 2]
+    np.testing.assert_allclose(shift, shift[0], atol=1e-4)
     assert run("convert", ball / "scene.ply", tmp_path / "a.sog", "--for", "unreal") == 2
     assert "unreal reads .ply" in capsys.readouterr().err
+    assert run("convert", ball / "scene.ply", tmp_path / "a.html", "--origin", "foot") == 2
+
+
+def test_nothing_is_called_upright_by_a_guess(tmp_path, capsys):
+    formats.write(random_scene(0).select(np.arange(20)), tmp_path / "a.ply")
+    assert run("convert", tmp_path / "a.ply", tmp_path / "b.ply", "--for", "unity") == 2
+    assert "--up" in capsys.readouterr().err and not (tmp_path / "b.ply").exists()
+    assert run("convert", tmp_path / "a.ply", tmp_path / "b.ply", "--scale", "2") == 0
+
+
+@pytest.mark.parametrize(("target", "lost"), [("b.splat", "colour"), ("b.ksplat", "beyond degree 2"), ("b.ply", "1 ")])
+def test_what_a_format_does_not_keep_is_said(target, lost, tmp_path, capsys):
+    scene = random_scene(0)
+    scene = scene.replace(extras={"ripe": np.ones(len(scene), np.float32)}, sh_rest=np.ones((len(scene), 3, 15)))
+    ply.write(scene, tmp_path / "a.ply", extras=True)
+    assert run("convert", tmp_path / "a.ply", tmp_path / target) == 0
+    assert lost in capsys.readouterr().out.split("Lost in")[1]
+    assert run("convert", tmp_path / target, tmp_path / f"again{target[1:]}") == 0
+    assert "Lost in" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [("garden/scene.ply", "garden"), ("scene.ply", "scene"), ("out/cup/point_cloud/iteration_7/point_cloud.ply", "cup"),
+     ("../splat.ply", "splat"), ("a/cup.compressed.ply", "cup"), ("flat/lod-meta.json", "flat")],
+)  # fmt: skip
+def test_a_scene_that_is_called_as_all_are_has_its_folders_name(path, name):
+    assert SceneInputs(Path(path)).name == name

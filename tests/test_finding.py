@@ -223,14 +223,18 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
     assert all((tmp_path / "found" / f"object_{one['id']:03d}.png").is_file() for one in listed)
     assert page.count("<figure") == len(listed) and "--trim" in page
     assert "3 objects" in capsys.readouterr().out
+    assert run(*command, "--output", tmp_path / "found", "--names", "1=first", "--json") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["objects"] == listed and {"batch.csv", "objects.npy"} <= set(printed["files"])
     items = gt.batch.read_manifest(tmp_path / "found" / "batch.csv")
     sure = [one["id"] for one in listed if one["sure"]]
     assert [(item.name, item.selection_options.object_id) for item in items] == [(f"found/{i}", (i,)) for i in sure]
     trim = ["--output", tmp_path / "found", "--keep", 1, 3, "--trim", tmp_path / "trimmed"]
-    assert run(*command, *trim, "--quiet", "--refine", "off", "--plan.size", 160, "--background", "exact") == 0
+    assert run(*command, *trim, "--json", "--refine", "off", "--plan.size", 160, "--background", "exact") == 0
     assert {path.name for path in (tmp_path / "trimmed").glob("*.ply")} == {
         "object_1.ply", "object_3.ply", "background.ply",
     }  # fmt: skip
+    assert json.loads(capsys.readouterr().out)["folder"] == str(tmp_path / "trimmed")
 
 
 def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):

@@ -196,7 +196,7 @@ def test_click_in_a_planned_view(ball, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "up: 0.000 0.000 1.000 (given, confidence 1.00)" in printed
     page = (tmp_path / "views" / "index.html").read_text()
-    assert f"select {folder / 'scene.ply'} --up 0 0 1 --trim {Path('trimmed') / 'scene'}" in page
+    assert f"select {folder / 'scene.ply'} --up 0 0 1 --trim {Path('trimmed') / folder.name}" in page
     plain = pictures[2].read_bytes()
     assert run(*command, "--list-views", tmp_path / "views", "--grid", "--quiet") == 0
     assert pictures[2].read_bytes() != plain

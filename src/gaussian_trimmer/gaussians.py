@@ -43,6 +43,8 @@ class Gaussians:
     """Coefficients of degrees 1 to 3, channel-major as in the PLY's f_rest, (N, 3, 0 | 3 | 8 | 15)."""
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     """Columns that the renderer does not use, by name, each (N,): kept so that they can be read and passed on."""
+    format_up: tuple[float, float, float] | None = None
+    """Where up points by the specification of the format that they were read from, if it has one."""
 
     def __post_init__(self) -> None:
         for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"):
@@ -171,6 +173,7 @@ class Gaussians:
             self.sh_dc[rows],
             self.sh_rest[rows],
             {name: column[rows] for name, column in self.extras.items()},
+            self.format_up,
         )
 
     def replace(self, **arrays: Any) -> Gaussians:
@@ -223,6 +226,7 @@ def concatenate(parts: Sequence[Gaussians]) -> Gaussians:
         np.concatenate([part.sh_dc for part in parts]),
         np.concatenate([part.sh_rest for part in parts]),
         {name: np.concatenate([part.extras[name] for part in parts]) for name in shared},
+        parts[0].format_up,
     )
 
 

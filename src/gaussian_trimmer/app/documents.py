@@ -22,7 +22,6 @@ from gaussian_trimmer.selecting.view_lookup import resolve_views
 Progress = Callable[[str], None]
 """Called with the name of each stage when it begins."""
 
-SPZ_UP = UpVector(np.array([0.0, 1.0, 0.0]), "SPZ files are y up", 1.0)
 _CHECKED_GAUSSIANS = 3000
 _LEAST_SHARE_IN_PICTURES = 0.25
 """Share of a scene's Gaussians that some camera has in its picture. Cameras of their own scene have 0.99."""
@@ -82,8 +81,7 @@ class Document:
         Raises:
             InputError: the given one is not a direction.
         """
-        up = find_up(self.scene, self.cameras, given)
-        return SPZ_UP if up.confidence == 0 and self.path.suffix.lower() == ".spz" else up
+        return find_up(self.scene, self.cameras, given)
 
     def basis(self, up: UpVector) -> Marks:
         """Return what marks are understood with, given an up vector; there are no marks in it."""

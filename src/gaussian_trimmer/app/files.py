@@ -11,8 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.documents import Document, Progress
 from gaussian_trimmer.app.project import (
@@ -26,11 +24,9 @@ from gaussian_trimmer.app.project import (
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.engines import turned
+from gaussian_trimmer.output.engines import placement_for
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.output.report import file_stems
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
@@ -44,9 +40,6 @@ MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
 OBJECT, WITHOUT, ALL_FILES, PAGE = DOWNLOADS = ("Object", "Scene without it", "Everything", "Web page")
 CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
-_Z_UP_TO_Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-_FOOT_QUANTILE = 0.01
-"""Share of the Gaussians that may lie below the foot: those that stick out of it."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,7 @@ class Files:
             self._autosave.unlink(missing_ok=True)
 
     def download(self, what: str, format: str | None, client: Any, *, upright: bool = False) -> str:
-        """Send one of `DOWNLOADS` to the browser; upright: with the foot at the origin and y up."""
+        """Send one of `DOWNLOADS` to the browser; upright: with the object's foot at the origin and y up."""
         now = self._session.now
         result, name = fresh_result(now), safe_file_name(now.object.name)
         with TemporaryDirectory() as folder:
@@ -133,7 +126,9 @@ class Files:
             else:
                 path = Path(folder) / f"{'' if what == OBJECT else 'without_'}{name}{target.suffix(now.document)}"
                 gaussians = result.object if what == OBJECT else result.background
-                formats.write(stood_upright(gaussians, result.up.direction) if upright else gaussians, path)
+                if upright:
+                    gaussians = placement_for(result.object, result.up.direction, engine="three").apply(gaussians)
+                formats.write(gaussians, path)
             data = path.read_bytes()
         client.send_file_download(path.name, data, save_immediately=True)
         return f"{path.name} ({len(data) / 1e6:.1f} MB) is among the browser's downloads."
@@ -215,14 +210,6 @@ def fresh_result(now: Snapshot) -> TrimResult:
     if now.object.fresh is None:
         raise InputError(f"'{now.object.name}' has not been cut out since it was marked; press 'Cut out' first.")
     return now.object.fresh
-
-
-def stood_upright(gaussians: Gaussians, up: Float64Array) -> Gaussians:
-    """Return the Gaussians with their foot at the origin and y up, as large as they were."""
-    upright = turned(gaussians, _Z_UP_TO_Y_UP @ up_frame(up))
-    foot = np.median(upright.means, axis=0)
-    foot[1] = np.quantile(upright.means[:, 1], _FOOT_QUANTILE)
-    return upright.replace(means=upright.means - foot)
 
 
 def path_of(text: str) -> Path | None:

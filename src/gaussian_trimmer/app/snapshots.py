@@ -11,11 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from gaussian_trimmer.app.documents import SPZ_UP, Document
+from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
 from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.planning.up_vector import FROM_FORMAT, UpVector
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
 from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
 
@@ -178,7 +178,7 @@ class Snapshot:
     @property
     def given_up(self) -> Point | None:
         """The up vector, if it has to be told to find it again."""
-        return point_of(self.up.direction) if self.up.source in ("given", SPZ_UP.source) else None
+        return point_of(self.up.direction) if self.up.source in ("given", FROM_FORMAT) else None
 
     @property
     def locked(self) -> BoolArray:

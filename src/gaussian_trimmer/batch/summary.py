@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from typing import Any
 from urllib.parse import quote
 
 from gaussian_trimmer.batch.items import Item
@@ -68,14 +69,18 @@ def as_csv(outcomes: Sequence[Outcome]) -> str:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for outcome in outcomes:
-        item = outcome.item
-        told = [item.name, outcome.state, round(look_first(outcome), 4), outcome.message or outcome.refused]
-        counts = [outcome.counts.get(name, "") for name in ("scene", *_COUNTS)]
-        up, seconds = round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else ""
-        inputs = [item.scene, item.selection or "", outcome.fingerprint]
-        writer.writerow([_as_text(cell) for cell in (*told, *counts, *outcome.views, up, seconds, *inputs)])
+    writer.writerows([_as_text(cell) for cell in row_of(outcome).values()] for outcome in outcomes)
     return text.getvalue()
+
+
+def row_of(outcome: Outcome) -> dict[str, Any]:
+    """Return a row of the table by its columns, as JSON holds it."""
+    item = outcome.item
+    told = [item.name, outcome.state, round(look_first(outcome), 4), outcome.message or outcome.refused]
+    counts = [outcome.counts.get(name, "") for name in ("scene", *_COUNTS)]
+    up, seconds = round(outcome.up_confidence, 4), round(outcome.seconds, 3) if outcome.seconds else ""
+    inputs = [str(item.scene), str(item.selection or ""), outcome.fingerprint]
+    return dict(zip(COLUMNS, (*told, *counts, *outcome.views, up, seconds, *inputs), strict=True))
 
 
 def _as_text(cell: object) -> object:

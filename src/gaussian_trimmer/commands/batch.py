@@ -16,8 +16,8 @@ from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.running import BatchOptions, Status, run
 from gaussian_trimmer.batch.store import Outcome, Store
-from gaussian_trimmer.batch.summary import HTML, write_summaries
-from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.batch.summary import HTML, row_of, write_summaries
+from gaussian_trimmer.commands.console import PrintOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import Positional, arg
 
@@ -45,8 +45,7 @@ class Batch:
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7". A row's own options override them."""
     background: bool = True
     """Also write the scene without the object for every item. Each is nearly as large as its scene."""
-    quiet: bool = False
-    """Print nothing but errors."""
+    printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
     how: Annotated[BatchOptions, arg(name="")] = field(default_factory=BatchOptions)
 
     def run(self) -> None:
@@ -55,11 +54,11 @@ class Batch:
         Raises:
             InputError: the manifest or an option is not possible, nothing can be written, or items have failed.
         """
-        console = open_console(quiet=self.quiet)
+        console = self.printing.console()
         items = check_items(item for path in self.manifests for item in read_manifest(path, self.options))
         items = [replace(item, background=self.background) for item in items]
         store, outcomes = Store(self.output), list[Outcome]()
-        live = console.status("") if console.is_terminal and not self.quiet else None
+        live = console.status("") if console.is_terminal and not console.quiet else None
         progress = _Progress(console, live)
 
         def on_result(outcome: Outcome) -> None:
@@ -84,6 +83,7 @@ class Batch:
         failed = [outcome for outcome in outcomes if outcome.state == "failed"]
         earlier = f", {found} of them by an earlier run" if found else ""
         console.print(f"{len(done)} of {len(outcomes)} items are finished{earlier}; see {self.output}/{HTML}.")
+        self.printing.print_json({"folder": str(self.output), "items": [row_of(outcome) for outcome in outcomes]})
         if failed:
             again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"
             raise InputError(

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from rich.table import Table
 from gaussian_trimmer.errors import InputError, printable
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.io.manifest import earlier_results
-from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.planning.up_vector import SURE_CONFIDENCE, UpVector
 from gaussian_trimmer.trimming.clock import LOG
 
 _STAGES = {
@@ -47,8 +48,25 @@ _COMPILING_AGAIN = (
     "Compiling kernels: about 10 seconds. They cannot be kept, since no folder for them is writable; "
     "set NUMBA_CACHE_DIR to one that is."
 )
-_DOUBTFUL_CONFIDENCE = 0.2
-"""Confidence below which the up vector may well be wrong."""
+
+
+@dataclass(frozen=True)
+class PrintOptions:
+    """What is printed on standard output."""
+
+    quiet: bool = False
+    """Print nothing but errors."""
+    json: bool = False
+    """Print one JSON document on standard output, and nothing else there: what was made, and where it is."""
+
+    def console(self, log_level: str | None = None) -> Console:
+        """Return what to print to."""
+        return open_console(quiet=self.quiet or self.json, log_level=log_level)
+
+    def print_json(self, document: Mapping[str, Any]) -> None:
+        """Print a JSON document if it is asked for."""
+        if self.json:
+            print(json.dumps(document, allow_nan=False))
 
 
 def open_console(*, quiet: bool, log_level: str | None = None) -> Console:
@@ -122,17 +140,17 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     not_judged = "; masks that the selection itself gives are not judged"
     table.add_row("views", f"{accepted} of {len(report['views'])} used{'' if judged else not_judged}")
     table.add_row("sides", report["checked"]["sentence"])
-    table.add_row("up", f"{_numbers(up['direction'])} ({up['source']})")
+    table.add_row("up", f"{_numbers(up['direction'])} ({up['source']}, confidence {up['confidence']:.2f})")
     table.add_row("time", f"{seconds:.1f} s")
     console.print(table)
-    if not report["refused"] and up["confidence"] < _DOUBTFUL_CONFIDENCE:
+    if not report["refused"] and up["confidence"] < SURE_CONFIDENCE:
         console.print(_doubt_about_up(up["direction"]))
 
 
 def print_up(console: Console, up: UpVector) -> None:
     """The up vector, where it comes from, and a warning where it is little more than a guess."""
     console.print(f"up: {_numbers(up.direction)} ({up.source}, confidence {up.confidence:.2f})")
-    if up.confidence < _DOUBTFUL_CONFIDENCE:
+    if not up.is_sure:
         console.print(_doubt_about_up(up.direction))
 
 
@@ -154,11 +172,9 @@ def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
     )
 
 
-def print_json(document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
-    """Print a JSON document on standard output; results are a folder and the kind of its manifest, and are listed."""
-    if results is not None:
-        document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
-    print(json.dumps(document, allow_nan=False))
+def json_document(document: Mapping[str, Any], folder: Path, kind: str) -> dict[str, Any]:
+    """Return a JSON document with a folder of results, by the kind of its manifest, and the names of its files."""
+    return {**document, "folder": str(folder), "files": earlier_results(folder, kind)}
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:

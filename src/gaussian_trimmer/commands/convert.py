@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from rich.console import Console
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.cameras import unit_up
-from gaussian_trimmer.commands.console import open_console, print_up, refuse_existing
+from gaussian_trimmer.commands.console import PrintOptions, print_up, refuse_existing
+from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.options import Positional, arg
-from gaussian_trimmer.output.engines import ENGINES, EngineName, upright
 from gaussian_trimmer.output.html.document import SUFFIXES
+from gaussian_trimmer.planning.up_vector import DEFAULT_UP, find_up
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,12 @@ class Convert:
     """Write the rows in Morton order. Compressed files get smaller and more precise, but selections no longer fit."""
     spz_version: Literal[3, 4] = 3
     """Version of an .spz target: 3, which every reader knows, or 4, which is a little smaller."""
-    engine: Annotated[EngineName | None, arg(name="for")] = None
-    """Turn the Gaussians so that they stand upright in this program; TARGET must have a format that it reads."""
+    placing: Annotated[PlacingOptions, arg(name="")] = field(default_factory=PlacingOptions)
     up: tuple[float, float, float] | None = None
-    """Which way is up in SOURCE, for --for and for pages. By default the ground is looked for."""
+    """Which way is up in SOURCE, for --for, --origin and pages. By default the ground is looked for."""
     overwrite: bool = False
     """Replace the target if it exists."""
-    quiet: bool = False
-    """Print nothing but errors."""
+    printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
 
     def run(self) -> None:
         """Read, write, and print how large the files are.
@@ -65,56 +63,67 @@ class Convert:
         refuse_existing(self.target, inputs=[source], overwrite=self.overwrite)
         page = self.target.suffix.lower() in SUFFIXES
         self._refuse_options_of_other_formats(page)
-        console = open_console(quiet=self.quiet)
-        count = self._write_page(console) if page else self._convert(console)
+        console = self.printing.console()
+        said = self._write_page(console) if page else self._convert(source, console)
         read = formats.scene_files(source, self.level)
-        before, after = (sum(path.stat().st_size for path in paths) / 1e6 for paths in (read, [self.target]))
-        console.print(f"{self.target}: {count:,} Gaussians, {after:.1f} MB instead of {before:.1f} MB")
+        before, after = (sum(path.stat().st_size for path in paths) for paths in (read, [self.target]))
+        console.print(
+            f"{self.target}: {said['gaussians']:,} Gaussians, {after / 1e6:.1f} MB instead of {before / 1e6:.1f} MB"
+        )
+        for sentence in said["notes"]:
+            console.print(sentence)
+        self.printing.print_json({"file": str(self.target), "bytes": after, "bytes_of_source": before, **said})
 
     def _refuse_options_of_other_formats(self, page: bool) -> None:
-        if self.engine is not None and not any(formats.is_named(self.target.name, end) for end in self._readable()):
-            raise InputError(
-                f"{self.engine} reads {', '.join(self._readable())}; name the target "
-                f"'{Path(self.target.stem).stem}{self._readable()[0]}', or leave --for out."
-            )
-        if self.up is not None and not page and self.engine is None:
-            raise InputError("--up is for pages, which end with .html, and for --for; else the axes stay as they are.")
-        if self.sort and page:
-            raise InputError("--sort is for splat files; a page sorts what it draws itself.")
+        self.placing.check_target(self.target)
+        if page and (self.sort or self.placing.wished):
+            raise InputError("--sort, --origin and --scale are for splat files; a page sorts and frames what it draws.")
+        if self.up is not None and not page and not self.placing.needs_up:
+            raise InputError("--up is for pages, which end with .html, --for and --origin; else the axes stay.")
         if self.spz_version != Convert.spz_version and not self._is_spz():
             raise InputError(f"'{self.target}' is not an .spz file; leave --spz-version out, or give it that ending.")
-
-    def _readable(self) -> tuple[str, ...]:
-        """Endings of the files that the program reads."""
-        return ENGINES[self.engine].reads if self.engine else ()
 
     def _is_spz(self) -> bool:
         return formats.is_named(self.target.name, ".spz")
 
-    def _convert(self, console: Console) -> int:
+    def _convert(self, source: Path, console: Console) -> dict[str, Any]:
+        """Write the target; return what there is to say of it."""
+        notes, placed = list[str](), dict[str, Any]()
+
+        def change(gaussians: Gaussians) -> Gaussians:
+            target, own = formats.format_suffix(self.target), formats.written_suffix(source)
+            notes.extend(filter(None, [formats.losses(gaussians, target, own)]))
+            if not self.placing.wished:
+                return gaussians
+            up = self._found_up(gaussians, console) if self.placing.needs_up else DEFAULT_UP
+            place = self.placing.placement(gaussians, up)
+            placed.update(place.as_json())
+            if place.origin.any():
+                at = " ".join(f"{value:.4g}" for value in place.origin)
+                notes.append(f"The origin is {at} of the scene; with --origin scene it stays.")
+            return place.apply(gaussians)
+
         options: dict[str, Any] = {"version": self.spz_version} if self._is_spz() else {}
-        change = partial(self._upright, console=console) if self.engine is not None else None
         options |= {"level": self.level, "say": console.print, "sort": self.sort, "change": change}
-        return len(formats.convert(self.source, self.target, **options))
+        count = len(formats.convert(self.source, self.target, **options))
+        return {"gaussians": count, "notes": notes, **placed}
 
-    def _upright(self, gaussians: Gaussians, console: Console) -> Gaussians:
-        assert self.engine is not None
-        return upright(gaussians, self._found_up(gaussians, console), self.engine)
-
-    def _write_page(self, console: Console) -> int:
+    def _write_page(self, console: Console) -> dict[str, Any]:
         from gaussian_trimmer.output.html.viewer import write_viewer
 
         gaussians = formats.read(self.source, level=self.level, say=console.print)
         write_viewer({"scene": gaussians}, self.target, self._found_up(gaussians, console))
-        return len(gaussians)
+        return {"gaussians": len(gaussians), "notes": []}
 
     def _found_up(self, gaussians: Gaussians, console: Console) -> Float64Array:
-        """The up vector that is given, or else that of the ground; it is printed."""
-        # Late, so that the other conversions do not load the trimmer.
-        from gaussian_trimmer.geometry.limits import check_magnitudes
-        from gaussian_trimmer.planning.up_vector import find_up
+        """The up vector that is given, or else that of the ground; it is printed.
 
+        Raises:
+            InputError: nothing tells which way is up, and a file would be called upright by a guess.
+        """
         check_magnitudes(gaussians)
-        up = find_up(gaussians, None, None if self.up is None else unit_up(self.up))
+        up = find_up(gaussians, given=self.up)
+        if up.confidence == 0 and self.placing.wished:
+            raise InputError(f"Nothing in '{self.source}' tells which way is up; give --up, such as --up -y.")
         print_up(console, up)
         return up.direction

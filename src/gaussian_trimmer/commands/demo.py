@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from gaussian_trimmer import sample
-from gaussian_trimmer.commands.console import open_console
+from gaussian_trimmer.commands.console import PrintOptions, open_console
 from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
@@ -41,7 +41,9 @@ class Demo:
             sample.SELECTION,
             output=folder,
             results=ResultOptions(
-                overwrite=self.overwrite or self.output is None, quiet=self.quiet, pages=PageOptions(html=True)
+                overwrite=self.overwrite or self.output is None,
+                printing=PrintOptions(quiet=self.quiet),
+                pages=PageOptions(html=True),
             ),
         ).run()
         console.print(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from gaussian_trimmer.commands.console import open_console
-from gaussian_trimmer.commands.inspection import describe_file
+from gaussian_trimmer.commands.console import PrintOptions
+from gaussian_trimmer.commands.inspection import describe_file, splat_facts
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import Positional, arg
 
@@ -22,6 +22,7 @@ class Info:
     """Level of detail of streamed SOGs (lod-meta.json) to describe; 0 is the finest."""
     trust_paths: bool = False
     """Open pictures that a transforms.json names outside its folder, if it does not say their size."""
+    printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
 
     def run(self) -> None:
         """Print a paragraph on every file.
@@ -31,6 +32,10 @@ class Info:
         """
         if not self.files:
             raise InputError("Name at least one file.")
-        console = open_console(quiet=False)
+        console, files = self.printing.console(), list[dict[str, Any]]()
         for path in self.files:
-            console.print(describe_file(path, level=self.level, trust_paths=self.trust_paths))
+            said = describe_file(path, level=self.level, trust_paths=self.trust_paths)
+            console.print(said)
+            if self.printing.json:
+                files.append({"file": str(path), "said": said, **splat_facts(path, self.level)})
+        self.printing.print_json({"files": files})

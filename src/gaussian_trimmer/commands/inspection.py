@@ -73,6 +73,23 @@ def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = F
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
 
 
+def splat_facts(path: Path, level: int | None = None) -> dict[str, Any]:
+    """Return what programs ask of a splat file, as JSON holds it; nothing of other files.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    if is_folder(path) or not formats.has_splats(path) or path.suffix.lower() in torch_files.SUFFIXES:
+        return {}
+    gaussians = formats.read(path, level=level)
+    return {
+        "gaussians": len(gaussians),
+        "sh_degree": gaussians.sh_degree,
+        "bounds_of_98_percent": np.percentile(gaussians.means, [1, 99], axis=0).tolist(),
+        "extra_columns": list(gaussians.extras),
+    }
+
+
 def describe_folder(path: Path, *, level: int | None = None, trust_paths: bool = False) -> Iterator[str]:
     """Give lines on the results of a trim or the scene of a training that a folder holds, or else on its cameras.
 

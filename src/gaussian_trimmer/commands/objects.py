@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar
 from rich.console import Console
 
 from gaussian_trimmer.batch.manifest import write_manifest
-from gaussian_trimmer.commands.console import print_up, progress_over_stages
+from gaussian_trimmer.commands.console import json_document, print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
 from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
 from gaussian_trimmer.errors import InputError
@@ -47,11 +47,11 @@ class Objects:
     COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "find": ("--cameras", "--up", "--surfaces"),
         "choose": ("--keep", "--merge", "--split-objects", "--names"),
-        "results": ("--trim", "--output", "--html", "--overwrite", "--quiet"),
+        "results": ("--trim", "--output", "--for", "--html", "--overwrite", "--json"),
     }
     EXAMPLES: ClassVar[tuple[str, ...]] = (
         "gaussian-trimmer objects scene.ply --cameras sparse/0",
-        "gaussian-trimmer objects scene.ply --cameras sparse/0 --trim all",
+        "gaussian-trimmer objects scene.ply --cameras sparse/0 --trim cut_out",
         "gaussian-trimmer objects scene.ply --keep 1 2 5 --merge 2+5 --names 1=mug --trim some",
     )
 
@@ -108,7 +108,7 @@ class Objects:
                 progress=stage,
             )
             stage("write")
-            write_found(found, part, renderer, command=self._next_command(), names=names)
+            document = write_found(found, part, renderer, command=self._next_command(), names=names)
             if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
                 write_manifest([self._batch_row(sure, folder)], part / "batch.csv")
         _print_found(console, found, names)
@@ -119,6 +119,7 @@ class Objects:
         if self.trim is None:
             now = shlex.join(self._next_command())
             console.print(f"To choose: open {folder / 'index.html'} in a browser. Now: {now}")
+            self.results.printing.print_json(json_document(document, folder, _KIND))
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
         numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.reading import read_json
 from gaussian_trimmer.options import Names
-from gaussian_trimmer.output.engines import EngineName
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import from_plain
 
@@ -23,7 +23,7 @@ _FIELDS: dict[str, tuple[Names, Any]] = {
     "objects": (("objects",), tuple[int, ...]),
     "exclude": (("exclude",), tuple[Path, ...]),
     "photos": (("results", "photos"), Path | None),
-    "for": (("results", "engine"), EngineName | None),
+    "placing": (("results", "placing"), PlacingOptions),
 }
 _WHAT_TO_SELECT = ("selection", "selection_options", "labels", "objects")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +17,9 @@ from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.trimming.options import TrimOptions
 
+_NAMES_OF_ALL = re.compile(r"scene|splats?|point_cloud|iteration_\d+|meta|lod-meta|output", re.IGNORECASE)
+"""What trainings and converters call every scene's file, and the folders around it."""
+
 
 @dataclass(frozen=True)
 class SceneInputs:
@@ -29,8 +33,10 @@ class SceneInputs:
 
     @property
     def name(self) -> str:
-        """What the scene is called: its file's name without endings."""
-        return (self.scene.name or self.scene.resolve().name).split(".")[0]
+        """What the scene is called: its file without endings, or the folder of one that is called as all are."""
+        names = [part.split(".")[0] for part in self.scene.parts if part not in ("/", ".", "..")]
+        own = [name for name in names if not _NAMES_OF_ALL.fullmatch(name)]
+        return [self.scene.resolve().name, *names[-1:], *own][-1]
 
     def read(self, options: TrimOptions, console: Console) -> tuple[Gaussians, CameraSet | None]:
         """Return the Gaussians and, in their coordinates, the cameras if they are given; what is read is said.

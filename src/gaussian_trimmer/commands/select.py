@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import print_json, print_up, refuse_existing
+from gaussian_trimmer.commands.console import json_document, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
 from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
@@ -108,9 +108,8 @@ class Select:
         else:
             made = self._select(console)
             console.print(f"Now: {self._next_command()}")
-            if self.results.json:
-                counts = {"selected": int(np.count_nonzero(made.masks[THE_OBJECT])), "scene": len(made.scene)}
-                print_json({"selection": str(self.selection_path), "counts": counts})
+            counts = {"selected": int(np.count_nonzero(made.masks[THE_OBJECT])), "scene": len(made.scene)}
+            self.results.printing.print_json({"selection": str(self.selection_path), "counts": counts})
         return 0
 
     def _run_of(self, folder: Path) -> TrimRun:
@@ -223,6 +222,7 @@ class Select:
             overview = self._overview(scene, cameras, up)
             drawn = [(view.camera, drawn_rows(scene.means, view)) for view in overview.views]
             write_view_listing(scene, drawn, overview.whole, self._command_of_views(), part, renderer, grid=self.grid)
+        self.results.printing.print_json(json_document({"views": len(drawn)}, folder, _LISTING))
         print_up(console, up)
         console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
         if 0 < len(overview.whole) < len(drawn):

@@ -48,7 +48,7 @@ class Trim:
         "the scene": ("--cameras", "--up", "--photos"),
         "several objects": ("--labels", "--exclude"),
         "how to trim": ("--views", "--segmenter", "--background", "--preset", "--config"),
-        "results": ("--output", "--overwrite", "--format", "--for", "--html", "--quiet"),
+        "results": ("--output", "--overwrite", "--format", "--for", "--html", "--json"),
     }
     EXAMPLES: ClassVar[tuple[str, ...]] = (
         "gaussian-trimmer trim scene.ply selection.npy --cameras sparse/0",

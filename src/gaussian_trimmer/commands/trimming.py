@@ -11,23 +11,24 @@ from typing import Annotated, Any, Literal
 
 from rich.console import Console
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.commands.console import (
+    PrintOptions,
     announce_compiling,
-    open_console,
-    print_json,
+    json_document,
     print_refusal,
     print_summary,
     print_warnings,
     progress_over_stages,
 )
 from gaussian_trimmer.commands.pages import PageOptions
+from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.output.engines import ENGINES, EngineName, engine_files, write_for_engine
 from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
 from gaussian_trimmer.output.report import object_entries
 from gaussian_trimmer.output.result import title_of
@@ -60,21 +61,17 @@ class ResultOptions:
     photos: Annotated[Path | None, arg(metavar="DIR")] = None
     """Folder of the training pictures, in which to segment the object in place of virtual views. Those that show it
     best are taken. Needs --cameras."""
-    engine: Annotated[EngineName | None, arg(name="for")] = None
-    """Also write object and background for this program, in a format that it reads and upright."""
+    placing: Annotated[PlacingOptions, arg(name="")] = field(default_factory=PlacingOptions)
     overwrite: bool = False
     """Replace earlier results in the output folder. Other files in it are left alone."""
-    quiet: bool = False
-    """Print nothing but errors."""
-    json: bool = False
-    """Print one JSON document on standard output, and nothing else there: the report, the folder and its files."""
+    printing: Annotated[PrintOptions, arg(name="")] = field(default_factory=PrintOptions)
     log_level: Literal["debug", "info", "warning", "error"] | None = None
     """Log each stage on standard error."""
     pages: Annotated[PageOptions, arg(name="")] = field(default_factory=PageOptions)
 
     def console(self) -> Console:
         """Return what to print to."""
-        return open_console(quiet=self.quiet or self.json, log_level=self.log_level)
+        return self.printing.console(self.log_level)
 
     def check_several(self) -> None:
         """Refuse what a trim of several objects would have to ignore.
@@ -83,7 +80,7 @@ class ResultOptions:
             InputError: something of it is asked for.
         """
         for name, wished in (
-            ("--export-viewer", self.pages.export_viewer), ("--for", self.engine), ("--photos", self.photos),
+            ("--export-viewer", self.pages.export_viewer), ("--photos", self.photos),
         ):  # fmt: skip
             if wished is not None:
                 raise InputError(f"{name} is for one object; leave it out, or trim the objects one by one.")
@@ -131,7 +128,7 @@ class TrimRun:
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
-        start, results = time.perf_counter(), self.results
+        start = time.perf_counter()
         with self._locked_folder() as part, progress_over_stages(console) as stage:
             stage("read")
             rough = read()
@@ -139,7 +136,7 @@ class TrimRun:
                 for mask in rough.masks.values():
                     refuse_whole_scene(mask, self.source, self.inputs["scene"])
             seconds = {"read": time.perf_counter() - start}
-            report = self._write(part, rough, seconds, stage, console)
+            report, said = self._write(part, rough, seconds, stage, console)
         entries, taken = object_entries(report), time.perf_counter() - start
         for entry in entries:
             print_refusal(entry)
@@ -147,21 +144,20 @@ class TrimRun:
             _print_objects(console, report, taken)
         else:
             print_summary(console, report, taken)
-        self._say_where(console, report)
+        self._say_where(console, report, said)
         for entry in entries:
             print_warnings(entry)
-        if results.json:
-            print_json(report, (self.folder, RESULTS))
+        self.results.printing.print_json(json_document(report, self.folder, RESULTS))
         return NOTHING_TRIMMED if all(entry["refused"] for entry in entries) else 0
 
     def _locked_folder(self) -> Any:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
-        pages, engine = self.results.pages, self.results.engine
+        pages = self.results.pages
         names = result_files(self.suffix, html=pages.html) + result_files(self.suffix, several=self.several)
         return atomic_folder(
             self.folder,
             RESULTS,
-            names=(*names, MARKS, *(engine_files(engine) if engine else ()), *pages.names(self.folder)),
+            names=(*names, MARKS, *self.results.placing.patterns(self.suffix), *pages.names(self.folder)),
             inputs=self.files,
             source=self.source,
             overwrite=self.results.overwrite,
@@ -174,8 +170,8 @@ class TrimRun:
         seconds: dict[str, float],
         stage: Callable[[str], None],
         console: Console,
-    ) -> dict[str, Any]:
-        """Trim and write the results to a folder; return the report."""
+    ) -> tuple[dict[str, Any], list[str]]:
+        """Trim and write the results to a folder; return the report, and what to say of the files."""
         renderer, segmenter = get_renderer(self.options.renderer), self.options.make_segmenter()
         views = views_of_masks(segmenter, rough.cameras, self.options.settings())
         if self.results.photos is not None:
@@ -199,10 +195,14 @@ class TrimRun:
             write_marks(rough.marks, part / MARKS)
             inputs["marks"] = MARKS
         report = write_trim(result, part, self.suffix, inputs, seconds, html=pages.html)
-        if self.results.engine is not None:
-            write_for_engine(result, self.results.engine, part)
         pages.write_viewer(result, self.folder, part)
-        return report
+        placing, said = self.results.placing, list[str]()
+        if placing.wished:
+            said.append(placing.sentence(placing.write(result, part, self.suffix), result.objects[0].up))
+        source = self.suffix if self.options.format is None else Path(self.inputs["scene"]).suffix.lower()
+        if lost := formats.losses(rough.scene, self.suffix, source):
+            said.append(lost)
+        return report, said
 
     def _choices(self) -> dict[str, Any]:
         """What the report says beside the configuration, so that `--config` makes the same trim again."""
@@ -211,7 +211,7 @@ class TrimRun:
         return {
             "preset": options.preset, "segmenter": options.segmenter,
             "segmenter_options": to_plain(used) if used else {},
-            "format": options.format, "photos": photos, "for": self.results.engine,
+            "format": options.format, "photos": photos, "placing": to_plain(self.results.placing),
         }  # fmt: skip
 
     def _photo_views(
@@ -233,16 +233,15 @@ class TrimRun:
             raise InputError(f"None of the {len(known)} cameras with pictures in '{photos}' sees the object.")
         return views, PhotoSegmenter(segmenter, photos, known)
 
-    def _say_where(self, console: Console, report: Mapping[str, Any]) -> None:
-        """Say where the results are."""
-        pages, engine = self.results.pages, self.results.engine
+    def _say_where(self, console: Console, report: Mapping[str, Any], said: Sequence[str]) -> None:
+        """Say where the results are, and more of them."""
+        pages = self.results.pages
         files = [entry["file"] for entry in object_entries(report) if entry["file"]]
         listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
         looked_at = REPORT if pages.html else PICTURE
         console.print(f"{listed}, background{self.suffix}, {looked_at} and the rest are in {self.folder}.")
-        if engine is not None:
-            made = " and ".join(name for name in engine_files(engine) if (self.folder / name).is_file())
-            console.print(f"For {ENGINES[engine].name}, turned upright: {made}.")
+        for sentence in said:
+            console.print(sentence)
         if pages.export_viewer is not None:
             console.print(pages.sentence())
 

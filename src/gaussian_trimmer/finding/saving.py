@@ -44,8 +44,8 @@ def write_found(
     *,
     command: Sequence[str],
     names: Mapping[int, str],
-) -> None:
-    """Write everything into an existing folder.
+) -> dict[str, Any]:
+    """Write everything into an existing folder, and return what `objects.json` holds.
 
     Args:
         found: the objects.
@@ -70,6 +70,7 @@ def write_found(
     for one in found.objects[:_MOST_PICTURES]:
         write_picture(draw_found(found, one, renderer), folder / _picture_of(one))
     write_whole(folder / "index.html", page(found, command, names))
+    return document_of
 
 
 def described(one: FoundObject, name: str = "") -> dict[str, Any]:

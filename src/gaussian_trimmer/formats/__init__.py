@@ -38,6 +38,10 @@ READ_ONLY = {
 _WRITTEN_INSTEAD = {"meta.json": ".sog"}
 _HOLD_NOTHING = (".ply", ".splat")
 """Formats that can hold zero Gaussians."""
+_EXACT = (".ply", ".glb")
+"""Formats that round nothing."""
+_HIGHEST_DEGREE = {".splat": 0, ".ksplat": 2}
+"""Of formats that do not keep all view-dependent colour."""
 _ENDINGS_OF_SELECTIONS = (".npy", ".npz", ".txt", ".csv", ".json")
 
 
@@ -169,6 +173,24 @@ def write(gaussians: Gaussians, path: str | Path, **options: Any) -> None:
     if len(gaussians) == 0 and suffix not in _HOLD_NOTHING:
         raise InputError(f"Cannot write '{path}': a {suffix} file cannot hold zero Gaussians.")
     _module(suffix).write(gaussians, Path(path), **options)
+
+
+def losses(gaussians: Gaussians, target: str, source: str) -> str:
+    """Return in a sentence what a format does not keep of Gaussians; nothing where it keeps all.
+
+    Args:
+        gaussians: as they were read.
+        target: suffix of the format that is written.
+        source: suffix of the format that they were read from; what that has rounded already stays as it is.
+    """
+    highest, lost = _HIGHEST_DEGREE.get(target, 3), list[str]()
+    if gaussians.sh_degree > highest:
+        lost.append(f"view-dependent colour{f' beyond degree {highest}' if highest else ''}")
+    if gaussians.extras:
+        lost.append(f"{len(gaussians.extras)} extra columns")
+    if target not in (*_EXACT, source):
+        lost.append("precision")
+    return f"Lost in {target}: {', '.join(lost)}." if lost else ""
 
 
 def write_selected(gaussians: Gaussians, rows: IntArray, appended: Gaussians, path: str | Path) -> None:

@@ -37,6 +37,8 @@ _MAGIC = b"NGSP"
 _COEFFICIENTS = (0, 3, 8, 15, 24)
 _MAX_FRACTIONAL_BITS = 24
 _COLOUR_SCALE = 0.15
+_UP = (0.0, 1.0, 0.0)
+"""The specification's axes are right, up, back; those that copy a PLY's numbers do not keep to it."""
 _VERSION_4_HEADER = 32
 
 
@@ -64,7 +66,7 @@ def read(path: Path) -> Gaussians:
     Raises:
         InputError: the file cannot be read, is no .spz, is damaged or truncated, or zstd is needed and missing.
     """
-    return decode(file_bytes(path), path)
+    return decode(file_bytes(path), path).replace(format_up=_UP)
 
 
 def decode(data: bytes, path: Path) -> Gaussians:

@@ -1,4 +1,4 @@
-"""Splat files for the programs that show them: in a format that each reads, turned so that they stand upright there.
+"""Splat files for the programs that show them: in a format that each reads, upright, with the foot at the origin.
 
 `docs/engines.md` says where the facts come from, and what remains to be set in each program.
 """
@@ -8,18 +8,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from gaussian_trimmer import formats
+from gaussian_trimmer.cameras import unit_up, vector_of_up
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, quaternions_of, rotation_matrices
 
-if TYPE_CHECKING:  # conversions need no trimmer
-    from gaussian_trimmer.output.result import TrimResult
+if TYPE_CHECKING:
+    from gaussian_trimmer.geometry.bounds import Bounds
 
 EngineName = Literal["blender", "cesium", "playcanvas", "three", "unity", "unreal"]
+Origin = Literal["foot", "centre", "scene"]
 _DOWN_Y = (0.0, -1.0, 0.0)
 _BAND_ENDS = (0, 3, 8, 15)
 """Where the coefficients of degrees 1, 2 and 3 begin and end."""
@@ -49,32 +49,73 @@ ENGINES: dict[str, Engine] = {
 assert tuple(ENGINES) == get_args(EngineName)
 
 
-def engine_files(engine: EngineName) -> tuple[str, str]:
-    """Names of the files that `write_for_engine` writes: the object's, and the background's."""
-    suffix = ENGINES[engine].reads[0]
-    return f"object_for_{engine}{suffix}", f"background_for_{engine}{suffix}"
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a point x of the scene lies in a file: at scale * rotation @ (x - origin)."""
+
+    rotation: Float64Array
+    """From the scene's axes to the file's, (3, 3)."""
+    origin: Float64Array
+    """The point of the scene that is the file's origin, (3,)."""
+    scale: float = 1.0
+    """Units of the file in one of the scene."""
+
+    def apply(self, gaussians: Gaussians) -> Gaussians:
+        """Return Gaussians of the scene as the file has them."""
+        moved = gaussians
+        if self.origin.any():
+            moved = moved.replace(means=(moved.means - self.origin).astype(np.float32))
+        moved = turned(moved, self.rotation)
+        if self.scale != 1:
+            factor = np.float32(self.scale)
+            moved = moved.replace(means=moved.means * factor, log_scales=moved.log_scales + np.log(factor))
+        return moved
+
+    def as_json(self, gaussians: Gaussians | None = None) -> dict[str, Any]:
+        """Return the pose of a file, `file_to_scene` (4, 4), and of its Gaussians the box along the file's axes."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self.rotation.T / self.scale, self.origin
+        if gaussians is None:
+            return {"file_to_scene": pose.tolist()}
+        bounds = _bounds(gaussians, self.rotation)
+        centre = self.scale * self.rotation @ (bounds.centre - self.origin)
+        box = {"centre": centre.tolist(), "size": (2 * self.scale * bounds.half_extents).tolist()}
+        return {"file_to_scene": pose.tolist(), "box": box}
 
 
-def write_for_engine(result: TrimResult, engine: EngineName, folder: Path) -> None:
-    """Write object and background of a trim for a program into an existing folder; an empty background is not written.
-
-    Raises:
-        InputError: a file cannot be written, or the format cannot hold the Gaussians.
-    """
-    for gaussians, name in zip((result.object, result.background), engine_files(engine), strict=True):
-        if len(gaussians):
-            formats.write(upright(gaussians, result.up.direction, engine), folder / name)
-
-
-def upright(gaussians: Gaussians, up: Sequence[float] | Float64Array, engine: EngineName) -> Gaussians:
-    """Gaussians as a program expects them: turned about the origin by the smallest angle that makes them upright.
+def placement_for(
+    gaussians: Gaussians,
+    up: str | Sequence[float] | Float64Array,
+    *,
+    engine: EngineName | None = None,
+    origin: Origin = "foot",
+    scale: float = 1.0,
+) -> Placement:
+    """Return where Gaussians are put for a program: upright, and with a point of them at the origin.
 
     Args:
-        gaussians: N Gaussians.
-        up: the unit up vector in their coordinates.
-        engine: name of the program.
+        gaussians: N of them, at least one unless the origin is the scene's.
+        up: the up vector in their coordinates, (3,), or an axis, "z" or "-y".
+        engine: the program; without one the axes stay as they are.
+        origin: the middle of their foot, or of their box; or the scene's own origin.
+        scale: units of the file in one of the scene.
+
+    Raises:
+        InputError: the up vector is neither an axis nor three finite numbers that are not all zero.
     """
-    return turned(gaussians, rotation_between(np.asarray(up, np.float64), np.array(ENGINES[engine].up)))
+    up = unit_up(vector_of_up(up))
+    rotation = np.eye(3) if engine is None else rotation_between(up, np.array(ENGINES[engine].up))
+    if origin == "scene":
+        return Placement(rotation, np.zeros(3), scale)
+    bounds = _bounds(gaussians, rotation_between(up, np.array([0.0, 0, 1])))
+    down = bounds.half_extents[2] if origin == "foot" else 0.0
+    return Placement(rotation, bounds.centre - down * bounds.axes[2], scale)
+
+
+def _bounds(gaussians: Gaussians, axes: Float64Array) -> Bounds:
+    from gaussian_trimmer.geometry.bounds import robust_bounds  # late: conversions seldom need its kernels
+
+    return robust_bounds(gaussians, axes)
 
 
 def rotation_between(source: Float64Array, target: Float64Array) -> Float64Array:

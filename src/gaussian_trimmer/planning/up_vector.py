@@ -15,6 +15,12 @@ from gaussian_trimmer.planning.storey import find_storey
 DEFAULT_UP = (0.0, -1.0, 0.0)
 """Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
 
+SURE_CONFIDENCE = 0.4
+"""Confidence from which up is not called a guess. Floors have 0.15 to 0.5, planes that are none up to 0.25."""
+FROM_FORMAT = "file format"
+_FORMAT_CONFIDENCE = 0.5
+"""Converters copy numbers whatever a format's specification says."""
+
 # Cameras
 _MIN_TURN = 0.01
 """Smallest mean square of the right axes along their second principal direction that is no noise (6 degrees)."""
@@ -62,9 +68,14 @@ class UpVector:
     direction: Float64Array
     """Unit vector in the world, (3,)."""
     source: str
-    """One of: given, camera file, camera axes, mean camera up, ground plane, floor, default."""
+    """One of: given, camera file, camera axes, mean camera up, ground plane, floor, file format, default."""
     confidence: float
     """From 0 (a guess) to 1: agreement of the cameras, or share of the Gaussians that lie on the plane."""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it need not be looked at."""
+        return self.confidence >= SURE_CONFIDENCE
 
 
 KNOWN_SOURCES = ("given", "camera file", "camera axes")
@@ -80,7 +91,8 @@ def find_up(
     """The up vector from the best source there is.
 
     In order of preference: the given vector, the one that the camera file states, the cameras' axes, the plane that the
-    scene or the object stands on, the axis along which the floor of a room lies, and -y with confidence 0.
+    scene or the object stands on, the axis along which the floor of a room lies, what the file's format says, and -y
+    with confidence 0.
 
     Args:
         given: any non-zero vector (3,), an axis, "z" or "-y", or what was found before.
@@ -97,6 +109,8 @@ def find_up(
         return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
     found = found or up_from_ground_plane(gaussians, object_rows) or up_from_layers(gaussians)
+    if found is None and gaussians.format_up is not None:
+        return UpVector(unit_up(gaussians.format_up), FROM_FORMAT, _FORMAT_CONFIDENCE)
     return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
 
 
@@ -160,13 +174,21 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
             continue
         least = (_MIN_NEAR_SHARE, _MIN_NEAR_SHARE) if reach == _REACHES_RADII[0] else (_MIN_SHARE, _MIN_SLANTED_SHARE)
         found = _up_from_points(_draw(gaussians, near, _SAMPLE_SIZE, rng), object_points, *least, rng)
-        if found is not None:
+        if found is not None and (found.confidence >= _MIN_SLANTED_SHARE or _is_plausible(found.direction, gaussians)):
             return found
         searched = int(np.count_nonzero(near))
     if object_rows.all():
         return None
     # The object may be the ground itself.
     return _up_from_points(_draw(gaussians, everything, _SAMPLE_SIZE, rng), None, _MIN_SHARE, _MIN_SLANTED_SHARE, rng)
+
+
+def _is_plausible(up: Float64Array, scene: Gaussians) -> bool:
+    """Whether a small plane may be the ground: it lies along the axes, or as the plane of the whole scene."""
+    if _along_axis(up[None])[0]:
+        return True
+    whole = up_from_ground_plane(scene)
+    return whole is not None and bool(abs(up @ whole.direction) > _AXIS_COSINE)
 
 
 def _up_from_points(
