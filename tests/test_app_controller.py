@@ -3,6 +3,7 @@
 import io
 import threading
 import zipfile
+from dataclasses import replace
 from types import SimpleNamespace
 
 import made_room as room
@@ -20,6 +21,7 @@ from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
 from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture
 from gaussian_trimmer.app.showing import Due, Event, Showing
 from gaussian_trimmer.app.snapshots import CutState
+from gaussian_trimmer.app.viewpoints import framed
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.gaussians import quaternions_of
 from gaussian_trimmer.geometry.bounds import up_frame
@@ -309,7 +311,7 @@ def test_up_turns_the_view(app):
     assert np.allclose(camera.up, (0, 0, 1))
 
 
-def test_home_and_f_without_a_selection_look_as_at_first(app):
+def test_home_and_f_without_a_selection_look_as_at_first_and_what_is_cut_out_is_framed(app):
     looked = []
     app.jobs.view.look = lambda client, eye, target: looked.append((client, eye, target))
     view = tab(app)
@@ -318,10 +320,26 @@ def test_home_and_f_without_a_selection_look_as_at_first(app):
         act(app.focus, view, whole=True)
         mark(app, BALL)
         act(app.focus, view)
+        act(app.cut_out, view)
     finally:
         del app.jobs.view.look
-    home, also, ball = looked
-    assert home == also == (view, *app._first_look()) and ball[1:] != home[1:]
+    home, also, selected, cut_out = looked
+    assert home == also == (view, *app._first_look())
+    for whole, (_, eye, target) in ((BALL.radius, selected), (toy.RADIUS, cut_out)):
+        assert np.allclose(target, toy.CENTRE, atol=0.1)
+        height = 2 * whole / np.linalg.norm(np.subtract(eye, target)) / (2 * np.tan(0.4))
+        assert height == pytest.approx(0.8, abs=0.12)
+
+
+def test_what_is_looked_at_fills_the_picture_and_strays_do_not_count():
+    scene, ball = toy.ball_on_floor()
+    camera = toy.camera_at((5, -9, 4))
+    seen = scene.select(np.flatnonzero(ball | (np.linalg.norm(scene.means, axis=1) > 12)))
+    eye, target = framed(seen, camera)
+    away = look_at(np.array(eye), np.array(target), toy.UP)
+    pixels, _ = replace(camera, world_to_camera=away).project(scene.means[ball].astype(np.float64))
+    assert np.ptp(pixels[:, 1]) == pytest.approx(0.8 * 200, rel=0.05)
+    assert np.allclose(pixels.mean(axis=0), 100, atol=5)
 
 
 def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(app):
@@ -335,6 +353,25 @@ def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(app):
             act(app.step, "Undo")
     assert numbers[controls.LASSO, controls.SURFACE] == numbers[controls.POLYGON, controls.SURFACE]
     assert 0 < numbers[controls.LASSO, controls.SURFACE] <= numbers[controls.LASSO, controls.THROUGH]
+
+
+def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_path):
+    steps = np.linspace(-2, 2, 81)
+    wall = toy.CENTRE + np.stack(np.meshgrid(steps, [0.0], steps, indexing="ij"), -1).reshape(-1, 3)
+    formats.write(toy.gaussians(wall, (0.05, 0.02, 0.05), toy.RED), tmp_path / "wall.ply")
+    open_scene(running, tmp_path / "wall.ply")
+    gesture(running, controls.CLICK, (0.5, 0.5))
+    assert running.session.now.object.n_selected == len(wall)  # it is seen alone
+    act(running.step, "Undo")
+    gesture(running, controls.BOX, (0.4, 0.4), (0.6, 0.6))
+    assert 0 < running.session.now.object.n_selected < 0.3 * len(wall)
+    before = running.session.now
+    for place in ((0.02, 0.02), (0.5, 0.5)):  # nothing is there; it is selected already
+        gesture(running, controls.CLICK, place)
+        said = running.panels.status_text
+        assert running.session.now is before and "--" not in said and not any(map(str.isdigit, said))
+    gesture(running, controls.BOX, (0.48, 0.4), (0.6, 0.6), effect="remove")
+    assert 0 < running.session.now.object.n_selected < before.object.n_selected  # a plain rectangle
 
 
 def test_marks_reach_nothing_that_is_not_shown(app):

@@ -14,7 +14,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.clicks import NothingFoundError, select_by_box, select_by_click
+from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click, select_by_box, select_by_click
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
@@ -165,9 +165,22 @@ def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     assert toy.jaccard(pick.selection, red) > 0.8
     with pytest.raises(NothingFoundError, match=r"objects.*--box.*--segmenter sam"):
         click_on((0, 0.1, 0.1), camera, scene)
+    near = toy.camera_at((3, 0, 0.2), (0, 0, 0))  # the wall goes on beyond the picture
+    region, _ = select_around_click(ViewedScene(scene, near, toy.UP, RENDERER), 100, 100)
+    assert toy.jaccard(region, red) > 0.8
     plain = scene.replace(sh_dc=np.full_like(scene.sh_dc, 0.3))
     with pytest.raises(NothingFoundError, match="box close around"):
         box_in(plain, camera, (60, 60, 140, 140))
+
+
+def test_what_is_seen_alone_is_what_a_click_means_where_nothing_stands():
+    scene, truth = toy.ball_on_floor()
+    ball = scene.select(np.flatnonzero(truth | (np.linalg.norm(scene.means, axis=1) > 12)))  # and strays
+    camera = toy.camera_at((5, 0, 3))
+    found, _ = select_around_click(ViewedScene(ball, camera, toy.UP, RENDERER), 100, 100)
+    assert toy.jaccard(found, np.linalg.norm(ball.means - toy.CENTRE, axis=1) < 1.5) > 0.95
+    near, _ = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP, RENDERER), 100, 100)
+    assert 0 < near.sum() < 0.7 * found.sum()  # it goes on beyond the picture
 
 
 def test_nearer_surface_comes_first():

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits, files, gestures, panels
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
@@ -14,7 +16,7 @@ from gaussian_trimmer.app.keys import Binding, bind_keys, help_text
 from gaussian_trimmer.app.project import is_project
 from gaussian_trimmer.app.showing import Event
 from gaussian_trimmer.app.tools import Tools
-from gaussian_trimmer.app.viewpoints import first_look, look_at_points
+from gaussian_trimmer.app.viewpoints import first_look, framed
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import Point
 
@@ -44,8 +46,15 @@ class Controller:
         self._open(self.panels.path.value, self.panels.camera_path.value, client)
 
     def cut_out(self, client: Any = None) -> None:
-        """Trim the active object and show it alone."""
-        self.jobs.do("Cutting out", self._cut_out, Event.CUT_OUT)
+        """Trim the active object, and show it alone and large."""
+
+        def work() -> str:
+            sentence = self._cut_out()
+            if client is not None:
+                self._look_at_object(client)
+            return sentence
+
+        self.jobs.do("Cutting out", work, Event.CUT_OUT)
 
     def find_objects(self, client: Any = None) -> None:
         """Add every object that is found without a mark."""
@@ -91,16 +100,13 @@ class Controller:
         self._keep_object(client)
 
     def focus(self, client: Any, *, whole: bool = False) -> None:
-        """Let a tab look at the selection from where it looks now, or at the scene as it did at first."""
+        """Let a tab look at the object from the side that it sees, or at the scene as it did at first."""
 
         def work() -> str:
-            now = self.session.now
-            rows = now.object.selected.mask
-            if whole or not rows.any():
+            if whole or not self.session.now.object.n_selected:
                 self._view.look(client, *self._first_look())
             else:
-                forward = self.tools.viewpoint(client).camera.forward
-                self._view.look(client, *look_at_points(now.document.scene.means[rows], forward))
+                self._look_at_object(client)
             return self.panels.status_text
 
         self.jobs.do("Looking", work)
@@ -239,6 +245,12 @@ class Controller:
         document = self.session.document
         return first_look(document.scene, document.cameras, self.session.now.up.direction)
 
+    def _look_at_object(self, client: Any) -> None:
+        now = self.session.now
+        cut_out = now.object.fresh
+        shown = cut_out.object if cut_out else now.document.scene.select(np.flatnonzero(now.object.selected.mask))
+        self._view.look(client, *framed(shown, self.tools.viewpoint(client).camera))
+
     def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
         self._view.show_up(self.session.now.up.direction)
@@ -288,7 +300,7 @@ class Controller:
             Binding("Z", "redo", partial(self.step, "Redo"), "cmd/ctrl+shift"),
             Binding("A", "clear the selection", partial(self.step, "Clear"), "cmd/ctrl+shift"),
             Binding("T", "cut out", self.cut_out),
-            Binding("F", "look at the selection", self.focus),
+            Binding("F", "look at the object", self.focus),
             Binding("home", "look at the scene as at first", partial(self.focus, whole=True)),
             *(
                 Binding(key, f"show: {part}", partial(self.show_part, part))

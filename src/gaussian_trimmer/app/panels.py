@@ -49,7 +49,7 @@ _CLEAN_BACKGROUND, _CONTINUE_SURFACE = "Clean the background", "Continue the sur
 _HINTS = {
     LOOK: "Drag to turn, right-drag to move, wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",
-    BOX: "Drag a box around the object. Ctrl removes, Alt turns the view.",
+    BOX: "Drag a box around the object, or around a part of it to correct. Ctrl removes, Alt turns the view.",
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",

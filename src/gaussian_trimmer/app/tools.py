@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -38,10 +40,12 @@ from gaussian_trimmer.app.viewpoints import (
     viewpoint_of,
 )
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click
 from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Point, Rows, Shrink, Viewpoint, point_of
 from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 
 
 class Do(Protocol):
@@ -154,30 +158,41 @@ class Tools:
         return asked or EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
-        place = gesture.places[0]
-        return self._mark(Click(*pixel_at(view, place), self._past_hidden(view, [place]), self._effect(gesture.effect)))
+        """Mark the thing that was clicked on or, where none can be told from the rest, what is around the click."""
+        place, effect = gesture.places[0], self._effect(gesture.effect)
+        self._surface_point(view, place)
+        x, y = pixel_at(view, place)
+        try:
+            return self._mark(Click(x, y, self._past_hidden(view, [place]), effect))
+        except NothingFoundError:
+            up, renderer = self._session.now.up.direction, self._session.document.renderer
+            found, what = select_around_click(ViewedScene(self._shown(), view.camera, up, renderer), x, y)
+            return f"{self._mark_shown(found, what, effect)} Add and remove by further clicks, or draw around it."
 
     def _box(self, view: Viewpoint, gesture: Gesture) -> str:
+        """Mark the thing in a box while nothing is selected; otherwise, or where none is found, what shows in it."""
         low, high = (tuple(choose(values) for values in zip(*gesture.places, strict=True)) for choose in (min, max))
-        across, down = (np.linspace(low[axis], high[axis], _BOX_PROBES) for axis in (0, 1))
-        places = [(float(x), float(y)) for x in across for y in down]
-        return self._mark(Box(*box_at(view, low, high), self._past_hidden(view, places), self._effect(gesture.effect)))
+        if not self._session.now.object.n_selected:
+            across, down = (np.linspace(low[axis], high[axis], _BOX_PROBES) for axis in (0, 1))
+            places = [(float(x), float(y)) for x in across for y in down]
+            with suppress(NothingFoundError):
+                return self._mark(
+                    Box(*box_at(view, low, high), self._past_hidden(view, places), self._effect(gesture.effect))
+                )
+        corners = (low, (high[0], low[1]), high, (low[0], high[1]))
+        return self._draw(view, replace(gesture, places=corners))
 
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown."""
-        scene, shown = self._session.document.scene, self._shown_rows()
-        part = scene if shown.all() else scene.select(np.flatnonzero(shown))
         taken = rows_drawn(
-            part,
+            self._shown(),
             view,
             gesture.places,
             radius=self._panels.brush.value if gesture.tool == BRUSH else None,
             through=self._panels.reach.value == THROUGH,
             renderer=self._session.document.renderer,
         )
-        rows = mask_of_rows(np.flatnonzero(shown)[taken], len(scene))
-        tool = {BRUSH: "brush", LASSO: "lasso", POLYGON: "polygon"}[gesture.tool]
-        return self._mark(Rows(pack_rows(rows), tool, self._effect(gesture.effect)))
+        return self._mark_shown(taken, gesture.tool.lower(), self._effect(gesture.effect))
 
     def _corner(self, view: Viewpoint, gesture: Gesture) -> str:
         self._corners.append(self._surface_point(view, gesture.places[0]))
@@ -205,6 +220,11 @@ class Tools:
         if self._panels.effect.value == KEEP_ONLY:  # else the next mark would keep nothing
             self._panels.effect.value = ADD
         return sentence
+
+    def _mark_shown(self, taken: BoolArray, tool: str, effect: Effect) -> str:
+        """Mark some of the Gaussians that are shown, (M,)."""
+        shown = self._shown_rows()
+        return self._mark(Rows(pack_rows(mask_of_rows(np.flatnonzero(shown)[taken], len(shown))), tool, effect))
 
     def _shown_rows(self) -> Any:
         return shown_rows(self._session.now, self._panels.showing)

@@ -15,6 +15,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, mask_of_rows, rotation_matrices
+from gaussian_trimmer.geometry.bounds import dominant_cluster
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
@@ -27,8 +28,8 @@ _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
-_VIEW_DISTANCE_RADII = 3.0
-"""Distance from which something is looked at, in its radius."""
+_FRAMED_SHARE, _ENDS = 0.8, (0.01, 0.99)
+"""Share of the picture's height, or width, that what is looked at fills; quantiles that are taken for its ends."""
 _BEFORE_SURFACE = 0.999
 """Depth of a near plane that hides what stands before a surface, relative to the surface's."""
 _SHIFT = 4
@@ -89,12 +90,15 @@ def first_look(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) ->
     return point_of(camera.centre), point_of(camera.centre + depth * camera.forward)
 
 
-def look_at_points(means: FloatArray, forward: Float64Array) -> tuple[Point, Point]:
-    """Return from where points (M, 3) are looked at in a direction (3,), and at which point."""
-    points = means.astype(np.float64)
-    centre = np.median(points, axis=0)
-    radius = max(float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9)), 1e-9)
-    return point_of(centre - _VIEW_DISTANCE_RADII * radius * forward), point_of(centre)
+def framed(gaussians: Gaussians, camera: Camera) -> tuple[Point, Point]:
+    """Return from where Gaussians fill a camera's picture as it looks now, and at which point; strays do not count."""
+    local = gaussians.means[dominant_cluster(gaussians)] @ camera.rotation.T.astype(np.float32)
+    middle = np.quantile(local, _ENDS, axis=0).mean(axis=0)
+    slopes = _FRAMED_SHARE * np.array([camera.width, camera.height]) / 2 / np.diag(camera.K)[:2]
+    distances = (np.abs(local - middle)[:, :2] / slopes).max(axis=1) - (local - middle)[:, 2]
+    centre = camera.rotation.T @ middle
+    distance = max(float(np.quantile(distances, _ENDS[1])), 1e-9)
+    return point_of(centre - distance * camera.forward), point_of(centre)
 
 
 def pixel_at(view: Viewpoint, place: Place) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
@@ -18,6 +19,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntA
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.planning.camera_rings import ring_poses
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
+from gaussian_trimmer.selecting.corrections import Seed, correct_at_click
 from gaussian_trimmer.selecting.segment_in_box import fills, segment_in_box
 from gaussian_trimmer.selecting.segment_on_plane import REACH, pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, check_pixel, look_at_pixel, shown_weights
@@ -33,6 +35,12 @@ _MAX_FOR_EXTENTS = 15_000
 """Gaussians around a point up to which objects are of so few that the extents of each count."""
 _GOOD_BOX_OVERLAP = 0.85
 _MIN_BOX_OVERLAP = 0.5
+
+
+_SOFT_EDGE = 2
+"""Pixels by which what is seen alone reaches beyond where it is opaque."""
+_REGION_SHARE = 0.15
+"""Radius that is expected of the region around a click, relative to the picture's height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +74,29 @@ def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
             "objects'; else draw a box (--box), click in another view, or let a model find it (--segmenter sam)."
         )
     return Pick(pieces[0], "piece")
+
+
+def select_around_click(scene: ViewedScene, x: int, y: int) -> tuple[BoolArray, str]:
+    """What a click may mean where nothing stands: all that is seen alone there, else the region around the pixel, (N,).
+
+    Returns also which of them it is, in words. Raises as `select_by_click` where nothing is seen.
+    """
+    small, nothing = scene.small(), np.zeros(len(scene.gaussians), np.bool_)
+    camera, (x, y) = small.camera, _rescaled((x, y), scene.camera, small.camera)
+    target = look_at_pixel(small, x, y)
+    seen = small.renderer.render(small.gaussians, camera).alpha > HALF
+    _, pieces, boxes, _ = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
+    left, top, width, height = boxes[pieces[y, x], :4]
+    if seen[y, x] and min(left, top, camera.width - left - width, camera.height - top - height) > 0:
+        outline = cv2.dilate(
+            (pieces == pieces[y, x]).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=_SOFT_EDGE
+        )
+        pixels, depths = camera.project(scene.gaussians.means.astype(np.float64))
+        rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
+        nothing[rows] = outline[tuple(pixels[rows].astype(np.int64).T[::-1])] > 0
+        return nothing, "what is seen alone there"
+    radius = _REGION_SHARE * camera.height * target.depth / float(camera.K[1, 1])
+    return correct_at_click(small, nothing, Seed(target.point, radius, True), ()), "the region around the click"
 
 
 def select_by_box(scene: ViewedScene, box: Box) -> Pick:

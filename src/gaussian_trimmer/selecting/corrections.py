@@ -67,7 +67,7 @@ def correct_at_click(scene: ViewedScene, selection: BoolArray, seed: Seed, earli
 
     Args:
         scene: the scene in the view of the click.
-        selection: before the click, (N,).
+        selection: before the click, (N,); it may be empty.
         seed: the clicked point, with the radius that is expected of the region.
         earlier: seeds of earlier clicks, which keep their sides.
     """
@@ -101,6 +101,8 @@ def _best_region(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Se
 
 def _graph_radius(means: FloatArray, selection: BoolArray, seed: Seed) -> float:
     """The unit of the graph: about half the size of the selection, and no less than what the click is about."""
+    if not selection.any():
+        return 2 * seed.radius
     low, high = np.quantile(means[selection].astype(np.float64), _EXTENT_QUANTILES, axis=0)
     return max(float(np.linalg.norm(high - low)) / 2, 2 * seed.radius)
 

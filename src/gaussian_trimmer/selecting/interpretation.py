@@ -163,9 +163,7 @@ class MarkInterpreter:
         shown = np.asarray(small.coverage(mask) > HALF)
         if shown[y, x] == adds:
             verb, already = ("adds", "selected already") if adds else ("removes", "not selected")
-            raise InputError(
-                f"The click at ({mark.x}, {mark.y}) {verb} what is {already}; click where something is wrong."
-            )
+            raise InputError(f"The click {verb} what is {already}; click where something is wrong.")
         seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
         after = state.mask.copy()
         after[rows] = correct_at_click(small, mask, seed, state.seeds)
