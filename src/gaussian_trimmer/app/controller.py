@@ -296,6 +296,7 @@ class Controller:
             Binding("G", "grow the selection", partial(tools.change_selection, "Grow")),
             Binding("G", "shrink the selection", partial(tools.change_selection, "Shrink"), "shift"),
             Binding("I", "invert the selection", partial(tools.change_selection, "Invert")),
+            Binding("M", "take by footprint / by centres", partial(self.choose_next, controls.taking)),
             Binding("Z", "undo", partial(self.step, "Undo"), "cmd/ctrl"),
             Binding("Z", "redo", partial(self.step, "Redo"), "cmd/ctrl+shift"),
             Binding("A", "clear the selection", partial(self.step, "Clear"), "cmd/ctrl+shift"),

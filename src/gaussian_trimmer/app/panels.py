@@ -34,6 +34,7 @@ BACKDROPS: dict[str, Colour | None] = {
     "Checker": None,
 }
 SURFACE, THROUGH = "Surface", "Through"
+FOOTPRINT, CENTRES = "Footprint", "Centres"
 UPS: dict[str, Point | None] = {"Automatic": None} | {
     f"{sign}{name}": point_of(factor * axis)
     for name, axis in zip("XYZ", np.eye(3), strict=True)
@@ -124,6 +125,7 @@ class Panels:
         """Forget what was chosen and entered for the scene before."""
         self.show_tool(LOOK)
         self.effect.value, self.reach.value, self.existing.value = ADD, SURFACE, KEEP
+        self.taking.value = FOOTPRINT
         self.folder.value = self.selection_path.value = ""
         self.show_command("")
 
@@ -162,7 +164,7 @@ class Panels:
         """Show the controls and the hint of a tool."""
         self.tool.value, self.hint.content = tool, _text(_HINTS[tool])
         self.brush.visible = tool == BRUSH
-        self.reach.visible = tool in (LASSO, POLYGON, BRUSH)
+        self.reach.visible = self.taking.visible = tool in (BOX, LASSO, POLYGON, BRUSH)
         self.box_size.visible = self.box_apply.visible = tool == BOX3D
 
     def show_command(self, command: str) -> None:
@@ -175,6 +177,7 @@ class Panels:
         self.hint = gui.add_html(_text(_HINTS[LOOK]))
         self.brush = gui.add_slider("Brush radius", 3, 200, 1, 24, visible=False)
         self.reach = Choice(gui, "Reach", (SURFACE, THROUGH), visible=False)
+        self.taking = Choice(gui, "Take by", (FOOTPRINT, CENTRES), visible=False)
         self.box_size = gui.add_vector3("Box size", (1.0, 1.0, 1.0), min=(0.0, 0.0, 0.0), step=0.001, visible=False)
         self.box_apply = gui.add_button("Apply the box", visible=False)
 

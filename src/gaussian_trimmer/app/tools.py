@@ -17,6 +17,7 @@ from gaussian_trimmer.app.panels import (
     BOX,
     BOX3D,
     BRUSH,
+    CENTRES,
     CLICK,
     EFFECTS,
     KEEP_ONLY,
@@ -35,7 +36,6 @@ from gaussian_trimmer.app.viewpoints import (
     before_what_shows,
     box_at,
     pixel_at,
-    rows_drawn,
     surface_points,
     viewpoint_of,
 )
@@ -43,8 +43,21 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click
-from gaussian_trimmer.selecting.marks import Box, Click, Effect, Grow, Mark, Point, Rows, Shrink, Viewpoint, point_of
+from gaussian_trimmer.selecting.marks import (
+    Box,
+    Click,
+    Effect,
+    Grow,
+    Mark,
+    Point,
+    Rows,
+    Shrink,
+    Stroke,
+    Viewpoint,
+    point_of,
+)
 from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selecting.strokes import under_stroke
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 
 
@@ -184,14 +197,16 @@ class Tools:
 
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown."""
-        taken = rows_drawn(
+        controls = self._panels
+        taken = under_stroke(
             self._shown(),
-            view,
-            gesture.places,
-            radius=self._panels.brush.value if gesture.tool == BRUSH else None,
-            through=self._panels.reach.value == THROUGH,
+            Stroke(view, gesture.places, controls.brush.value if gesture.tool == BRUSH else None),
+            through=controls.reach.value == THROUGH,
+            by_centres=controls.taking.value == CENTRES,
             renderer=self._session.document.renderer,
         )
+        if not taken.any():
+            raise InputError("Nothing that is shown is there; draw over what you see.")
         return self._mark_shown(taken, gesture.tool.lower(), self._effect(gesture.effect))
 
     def _corner(self, view: Viewpoint, gesture: Gesture) -> str:

@@ -141,6 +141,17 @@ class Shrink:
 
 
 @dataclass(frozen=True)
+class Stroke:
+    """What was drawn over in a view."""
+
+    view: View
+    places: tuple[tuple[float, float], ...]
+    """Where the line goes, from (0, 0) at the upper left of the picture to (1, 1)."""
+    radius: float | None = None
+    """Of a brush, in pixels of the view; None: what the line surrounds is meant."""
+
+
+@dataclass(frozen=True)
 class Rows:
     """Gaussians by their rows in the scene, as a lasso or a brush found them."""
 

@@ -1,0 +1,75 @@
+"""What is drawn over in a view: by lasso, polygon, rectangle and brush. N Gaussians, H x W pixels of a small view."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
+from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
+from gaussian_trimmer.views import HALF, MIN_SEEN_PIXELS
+
+_SHIFT = 4
+"""Bits of a pixel's fraction in OpenCV's coordinates."""
+_SHOWS = 0.1
+"""Blend weight at a pixel from which on a Gaussian is part of what shows there."""
+
+
+def drawn_over(stroke: Stroke) -> tuple[Camera, BoolArray]:
+    """Return a small view, and which of its pixels were drawn over, (H, W)."""
+    assert isinstance(stroke.view, Viewpoint), "views are resolved"
+    camera = small_view(stroke.view.camera)
+    mask = np.zeros((camera.height, camera.width), np.uint8)
+    places = np.array(stroke.places) * (camera.width, camera.height) - 0.5
+    line = np.round(places * (1 << _SHIFT)).astype(np.int32)
+    if stroke.radius is None:
+        cv2.fillPoly(mask, [line], 1, shift=_SHIFT)
+    else:
+        radius = stroke.radius * camera.width / stroke.view.camera.width
+        cv2.polylines(mask, [line], False, 1, max(1, round(2 * radius)), shift=_SHIFT)
+        for x, y in line:
+            cv2.circle(mask, (int(x), int(y)), max(1, round(radius * (1 << _SHIFT))), 1, -1, shift=_SHIFT)
+    return camera, mask.astype(np.bool_)
+
+
+def under_stroke(
+    gaussians: Gaussians, stroke: Stroke, *, through: bool, by_centres: bool, renderer: Renderer
+) -> BoolArray:
+    """Return which Gaussians a stroke means, (N,): of what shows there those that show mostly there.
+
+    What is hidden below the surface is meant by its centre, as deep as the brush's radius, or half of the width that a
+    lasso has.
+
+    Args:
+        gaussians: those that are shown.
+        stroke: what was drawn over.
+        through: take all depths, not only the surface.
+        by_centres: go by centres alone.
+        renderer: finds the surface, and what shows.
+    """
+    camera, mask = drawn_over(stroke)
+    pixels, depths = camera.project(gaussians.means.astype(np.float64))
+    rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
+    x, y = pixels[rows].astype(np.int64).T
+    rows, x, y = (values[mask[y, x]] for values in (rows, x, y))
+    top, weights = renderer.top_contributors(gaussians, camera, np.argwhere(mask)[:, ::-1], CONTRIBUTORS)
+    if not through:
+        reach = np.sqrt(np.count_nonzero(mask) / np.pi)
+        if stroke.radius is not None:
+            reach = stroke.radius * camera.width / stroke.view.camera.width  # type: ignore[union-attr]
+        surface = np.full(mask.shape, np.inf)
+        surface[mask] = surface_depths(gaussians, camera, top, weights)
+        rows = rows[depths[rows] <= surface[y, x] * (1 + reach / camera.K[0, 0])]
+    taken = np.zeros(len(gaussians), np.bool_)
+    taken[rows] = True
+    if by_centres:
+        return taken
+    beside, under = renderer.blend_weights(gaussians, camera, mask.astype(np.uint8), 2).T
+    mostly = under > HALF * (under + beside)
+    taken &= mostly | (under + beside < MIN_SEEN_PIXELS)
+    shown = np.unique(top[(top >= 0) & (weights >= _SHOWS)])
+    taken[shown] = mostly[shown]
+    return taken
