@@ -95,6 +95,14 @@ def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
     assert all(one.confidence == 0.8 for one in found)
 
 
+def test_things_that_are_sure_by_themselves_come_before_the_group_that_most_tiles_made_of_them():
+    table, chairs = range(600), [range(600, 700), range(700, 800)]
+    alone = [candidate(chair) for chair in chairs for _ in range(3)]
+    found = agree([candidate(range(800))] * 9 + alone, 800)
+    assert [one.rows.tolist() for one in found] == [list(chairs[0]), list(chairs[1]), list(table)]
+    assert [len(one.rows) for one in agree([candidate(range(800))] * 9 + alone[:3], 800)] == [800]
+
+
 def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
     few, small, cut = (
         [candidate(range(100))] * 2,

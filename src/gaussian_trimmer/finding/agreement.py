@@ -1,5 +1,7 @@
 """What is found alike in several tiles is an object; of several that overlap, the one that most tiles agree on.
 
+A group of things comes after them: a table with its chairs, of which two are sure by themselves.
+
 A tile shows a thing among other neighbours, from other sides and at another size than the tile beside it. What comes
 out the same each time stands by itself; what a border cut, or what only one tile joined to its neighbour, does not.
 """
@@ -8,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.judging import DOUBTFUL, Verdict
-from gaussian_trimmer.gaussians import Float64Array, IntArray
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 
 _ALIKE = 0.6
 """IoU of their Gaussians from which on two candidates are alike."""
@@ -21,6 +25,8 @@ _MIN_ALIKE, _MIN_ALIKE_AT_ALL = 3, 2
 """Number of candidates that are alike from which on an object is sure, and named at all."""
 _MIN_FREE = 0.7
 """Share of a candidate that no better one has taken, at least."""
+_WITHIN = 0.9
+"""Share of its Gaussians from which on one candidate is within another."""
 _MIN_GAUSSIANS = 50
 """Objects of fewer Gaussians are not sure."""
 
@@ -46,7 +52,7 @@ class Candidate:
 
 
 def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
-    """Choose objects that do not overlap among the candidates of all tiles, most agreed on first.
+    """Choose objects that do not overlap among the candidates of all tiles, most agreed on first, groups of them last.
 
     Each is a candidate with those of its rows that no better one has, and the verdict that the agreement leaves.
 
@@ -56,22 +62,22 @@ def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
     """
     if not candidates:
         return []
-    alike = _alike(candidates, size)
-    counts = np.asarray(alike.sum(axis=1)).ravel()
-    lengths = np.array([len(candidate.rows) for candidate in candidates])
+    common = _common(candidates, size)
+    alike = _alike(common)
+    counts = np.asarray(alike.sum(axis=1)).ravel().tolist()
     confidence = np.array([candidate.confidence for candidate in candidates])
+    best = [float(confidence[row.indices].max()) for row in alike]
+    agreed = [_agreed(*one) for one in zip(candidates, (one.rows for one in candidates), counts, best, strict=True)]
+    groups = _groups(common, np.array([one.confidence >= SURE for one in agreed]))
     taken, found = np.zeros(size, np.bool_), []
-    for place in np.lexsort((-lengths, -counts)).tolist():
-        if counts[place] < _MIN_ALIKE_AT_ALL:
-            break
+    for place in np.lexsort((-common.diagonal(), -np.array(counts), groups)).tolist():
         candidate = candidates[place]
         free = ~taken[candidate.rows]
-        if free.mean() < _MIN_FREE:
+        if counts[place] < _MIN_ALIKE_AT_ALL or free.mean() < _MIN_FREE:
             continue
         rows = candidate.rows[free]
         taken[rows] = True
-        best = float(confidence[alike[place].indices].max())
-        found.append(_agreed(candidate, rows, int(counts[place]), best))
+        found.append(_agreed(candidate, rows, counts[place], best[place]))
     return found
 
 
@@ -90,14 +96,27 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
     return replace(candidate, rows=rows, verdict=verdict)
 
 
-def _alike(candidates: Sequence[Candidate], size: int) -> csr_matrix:
-    """Tell which candidates are alike, (C, C)."""
-    lengths = np.array([len(candidate.rows) for candidate in candidates])
-    ends = np.concatenate([[0], np.cumsum(lengths)])
+def _common(candidates: Sequence[Candidate], size: int) -> csr_matrix:
+    """Count the Gaussians that each two candidates have in common, (C, C)."""
+    ends = np.cumsum([0, *(len(candidate.rows) for candidate in candidates)])
     indices = np.concatenate([candidate.rows for candidate in candidates])
     members = csr_matrix((np.ones(len(indices), np.int32), indices, ends), shape=(len(candidates), size))
-    common = (members @ members.T).tocoo()
-    union = lengths[common.row] + lengths[common.col] - common.data
-    kept = common.data >= _ALIKE * union
-    shape = (len(candidates), len(candidates))
-    return csr_matrix((np.ones(kept.sum(), np.int32), (common.row[kept], common.col[kept])), shape=shape)
+    return (members @ members.T).tocsr()
+
+
+def _alike(common: csr_matrix) -> csr_matrix:
+    """Tell which candidates are alike, (C, C)."""
+    lengths, pairs = common.diagonal(), common.tocoo()
+    kept = pairs.data >= _ALIKE * (lengths[pairs.row] + lengths[pairs.col] - pairs.data)
+    return csr_matrix((np.ones(kept.sum(), np.int32), (pairs.row[kept], pairs.col[kept])), shape=common.shape)
+
+
+def _groups(common: csr_matrix, sure: BoolArray) -> BoolArray:
+    """Tell which candidates hold two or more that are sure (C,) and apart from each other, (C,)."""
+    lengths, groups = common.diagonal(), np.zeros(common.shape[0], np.bool_)
+    for place, (start, end) in enumerate(pairwise(common.indptr)):
+        others = common.indices[start:end]
+        parts = others[sure[others] & (common.data[start:end] >= _WITHIN * lengths[others])]
+        shared = common[parts][:, parts].toarray()
+        groups[place] = (shared < (1 - _WITHIN) * np.minimum.outer(lengths[parts], lengths[parts])).any()
+    return groups

@@ -12,7 +12,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.contacts import one_thing
 from gaussian_trimmer.finding.found import SURE, FoundObject, FoundObjects
-from gaussian_trimmer.finding.judging import FindConfig, Verdict, judge, judge_surface
+from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, Verdict, judge, judge_surface
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
@@ -92,7 +92,9 @@ def find_objects(
     found_up = find_up(scene, cameras, up)
     looks = _Looks(found_up.direction, config, renderer, segmenter)
     if len(scene) > LARGEST_LOOK:
-        return _find_in_tiles(scene, found_up, looks, clock)
+        # In a tile what is named at all may be sure; its Gaussians tell how large it is.
+        close = replace(config, min_shown=MIN_SHARE_AT_ALL * config.min_shown)
+        return _find_in_tiles(scene, found_up, replace(looks, config=close), clock)
     with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(

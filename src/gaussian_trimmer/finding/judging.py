@@ -14,7 +14,7 @@ from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 from gaussian_trimmer.settings import Range, Share
 
-_MIN_SHARE_AT_ALL = 0.1
+MIN_SHARE_AT_ALL = 0.1
 """What shows less than this, relative to a sure object, is not named."""
 DOUBTFUL = 0.4
 """Confidence in what rests on nothing that was found, or carries a surface of the room, at most."""
@@ -70,7 +70,7 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
     areas = np.bincount(regions[free], surface.areas[free])
     total = surface.shown.sum(axis=0)
     shown = np.bincount(regions[free], total[free]) / max(float(total.sum()), 1e-12)
-    candidates = np.flatnonzero((areas > MIN_AREA) & (shown > _MIN_SHARE_AT_ALL * config.min_shown))
+    candidates = np.flatnonzero((areas > MIN_AREA) & (shown > MIN_SHARE_AT_ALL * config.min_shown))
     members = {number: np.flatnonzero(regions == number) for number in candidates.tolist()}
     by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
     seen = {number: seen_share(shares) for number, shares in by_view.items()}
