@@ -94,6 +94,15 @@ def test_the_setting_that_is_not_possible_is_named(values, said):
     assert str(caught.value).startswith(said) and len(str(caught.value)) < 200
 
 
+def test_settings_by_the_names_of_options():
+    config = TrimConfig.of({"--plan.size": 96, "label-crf.enabled": False, "refine": "off", "up": "-y"})
+    assert (config.plan.size, config.label_crf.enabled, config.refine) == (96, False, "off")
+    assert config.up == (0, -1, 0) and config.plan.views == TrimConfig().plan.views
+    for wrong, named in (({"plan.size": 0}, "plan.size"), ({"plan.sizes": 96}, "sizes"), ({"up": "north"}, "north")):
+        with pytest.raises(InputError, match=named):
+            TrimConfig.of(wrong)
+
+
 def test_what_is_possible_passes():
     check_settings(Outer(up=np.array([0.0, 0, 1]), ids=[0, np.int32(9)], free=object(), choice="two", on=False))
     check_settings(Outer(inner_part=Inner(np.float32(1)), up=[0, 0, 1.0]))

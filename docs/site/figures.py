@@ -43,7 +43,7 @@ def figures(size: int = 512) -> dict[str, Picture]:
     """Every figure by the name of its file; `size` is that of the virtual views in pixels."""
     scene = gt.read(sample.SCENE)
     rough = gt.read_selection(sample.SELECTION, scene)
-    config = gt.TrimConfig(plan=gt.TrimConfig().plan.__class__(size=size))
+    config = gt.TrimConfig.of({"plan.size": size})
     result = gt.trim(scene, rough, cameras=gt.read_cameras(sample.CAMERAS), config=config)
     return {
         "planning.jpg": _planning(result),

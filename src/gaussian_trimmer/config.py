@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from functools import reduce
+from typing import Annotated, Any, Literal
 
+from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.decomposition.refinement import RefineConfig
 from gaussian_trimmer.decomposition.splitting import SplitConfig
@@ -12,7 +15,7 @@ from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
-from gaussian_trimmer.settings import Range, Vector, check_settings
+from gaussian_trimmer.settings import Range, Vector, check_settings, from_plain
 
 __all__ = [
     "CONTEXT_RADIUS",
@@ -57,6 +60,25 @@ class TrimConfig:
     with_what_stands_on_it: bool = False
     """What stands on the object goes with it. By default vases stay when their table goes, in the air, and the trim
     tells of it; nothing that anything else holds is taken along."""
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> TrimConfig:
+        """Return the defaults, with settings by the names that the command line has for them.
+
+        Raises:
+            InputError: there is no setting of that name, or it cannot have that value.
+
+        >>> TrimConfig.of({"plan.views": 7, "label-crf.enabled": False}).plan.views
+        7
+        """
+        nested: dict[str, Any] = {}
+        for name, value in settings.items():
+            *stages, last = name.lstrip("-").replace("-", "_").split(".")
+            reduce(lambda inner, stage: inner.setdefault(stage, {}), stages, nested)[last] = value
+        if nested.get("up") is not None:
+            nested["up"] = vector_of_up(nested["up"])
+        config: TrimConfig = from_plain(nested, cls, "TrimConfig")
+        return config
 
 
 def paper_config(config: TrimConfig | None = None) -> TrimConfig:

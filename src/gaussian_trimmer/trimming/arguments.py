@@ -168,7 +168,7 @@ def settings(
     """
     config = TrimConfig() if config is None else config
     if not isinstance(config, TrimConfig):
-        raise InputError(f"The config is a {type(config).__name__}; give a TrimConfig.")
+        raise InputError(f"The config is a {type(config).__name__}; give TrimConfig.of({{'plan.views': 7}}).")
     if view_cameras is not None:
         is_list = isinstance(view_cameras, Sequence) and len(view_cameras) > 0
         if not is_list or not all(isinstance(camera, Camera) for camera in view_cameras):
