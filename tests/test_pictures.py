@@ -79,6 +79,20 @@ def test_before_after_shows_the_object_from_all_around():
     assert rows[0] > 0 and rows[-1] < 319, "the low view cuts the object off"
 
 
+def test_the_scene_goes_on_behind_the_object_and_a_wall_before_it_is_left_out():
+    scene, truth = toy.ball_on_floor(n_floaters=0)
+    across, heights = np.meshgrid(np.linspace(-12, 12, 60), np.linspace(-4, 12, 40))
+    far, near = (np.stack([np.full(across.shape, x), across, heights], -1).reshape(-1, 3) for x in (-9, 1.6))
+    green = toy.gaussians(far, 0.3, (0.1, 0.9, 0.1), 0.95)
+    violet = toy.gaussians(near, 0.3, (0.8, 0.1, 0.9), 0.95)
+    room = concatenate([scene, green, violet])
+    result = trim(room, np.append(truth, np.zeros(len(room) - len(scene), np.bool_)), config=toy.small_config(), up="z")
+    last_row = draw_before_after(result)[-26 - CELL : -26].astype(int)
+    opposite = [last_row[:, STEP * i : STEP * i + CELL] for i in range(4)]
+    shares = [np.mean((cell[..., 1] > 120) & (cell[..., 0] < 90) & (cell[..., 2] < 90)) for cell in opposite]
+    assert max(shares) > 0.15, "neither is the far wall shown nor the near one cut away"
+
+
 def test_thin_ends_of_the_object_are_within_the_picture():
     scene, truth = toy.ball_on_floor()
     heights = np.linspace(1, 3, 12)[:, None]

@@ -194,7 +194,9 @@ def test_folders_differ_by_id(files, tmp_path, monkeypatch):
     command = ["trim", files / "scene.ply", files / "labels.npy", "--up", 0, 0, 1, *SMALL, "--views", 3, "--quiet"]
     for number in (3, 7):
         assert run(*command, "--selection.object-id", number) == 0
-    assert sorted(path.name for path in (tmp_path / "trimmed").iterdir()) == ["scene-labels-3", "scene-labels-7"]
+    assert sorted(path.name for path in (tmp_path / "trimmed").iterdir()) == [
+        f"{files.name}-labels-{number}" for number in (3, 7)
+    ]
 
 
 def test_folders_of_trainings(files, tmp_path, capsys):

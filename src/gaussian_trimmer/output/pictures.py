@@ -35,6 +35,10 @@ _WHOLE_OBJECT_MARGIN = 1.05
 """Distance of the frame from the outermost Gaussians of the object, relative to theirs from the middle."""
 _SMALLEST_ZOOM = 0.25
 """How much a picture may be widened for single Gaussians far from the rest."""
+_HIDING_ALPHA = 0.3
+"""Mean opacity before an object's place from which on what stands there is left out."""
+_MOST_DRAWN = 2_000_000
+"""Gaussians of a scene that its row holds."""
 _SELECTION_COLOUR: Colour = (40, 150, 255)
 _MASK_COLOUR: Colour = (255, 235, 60)
 _REJECTED_COLOUR: Colour = (70, 70, 255)
@@ -85,9 +89,9 @@ def draw_gaussians(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> 
 def draw_before_after(result: TrimResult) -> Picture:
     """Draw the selection, the trimmed object and the scene without it, a row each, from all around.
 
-    Directions from which nothing was judged are framed and say why. The scene's row holds what lies around the object:
-    walls farther out would stand before the camera. One object is also shown from low and from high. Of several, each
-    has a smaller block, from two sides.
+    Directions from which nothing was judged are framed and say why. The scene's row holds all of it, but not what would
+    stand between a camera and the object's surroundings, such as walls. One object is also shown from low and from
+    high. Of several, each has a smaller block, from two sides.
     """
     if len(result.objects) == 1:
         return _draw_object(result, result.only, _RING_COLUMNS, (_LOW_PITCH_DEGREES, _HIGH_PITCH_DEGREES), _CELL_PIXELS)
@@ -104,15 +108,14 @@ def _draw_object(result: TrimResult, part: TrimmedObject, columns: int, pitches:
     yaws, cameras = cameras_around(part, selected, sides, columns, size, pitches)
     verdicts = [sides.verdict(yaw) for yaw in (*yaws, *(yaws[:1] * len(pitches)))]
     after = "the object, not trimmed" if part.refused else "trimmed object"
+    scene, renderer = _background_around(result, part), result.used_renderer
+    rest = "what was removed" if len(selected) == len(result.scene) else "the scene without the object"
     rows = [
-        (f"selection: {len(selected):,} Gaussians", selected),
-        (f"{after}: {len(part.gaussians):,} Gaussians", part.gaussians),
-        (
-            "what was removed" if len(selected) == len(result.scene) else "the scene without the object",
-            nearby_background(result, part),
-        ),
+        (f"selection: {len(selected):,} Gaussians", selected, cameras),
+        (f"{after}: {len(part.gaussians):,} Gaussians", part.gaussians, cameras),
+        (rest, scene, [_past_what_hides(camera, scene, part.bounds, renderer) for camera in cameras]),
     ]
-    pictures = [_row(caption, gaussians, cameras, verdicts, result.used_renderer) for caption, gaussians in rows]
+    pictures = [_row(*row, verdicts, renderer) for row in rows]
     width = pictures[0].shape[1]
     closing = (f"not trimmed: {part.refused}", _REJECTED_COLOUR) if part.refused else (sides.sentence(), _TEXT_COLOUR)
     return np.vstack([_headings(yaws, pitches, verdicts, width), *pictures, _strip([closing], width)])
@@ -141,6 +144,19 @@ def cameras_around(
         cameras += plan_cameras(selected, part.bounds.axes[2], config)[0]
     zoom = min(zoom_to_whole(camera, part.gaussians) for camera in cameras)
     return [(sides.middle + 360 * i // count) % 360 for i in range(count)], [zoomed(c, zoom) for c in cameras]
+
+
+def _past_what_hides(camera: Camera, scene: Gaussians, bounds: Bounds, renderer: Renderer) -> Camera:
+    """Return a camera that sees nothing before the surroundings of an object, nor what in these hides its place."""
+    place, corner_depths = camera.project(bounds.corners())
+    _, depths = camera.project(scene.means.astype(np.float64))
+    near = max(camera.near, float(np.linalg.norm(camera.centre - bounds.centre)) - CONTEXT_RADIUS * bounds.radius)
+    camera, front = replace(camera, near=near), float(corner_depths.min())
+    before = scene.select((depths > near) & (depths < front))
+    x0, y0, x1, y1 = np.clip([*place.min(axis=0), *place.max(axis=0)], 0, camera.width - 1).astype(int)
+    if not len(before) or renderer.render(before, camera).alpha[y0 : y1 + 1, x0 : x1 + 1].mean() < _HIDING_ALPHA:
+        return camera
+    return replace(camera, near=front)
 
 
 def zoom_to_whole(camera: Camera, gaussians: Gaussians) -> float:
@@ -209,6 +225,16 @@ def _row(
 def _side_by_side(pictures: Sequence[Picture]) -> Picture:
     gap = np.full((len(pictures[0]), _GAP_PIXELS, 3), _STRIP_COLOUR, np.uint8)
     return np.hstack([cell for picture in pictures for cell in (gap, picture)][1:])
+
+
+def _background_around(result: TrimResult, part: TrimmedObject) -> Gaussians:
+    """Return the scene without the objects, of a very large one what lies nearest to one of them."""
+    rows = result.background_rows
+    if len(rows) <= _MOST_DRAWN:
+        return result.background
+    distances = np.linalg.norm(result.scene.means[rows] - part.bounds.centre.astype(np.float32), axis=1)
+    nearest = np.sort(np.argpartition(distances, _MOST_DRAWN)[:_MOST_DRAWN])
+    return concatenate([result.scene.select(rows[nearest]), result.appended])
 
 
 def nearby_background(result: TrimResult, part: TrimmedObject) -> Gaussians:
