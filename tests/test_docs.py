@@ -174,6 +174,19 @@ def test_the_figures_of_the_stages_are_made():
         assert stored.shape[1] >= 600
 
 
+@pytest.mark.slow
+def test_the_pictures_of_the_walk_show_what_its_commands_do(tmp_path):
+    """Up to what another processor rounds in another way; the counts over the rows are the same."""
+    walk = load(ROOT / "docs" / "site" / "walk.py")
+    walk.main(tmp_path)
+    counts = slice(12, 24)  # the line above the first row
+    for path in tmp_path.glob("*.jpg"):
+        now, shown = (cv2.imread(str(file)).astype(int) for file in (path, walk.FOLDER / path.name))
+        assert now.shape == shown.shape and np.abs(now - shown).mean() < 2, path.name
+        if path.name != "views.jpg":
+            assert np.abs(now - shown)[counts].max() < 60, f"other counts in {path.name}: python docs/site/pictures.py"
+
+
 @pytest.mark.needs("mkdocs")
 def test_the_reference_has_every_module():
     text = "".join(load(ROOT / "docs" / "site" / "hooks.py").reference_pages().values())

@@ -179,8 +179,12 @@ def _small(rgb: FloatArray) -> FloatArray:
     return np.asarray(cv2.resize(np.clip(rgb, 0, 1), (SIDE, SIDE), interpolation=cv2.INTER_AREA))
 
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+def main(folder: Path) -> None:
+    """Write every figure to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, picture in figures().items():
         write_picture(picture, folder / name)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

@@ -1,0 +1,68 @@
+"""All pictures of the documentation, made by the program from its sample and benchmark scenes.
+
+    pip install ".[test,app]" playwright && python docs/site/pictures.py
+
+Chromium, which draws pages and app, must be on the path. The parts run by themselves, too: `figures.py`, `walk.py` and
+`app_pictures.py`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import app_pictures
+import cv2
+import figures
+import numpy as np
+import walk
+from playwright.sync_api import sync_playwright
+
+from gaussian_trimmer.cli import main as run
+
+FOLDER = Path(__file__).parents[1] / "images"
+FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+SIZE = {"width": 1280, "height": 760}
+CELL, STEP, LINE = 320, 324, 26
+CAPTIONS = ("rough selection", "trimmed object", "the scene without it")
+COLUMNS = (0, 4)
+"""Sides that the first picture shows: one of the ring, and from low."""
+
+
+def main() -> None:
+    """Make every picture anew."""
+    figures.main(figures.FOLDER)
+    walk.main(walk.FOLDER)
+    with tempfile.TemporaryDirectory() as folder:
+        assert run(["demo", "--quiet", "--output", f"{folder}/demo"]) == 0
+        first = front_picture(cv2.imread(f"{folder}/demo/before_after.png"))
+        cv2.imwrite(str(FOLDER / "before_after.jpg"), first, [cv2.IMWRITE_JPEG_QUALITY, 85])
+        _draw_report(Path(folder) / "demo")
+    app_pictures.main()
+
+
+def front_picture(before_after: np.ndarray) -> np.ndarray:
+    """Selection, object and scene side by side, large enough to be read on the front page."""
+    rows = [before_after[2 * LINE + i * (CELL + LINE) :][:CELL] for i in range(len(CAPTIONS))]
+    cells = [np.vstack([row[:, STEP * column : STEP * column + CELL] for column in COLUMNS]) for row in rows]
+    heads = [np.full((36, CELL, 3), 32, np.uint8) for _ in CAPTIONS]
+    for head, caption in zip(heads, CAPTIONS, strict=True):
+        cv2.putText(head, caption, (10, 25), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (235, 235, 235), 1, cv2.LINE_AA)
+    return np.hstack([np.vstack([head, cell]) for head, cell in zip(heads, cells, strict=True)])
+
+
+def _draw_report(folder: Path) -> None:
+    """Open the report of a trim, and take a picture of where one looks first."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        page = browser.new_page(viewport=SIZE)
+        page.goto((folder / "report.html").as_uri())
+        page.locator(".pair input").first.fill("60")
+        page.wait_for_timeout(1000)
+        page.screenshot(path=FOLDER / "report.jpg", type="jpeg", quality=80)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
