@@ -11,7 +11,9 @@ import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.planning.diagnosis import neighbour_agreement, selection_warning
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning.diagnosis import neighbour_agreement, selection_warning, up_warning
+from gaussian_trimmer.planning.up_vector import UpVector, up_from_ground_plane
 from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.trimming.trim import trim
 
@@ -93,6 +95,21 @@ def test_an_up_vector_that_the_ground_contradicts_is_doubted(up):
     assert "degrees away" in warning
     assert "--up 0.00 0.00 1.00" in warning
     assert result.report["warnings"] == [warning]
+
+
+def test_a_wall_behind_the_object_is_not_its_ground():
+    floor = SCENE.select(~TRUTH & (SCENE.means[:, 2] < 0.1))
+    walls = [
+        toy.gaussians(floor.means[:, [0, 2, 1]] + np.float32([0, back, 2.0]), (0.11, 0.02, 0.11), toy.WHITE)
+        for back in (1.1, 1.11, 1.12, 1.13)
+    ]
+    scene = concatenate([SCENE, *walls])
+    selection = np.arange(len(scene)) < 0
+    selection[: len(TRUTH)] = TRUTH
+    ground = up_from_ground_plane(scene, selection)
+    assert ground is not None
+    assert abs(ground.direction[1]) > 0.9
+    assert up_warning(scene, selection, UpVector(toy.UP, "given", 1.0)) is None
 
 
 @pytest.mark.parametrize("up", ["z", (0, 0.3, 1), None])

@@ -16,6 +16,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
+from gaussian_trimmer.planning.storey import find_storey
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
 
 _NEIGHBOURS = 8
@@ -32,6 +33,8 @@ them, the least is 0.58; rows in another order, also where both orders follow th
 _MOST_OF_SCENE = 0.5
 """Share of a scene's Gaussians from which on a selection may be the background by mistake."""
 _MAX_TILT_DEGREES = 30.0
+_MIN_FLOOR = 0.4
+"""Smallest area of a level layer, relative to an upright one, which makes that a wall and not the ground."""
 _MIN_GROUND_CONFIDENCE = 0.2
 """Confidence in a ground plane from which on it can disagree with an up vector."""
 
@@ -91,7 +94,7 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
     if ground is None or ground.confidence < _MIN_GROUND_CONFIDENCE:
         return None
     tilt = np.degrees(np.arccos(np.clip(up.direction @ ground.direction, -1, 1)))
-    if tilt <= _MAX_TILT_DEGREES:
+    if tilt <= _MAX_TILT_DEGREES or (abs(90 - tilt) < _MAX_TILT_DEGREES and _has_floor(scene, up, ground)):
         return None
     given, found = (
         " ".join(f"{value + 0.0:.2f}" for value in np.round(v, 2)) for v in (up.direction, ground.direction)
@@ -100,6 +103,12 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
         f"The up vector {given} ({up.source}) is {tilt:.0f} degrees away from that of the plane which the object "
         f"stands on; if the views are tilted, give --up {found}."
     )
+
+
+def _has_floor(scene: Gaussians, up: UpVector, wall: UpVector) -> bool:
+    """Return whether something level is nearly as wide as an upright plane: then the plane is a wall."""
+    level, upright = (find_storey(scene, one.direction).area for one in (up, wall))
+    return level > _MIN_FLOOR * upright
 
 
 def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
