@@ -9,12 +9,12 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
-_PITCHES_DEGREES = (12.0, 45.0)
-_VIEWS_A_PITCH = 4
+_PITCHES_DEGREES = (12.0, 40.0, 70.0)
+_VIEWS_A_PITCH = 5
 
 
 def views_of_place(bounds: Bounds, size: int) -> list[Camera]:
-    """Small views from all sides at two heights, those of the upper one between those of the lower one.
+    """Small views from all sides at three heights, those of each between those of the others.
 
     They go around the whole circle even where the object was seen from one side only: with views of that side alone,
     hidden Gaussians behind the object pass for parts of it (docs/decisions/filled-background.md).
@@ -26,7 +26,7 @@ def views_of_place(bounds: Bounds, size: int) -> list[Camera]:
     fov, cameras = float(np.radians(PlanConfig.fov_degrees)), []
     lens = Lens(size, fov, NEAR_RADII * bounds.radius)
     for i, pitch in enumerate(np.radians(_PITCHES_DEGREES)):
-        yaws = 2 * np.pi * (np.arange(_VIEWS_A_PITCH) + 0.5 * i) / _VIEWS_A_PITCH
+        yaws = 2 * np.pi * (np.arange(_VIEWS_A_PITCH) + i / len(_PITCHES_DEGREES)) / _VIEWS_A_PITCH
         distance = framing_distance(bounds, yaws, pitch, fov, PlanConfig.fill)
         cameras += ring(bounds.centre, bounds.axes, distance, yaws, pitch, lens)
     return cameras
