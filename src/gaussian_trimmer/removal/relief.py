@@ -38,6 +38,8 @@ _LAYER_RADII = 0.3
 """Height above and below the surface up to which Gaussians may be its relief, in object radii."""
 _LAYER_QUANTILES = (0.02, 0.98)
 """Of their heights around the hole: single ones do not count."""
+_SINK_RADII = 0.02
+"""Depth of copies below what they are of: level with it they would hide the object's foot."""
 
 Patch = tuple[tuple[int, int], BoolArray]
 """A shift down and right, and the pixels (H, W) that are filled with what lies so much farther."""
@@ -87,7 +89,7 @@ def copy_relief(
         chosen = layer & padded[rows - shift[0] + size, columns - shift[1] + size]
         taken, step = (
             gaussians.select(chosen),
-            np.array(shift) @ picture.surface.axes[:2] * picture.surface.unit / PIXELS_A_RADIUS,
+            np.array([*(np.array(shift) / PIXELS_A_RADIUS), _SINK_RADII]) @ picture.surface.axes * picture.surface.unit,
         )
         copies.append(taken.replace(means=(taken.means - step).astype(np.float32)))
     return Relief(concatenate(copies), low, high)
