@@ -1,7 +1,9 @@
 """Every object of a made room is found by itself, the room is none, and names of rows, units and axes do not matter."""
 
 import json
+from dataclasses import replace
 
+import cv2
 import made_room as room
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from gaussian_trimmer.finding.contacts import Contacts, one_thing
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.model_masks import AskedModel
+from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.finding.room_surfaces import find_room
 from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.rendering import get_renderer
@@ -235,6 +238,21 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
         "object_1.ply", "object_3.ply", "background.ply",
     }  # fmt: skip
     assert json.loads(capsys.readouterr().out)["folder"] == str(tmp_path / "trimmed")
+
+
+def test_the_plan_shows_each_object_in_a_colour_of_its_own_where_it_stands(found, furnished):
+    picture = draw_plan(found, get_renderer("reference")).astype(int)
+    plain = draw_plan(replace(found, labels=0 * found.labels), get_renderer("reference")).astype(int)
+    coloured = np.abs(picture - plain).max(axis=2) > 60
+    _, parts, areas, middles = cv2.connectedComponentsWithStats(coloured.astype(np.uint8))
+    large = np.flatnonzero(areas[1:, cv2.CC_STAT_AREA] > 2000) + 1
+    assert len(large) == 2  # the green ball leans against the box
+    tints = {tuple(np.median(picture[parts == part], axis=0) // 16) for part in large}
+    assert len(tints) == 2
+    blue, _ = best(found, furnished[1] == 3)
+    assert found.objects[blue - 1].centre[1] == pytest.approx(1.2, abs=0.1)
+    across = np.ptp(middles[large], axis=0)
+    assert across.max() > 0.4 * max(picture.shape)
 
 
 def test_a_batch_trims_what_was_found_in_several_scenes(furnished, tmp_path):

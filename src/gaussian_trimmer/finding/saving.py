@@ -14,6 +14,7 @@ import numpy as np
 
 from gaussian_trimmer._version import __version__
 from gaussian_trimmer.finding.found import FoundObject, FoundObjects
+from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.io.writing import write_json, write_whole
 from gaussian_trimmer.output.html.document import asset, document, json_block, text
 from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
@@ -22,7 +23,7 @@ from gaussian_trimmer.selecting.overview import drawn_rows
 from gaussian_trimmer.selecting.saved_selection import save_array
 from gaussian_trimmer.views import HALF, bounding_box, box_slices
 
-FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "index.html", "batch.csv")
+FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "plan.png", "index.html", "batch.csv")
 """Patterns of the names of the files; the command adds the last one."""
 _COLUMNS = (
     "id", "name", "sure", "confidence", "kind", "gaussians", "x", "y", "z", "length", "width", "height", "colour",
@@ -69,6 +70,8 @@ def write_found(
     write_json(document_of, folder / "objects.json")
     for one in found.objects[:_MOST_PICTURES]:
         write_picture(draw_found(found, one, renderer), folder / _picture_of(one))
+    if found.objects:
+        write_picture(draw_plan(found, renderer), folder / "plan.png")
     write_whole(folder / "index.html", page(found, command, names))
     return document_of
 
@@ -119,12 +122,14 @@ def page(found: FoundObjects, command: Sequence[str], names: Mapping[int, str]) 
     """The page as HTML; it works without a server, and loads nothing but the pictures beside it."""
     cards = [_card(one, names.get(one.id, "")) for one in found]
     sure = sum(one.sure for one in found)
+    plan = '<img src="plan.png" alt="the objects on a plan, by their numbers">' if found.objects else ""
     body = (
         f"<header><p><b>{sure} objects</b>, and {len(found) - sure} that the program is not sure of, at the end. "
         "Untick what you do not want, give the number of another object to merge with it, or tick split. The command "
         "then makes an object of each, and one scene without them.</p>"
         '<p><button id="all">tick all</button> <button id="none">untick all</button> '
-        '<button id="copy">copy the command</button></p><textarea id="command" readonly></textarea></header>'
+        '<button id="copy">copy the command</button></p><textarea id="command" readonly></textarea>'
+        f"{plan}</header>"
         f"<main>\n{chr(10).join(cards)}\n</main>{json_block('words', shlex.join(command))}"
     )
     style, script = asset("found_objects.css"), asset("found_objects.js")

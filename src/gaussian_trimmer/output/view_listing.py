@@ -65,9 +65,9 @@ def with_grid(picture: Picture) -> Picture:
         cv2.line(drawn, (0, y), (width - 1, y), _INK_COLOUR, 1)
     drawn = np.asarray(cv2.addWeighted(drawn, 0.25, picture, 0.75, 0), np.uint8)
     for x in range(step, width, step):
-        _number(drawn, x, (x + 2, 10))
+        draw_number(drawn, x, (x + 2, 10))
     for y in range(step, height, step):
-        _number(drawn, y, (2, y - 3))
+        draw_number(drawn, y, (2, y - 3))
     return drawn
 
 
@@ -80,6 +80,7 @@ def page(cameras: Sequence[Camera], whole: Sequence[int], command: Sequence[str]
     return document("Views to click in", body, style=style, script=script, stands_alone=False)
 
 
-def _number(picture: Picture, number: int, place: tuple[int, int]) -> None:
+def draw_number(picture: Picture, number: int, place: tuple[int, int], scale: float = _FONT_SCALE) -> None:
+    """Write a number into a picture, to be read on any ground; `place` is its lower left corner, x and y."""
     for colour, thickness in ((_SHADE_COLOUR, 3), (_INK_COLOUR, 1)):
-        cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, colour, thickness, cv2.LINE_AA)
+        cv2.putText(picture, str(number), place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv2.LINE_AA)
