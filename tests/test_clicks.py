@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 import toy
 from benchmark_data import benchmark_scene
+from command_line import run
 
+from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
+from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click, select_by_box, select_by_click
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
@@ -163,7 +167,7 @@ def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     pick = box_in(scene, camera, bounding_box(shown, 1))
     assert pick.kind == "part"
     assert toy.jaccard(pick.selection, red) > 0.8
-    with pytest.raises(NothingFoundError, match=r"objects.*--box.*--segmenter sam"):
+    with pytest.raises(NothingFoundError, match=r"--box.*--segmenter sam"):
         click_on((0, 0.1, 0.1), camera, scene)
     near = toy.camera_at((3, 0, 0.2), (0, 0, 0))  # the wall goes on beyond the picture
     region, _ = select_around_click(ViewedScene(scene, near, toy.UP, RENDERER), 100, 100)
@@ -179,6 +183,8 @@ def test_what_is_seen_alone_is_what_a_click_means_where_nothing_stands():
     camera = toy.camera_at((5, 0, 3))
     found, _ = select_around_click(ViewedScene(ball, camera, toy.UP, RENDERER), 100, 100)
     assert toy.jaccard(found, np.linalg.norm(ball.means - toy.CENTRE, axis=1) < 1.5) > 0.95
+    pick = click_on((0.9, 0, 1.3), camera, ball)
+    assert pick.kind == "alone" and (pick.selection == found).mean() > 0.95
     near, _ = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP, RENDERER), 100, 100)
     assert 0 < near.sum() < 0.7 * found.sum()  # it goes on beyond the picture
 
@@ -293,3 +299,24 @@ def test_benchmark_click_then_trim(where, name, view):
         if not test.far
     ]
     assert np.mean(overlaps) > 0.95
+
+
+def test_what_a_click_takes_alone_is_trimmed_though_it_is_the_whole_file(tmp_path):
+    scene, truth = toy.ball_on_floor(n_floaters=0)
+    formats.write(scene.select(truth), tmp_path / "ball.ply")
+    command = ["select", tmp_path / "ball.ply", "--up", "z", "--view-index", 0, "--click", 320, 320]
+    out = ["--output", tmp_path / "ball.npy", "--trim", tmp_path / "out", "--quiet", "--refine", "off"]
+    assert run(*command, *out, "--plan.size", 160) == 0
+    assert len(formats.read(tmp_path / "out" / "object.ply")) == truth.sum()
+
+
+def test_crumbs_beside_a_thing_are_no_surface_below_it():
+    scene, truth = toy.ball_on_floor(n_floaters=0)
+    positions, weights = scene.means, np.where(truth, 1.0, 1e-3)
+    found = [
+        find_support_plane(
+            positions, truth, shown, robust_bounds(scene.select(truth), up_frame(toy.UP)), SupportPlaneConfig()
+        )
+        for shown in (np.ones(len(scene)), weights)
+    ]
+    assert found[0] is not None and found[1] is None

@@ -38,7 +38,7 @@ from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
-from gaussian_trimmer.selecting.marks import Marks
+from gaussian_trimmer.selecting.marks import Click, Marks
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
@@ -132,7 +132,8 @@ class TrimRun:
         with self._locked_folder() as part, progress_over_stages(console) as stage:
             stage("read")
             rough = read()
-            if self.source is not None:
+            clicked = rough.marks is not None and all(isinstance(mark, Click) for mark in rough.marks.marks)
+            if self.source is not None and not clicked:  # a click means what is seen there, also if that is all
                 for mask in rough.masks.values():
                     refuse_whole_scene(mask, self.source, self.inputs["scene"])
             seconds = {"read": time.perf_counter() - start}

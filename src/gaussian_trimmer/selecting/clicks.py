@@ -17,7 +17,9 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, ellipsoid_points
 from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.output.pictures import zoomed
 from gaussian_trimmer.planning.camera_rings import ring_poses
+from gaussian_trimmer.planning.up_vector import up_from_ground_plane
 from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.corrections import Seed, correct_at_click
 from gaussian_trimmer.selecting.segment_in_box import fills, segment_in_box
@@ -37,6 +39,8 @@ _GOOD_BOX_OVERLAP = 0.85
 _MIN_BOX_OVERLAP = 0.5
 
 
+_WIDENED = 3
+"""How much wider than the picture it is looked whether something is seen alone: it may go on beyond the picture."""
 _SOFT_EDGE = 2
 """Pixels by which what is seen alone reaches beyond where it is opaque."""
 _REGION_SHARE = 0.15
@@ -49,8 +53,8 @@ class Pick:
 
     selection: BoolArray
     """The selection, (N,)."""
-    kind: Literal["piece", "part"]
-    """Whether it is a `piece` that stands on a plane, or a `part` that stands on nothing."""
+    kind: Literal["piece", "part", "alone"]
+    """Whether it is a `piece` that stands on a plane, a `part` that stands on nothing, or seen `alone`."""
 
 
 class NothingFoundError(InputError):
@@ -58,22 +62,25 @@ class NothingFoundError(InputError):
 
 
 def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
-    """The object at a pixel of a view that stands on a plane.
+    """The object at a pixel of a view that stands on a plane, or has nothing beside it in a capture without a floor.
 
     Raises:
         InputError: the pixel is outside the picture, nothing is seen there, or (`NothingFoundError`) what is seen
-            there stands on nothing.
+            there is no such object.
     """
     check_pixel(scene.camera, x, y)
     small = scene.small()
     target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
-    pieces = _pieces_at(small, target, _visible_around(small, target))
-    if not pieces:
+    if pieces := _pieces_at(small, target, _visible_around(small, target)):
+        return Pick(pieces[0], "piece")
+    wide = replace(small, camera=zoomed(small.camera, 1 / _WIDENED))
+    alone = _seen_alone(wide, *wide.camera.project(target.point[None])[0][0].astype(int))
+    if alone is None or up_from_ground_plane(scene.gaussians.select(alone)) is not None:
         raise NothingFoundError(
-            f"Nothing at the pixel ({x}, {y}) stands on a surface. If the capture has no floor, run 'gaussian-trimmer "
-            "objects'; else draw a box (--box), click in another view, or let a model find it (--segmenter sam)."
+            f"Nothing at the pixel ({x}, {y}) stands on a surface, or is seen alone. Draw a box (--box), click in "
+            "another view, or let a model find it (--segmenter sam)."
         )
-    return Pick(pieces[0], "piece")
+    return Pick(alone, "alone")
 
 
 def select_around_click(scene: ViewedScene, x: int, y: int) -> tuple[BoolArray, str]:
@@ -81,22 +88,29 @@ def select_around_click(scene: ViewedScene, x: int, y: int) -> tuple[BoolArray, 
 
     Returns also which of them it is, in words. Raises as `select_by_click` where nothing is seen.
     """
-    small, nothing = scene.small(), np.zeros(len(scene.gaussians), np.bool_)
-    camera, (x, y) = small.camera, _rescaled((x, y), scene.camera, small.camera)
-    target = look_at_pixel(small, x, y)
-    seen = small.renderer.render(small.gaussians, camera).alpha > HALF
+    small = scene.small()
+    x, y = _rescaled((x, y), scene.camera, small.camera)
+    target, alone = look_at_pixel(small, x, y), _seen_alone(small, x, y)
+    if alone is not None:
+        return alone, "what is seen alone there"
+    radius, nothing = _REGION_SHARE * small.camera.height * target.depth, np.zeros(len(scene.gaussians), np.bool_)
+    seed = Seed(target.point, radius / float(small.camera.K[1, 1]), True)
+    return correct_at_click(small, nothing, seed, ()), "the region around the click"
+
+
+def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:
+    """Return what shows around a pixel with nothing beside it, (N,); None where that goes on beyond the picture."""
+    camera, alone = scene.camera, np.zeros(len(scene.gaussians), np.bool_)
+    seen = scene.renderer.render(scene.gaussians, camera).alpha > HALF
     _, pieces, boxes, _ = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
     left, top, width, height = boxes[pieces[y, x], :4]
-    if seen[y, x] and min(left, top, camera.width - left - width, camera.height - top - height) > 0:
-        outline = cv2.dilate(
-            (pieces == pieces[y, x]).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=_SOFT_EDGE
-        )
-        pixels, depths = camera.project(scene.gaussians.means.astype(np.float64))
-        rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
-        nothing[rows] = outline[tuple(pixels[rows].astype(np.int64).T[::-1])] > 0
-        return nothing, "what is seen alone there"
-    radius = _REGION_SHARE * camera.height * target.depth / float(camera.K[1, 1])
-    return correct_at_click(small, nothing, Seed(target.point, radius, True), ()), "the region around the click"
+    if not seen[y, x] or min(left, top, camera.width - left - width, camera.height - top - height) == 0:
+        return None
+    outline = cv2.dilate((pieces == pieces[y, x]).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=_SOFT_EDGE)
+    pixels, depths = camera.project(scene.gaussians.means.astype(np.float64))
+    rows = np.flatnonzero((depths > camera.near) & camera.contains(pixels))
+    alone[rows] = outline[tuple(pixels[rows].astype(np.int64).T[::-1])] > 0
+    return alone
 
 
 def select_by_box(scene: ViewedScene, box: Box) -> Pick:

@@ -52,6 +52,7 @@ _BOX_TAKES_ALL = 0.9
 """A box that would remove more than this share of the selection means only what is selected within its sides."""
 INTERPRETATIONS = {
     "piece": "an object that stands on a surface",
+    "alone": "all that is seen there, with nothing beside it",
     "part": "the part in the box, its back included",
     "region": "the region around the click, by which the boundary moved",
     "frame": "all that is selected in the box",
@@ -153,7 +154,11 @@ class MarkInterpreter:
     def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)
         if not state.mask.any() or mark.effect == "intersect":
-            return self._picked(state, self._interpreted(view, (mark.x, mark.y)), rows, mark.effect)
+            pick = self._interpreted(view, (mark.x, mark.y))
+            if pick.kind == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
+                view, rows = replace(view, gaussians=self._scene), np.arange(len(state.mask))
+                pick = self._interpreted(view, (mark.x, mark.y))
+            return self._picked(state, pick, rows, mark.effect)
         mask, target = state.mask[rows], look_at_pixel(view, mark.x, mark.y)
         for piece in pieces_at_click(view, target)[:1]:
             if _is_meant_whole(piece, mask, mark.effect):
