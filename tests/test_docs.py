@@ -25,7 +25,6 @@ ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 NOT_RUN = {
     "sam.md": "needs a model", "sam2.md": "needs a model",
-    "selecting.md": "names views and pixels of a capture",
 }  # fmt: skip
 """Pages whose Python is compiled, and knows every name that it uses, but is not run."""
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -187,7 +186,7 @@ def test_the_pictures_of_the_walk_show_what_its_commands_do(tmp_path):
             assert np.abs(now - shown)[counts].max() < 60, f"other counts in {path.name}: python docs/site/pictures.py"
 
 
-@pytest.mark.needs("mkdocs")
+@pytest.mark.needs("mkdocs", "latex2mathml")
 def test_the_reference_has_every_module():
     text = "".join(load(ROOT / "docs" / "site" / "hooks.py").reference_pages().values())
     for path in (ROOT / "src" / "gaussian_trimmer").rglob("*.py"):

@@ -74,9 +74,52 @@ def test_measure_a_trim(printed):
     assert in_scene > alone + 3  # the fern
 
 
-def test_examples_are_five_and_short():
+@pytest.mark.slow
+@pytest.mark.parametrize("printed", ["07_find_objects.py"], indirect=True)
+def test_find_objects(printed):
+    assert sum("sure, stands" in line and "unsure" not in line for line in printed) == 4
+    (tall,) = (line for line in printed if line.startswith("tallest: "))
+    assert 2000 < numbers(tall)[0] < SELECTED
+    folder = Path(printed[-1].partition(": ")[2])
+    assert {"object_tallest.ply", "object_1.ply", "background.ply"} <= {path.name for path in folder.iterdir()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("printed", ["08_click_and_correct.py"], indirect=True)
+def test_click_and_correct(printed):
+    clicked, marked, same, trimmed = printed
+    assert 2000 < numbers(clicked)[0] < numbers(marked)[0] and same.endswith("True")
+    assert numbers(trimmed)[0] > numbers(clicked)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("printed", ["09_settings.py"], indirect=True)
+def test_settings(printed):
+    exact, clean, filled = map(numbers, printed)
+    assert exact[0] >= clean[0] and exact[2] == clean[2] == 0 < filled[2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("printed", ["10_files_for_engines.py"], indirect=True)
+def test_files_for_engines(printed):
+    assert len(printed) == 6 and all(30 < numbers(line)[-1] < 50 for line in printed)
+
+
+@pytest.mark.parametrize("printed", ["11_arrays_of_a_trainer.py"], indirect=True)
+def test_arrays_of_a_trainer(printed):
+    kept, n = numbers(printed[0])[:2]
+    assert 2000 < kept < SELECTED and n == 59472 and printed[0].endswith("trimmed")
+
+
+@pytest.mark.parametrize("printed", ["12_splat_formats.py"], indirect=True)
+def test_splat_formats(printed):
+    lost = {line.partition(": ")[0]: line.partition("at most. ")[2] for line in printed}
+    assert lost[".ply"] == lost[".glb"] == "" and "colour" in lost[".splat"] and "precision" in lost[".sog"]
+
+
+def test_examples_are_many_and_short():
     lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) >= 5 and all(length < 40 for length in lengths.values()), lengths
+    assert len(lengths) >= 10 and all(length < 40 for length in lengths.values()), lengths
 
 
 def test_every_example_is_tested_and_on_the_page_about_python():

@@ -2,20 +2,23 @@
 
 Every folder and file of the package becomes a page of the reference, so that nothing is listed by hand. Links of a page
 to a source file lead to its place in the reference; those to other files of the repository, which the site does not
-have, become plain text.
+have, become plain text. Equations become MathML, which browsers draw without a script.
 """
 
 from __future__ import annotations
 
+import html
 import re
 from pathlib import Path
 from typing import Any
 
+from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "gaussian_trimmer"
 FILES_PAGE = "Modules of one file"
+_EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 _OUTWARD = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(((?:\.\./)+)([^)#]+)(#[^)]*)?\)")
 
 
@@ -48,6 +51,15 @@ def reference_pages() -> dict[str, str]:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Lead links to source files into the reference, and drop those to files that the site does not have."""
     return _OUTWARD.sub(lambda match: _inward(match, Path(page.file.src_uri).parent), markdown)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Draw the equations of a page."""
+    return _EQUATION.sub(lambda match: _mathml(html.unescape(match[2]), inline=match[1] == "span"), content)
+
+
+def _mathml(tex: str, *, inline: bool) -> str:
+    return convert(tex, display="inline" if inline else "block")
 
 
 def _inward(match: re.Match[str], folder: Path) -> str:

@@ -38,7 +38,7 @@ class Engine:
     """Where up must point in the file so that the object stands upright."""
 
 
-ENGINES: dict[str, Engine] = {
+ENGINES: dict[EngineName, Engine] = {
     "blender": Engine("Blender", (".ply",), (0.0, 0.0, 1.0)),
     "cesium": Engine("Cesium", (".ply",), _DOWN_Y),
     "playcanvas": Engine("PlayCanvas", (".sog", ".ply", ".compressed.ply"), _DOWN_Y),
