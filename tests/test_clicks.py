@@ -19,8 +19,10 @@ from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click, select_by_box, select_by_click
+from gaussian_trimmer.selecting.marks import Click
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
+from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import bounding_box
@@ -167,11 +169,15 @@ def test_where_nothing_stands_a_box_means_a_part_and_a_click_asks_for_one():
     pick = box_in(scene, camera, bounding_box(shown, 1))
     assert pick.kind == "part"
     assert toy.jaccard(pick.selection, red) > 0.8
-    with pytest.raises(NothingFoundError, match=r"--box.*--segmenter sam"):
+    with pytest.raises(NothingFoundError):
         click_on((0, 0.1, 0.1), camera, scene)
     near = toy.camera_at((3, 0, 0.2), (0, 0, 0))  # the wall goes on beyond the picture
-    region, _ = select_around_click(ViewedScene(scene, near, toy.UP, RENDERER), 100, 100)
-    assert toy.jaccard(region, red) > 0.8
+    picked = select_around_click(ViewedScene(scene, near, toy.UP, RENDERER), 100, 100)
+    assert picked.kind == "around"
+    assert toy.jaccard(picked.selection, red) > 0.8
+    selected = select(scene, [Click(100, 100, near)], up=toy.UP)  # and is never refused
+    assert toy.jaccard(selected.mask, red) > 0.8
+    assert "around the click" in selected.interpretations[0]
     plain = scene.replace(sh_dc=np.full_like(scene.sh_dc, 0.3))
     with pytest.raises(NothingFoundError, match="box close around"):
         box_in(plain, camera, (60, 60, 140, 140))
@@ -181,12 +187,11 @@ def test_what_is_seen_alone_is_what_a_click_means_where_nothing_stands():
     scene, truth = toy.ball_on_floor()
     ball = scene.select(np.flatnonzero(truth | (np.linalg.norm(scene.means, axis=1) > 12)))  # and strays
     camera = toy.camera_at((5, 0, 3))
-    found, _ = select_around_click(ViewedScene(ball, camera, toy.UP, RENDERER), 100, 100)
-    assert toy.jaccard(found, np.linalg.norm(ball.means - toy.CENTRE, axis=1) < 1.5) > 0.95
     pick = click_on((0.9, 0, 1.3), camera, ball)
-    assert pick.kind == "alone" and (pick.selection == found).mean() > 0.95
-    near, _ = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP, RENDERER), 100, 100)
-    assert 0 < near.sum() < 0.7 * found.sum()  # it goes on beyond the picture
+    assert pick.kind == "alone"
+    assert toy.jaccard(pick.selection, np.linalg.norm(ball.means - toy.CENTRE, axis=1) < 1.5) > 0.95
+    near = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP, RENDERER), 100, 100).selection
+    assert 0 < near.sum() < 0.7 * pick.selection.sum()
 
 
 def test_nearer_surface_comes_first():

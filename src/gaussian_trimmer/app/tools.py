@@ -42,7 +42,7 @@ from gaussian_trimmer.app.viewpoints import (
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.geometry.bounds import up_frame
-from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click
+from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import (
     Box,
     Click,
@@ -58,7 +58,6 @@ from gaussian_trimmer.selecting.marks import (
 )
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.strokes import under_stroke
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 
 
 class Do(Protocol):
@@ -171,16 +170,11 @@ class Tools:
         return asked or EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
-        """Mark the thing that was clicked on or, where none can be told from the rest, what is around the click."""
+        """Mark what was clicked on."""
         place, effect = gesture.places[0], self._effect(gesture.effect)
         self._surface_point(view, place)
         x, y = pixel_at(view, place)
-        try:
-            return self._mark(Click(x, y, self._past_hidden(view, [place]), effect))
-        except NothingFoundError:
-            up, renderer = self._session.now.up.direction, self._session.document.renderer
-            found, what = select_around_click(ViewedScene(self._shown(), view.camera, up, renderer), x, y)
-            return f"{self._mark_shown(found, what, effect)} Add and remove by further clicks, or draw around it."
+        return self._mark(Click(x, y, self._past_hidden(view, [place]), effect))
 
     def _box(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark the thing in a box while nothing is selected; otherwise, or where none is found, what shows in it."""

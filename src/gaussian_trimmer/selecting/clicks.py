@@ -53,8 +53,9 @@ class Pick:
 
     selection: BoolArray
     """The selection, (N,)."""
-    kind: Literal["piece", "part", "alone"]
-    """Whether it is a `piece` that stands on a plane, a `part` that stands on nothing, or seen `alone`."""
+    kind: Literal["piece", "part", "alone", "around"]
+    """Whether it is a `piece` that stands on a plane, a `part` that stands on nothing, seen `alone`, or the region
+    `around` a click."""
 
 
 class NothingFoundError(InputError):
@@ -76,26 +77,19 @@ def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
     wide = replace(small, camera=zoomed(small.camera, 1 / _WIDENED))
     alone = _seen_alone(wide, *wide.camera.project(target.point[None])[0][0].astype(int))
     if alone is None or up_from_ground_plane(scene.gaussians.select(alone)) is not None:
-        raise NothingFoundError(
-            f"Nothing at the pixel ({x}, {y}) stands on a surface, or is seen alone. Draw a box (--box), click in "
-            "another view, or let a model find it (--segmenter sam)."
-        )
+        raise NothingFoundError(f"Nothing at the pixel ({x}, {y}) stands on a surface, or is seen alone.")
     return Pick(alone, "alone")
 
 
-def select_around_click(scene: ViewedScene, x: int, y: int) -> tuple[BoolArray, str]:
-    """What a click may mean where nothing stands: all that is seen alone there, else the region around the pixel, (N,).
+def select_around_click(scene: ViewedScene, x: int, y: int) -> Pick:
+    """Return the region around a pixel: what a click means where nothing stands.
 
-    Returns also which of them it is, in words. Raises as `select_by_click` where nothing is seen.
+    Raises as `select_by_click` where nothing is seen.
     """
-    small = scene.small()
-    x, y = _rescaled((x, y), scene.camera, small.camera)
-    target, alone = look_at_pixel(small, x, y), _seen_alone(small, x, y)
-    if alone is not None:
-        return alone, "what is seen alone there"
-    radius, nothing = _REGION_SHARE * small.camera.height * target.depth, np.zeros(len(scene.gaussians), np.bool_)
-    seed = Seed(target.point, radius / float(small.camera.K[1, 1]), True)
-    return correct_at_click(small, nothing, seed, ()), "the region around the click"
+    small, nothing = scene.small(), np.zeros(len(scene.gaussians), np.bool_)
+    target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
+    radius = _REGION_SHARE * small.camera.height * target.depth / float(small.camera.K[1, 1])
+    return Pick(correct_at_click(small, nothing, Seed(target.point, radius, True), ()), "around")
 
 
 def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:

@@ -12,7 +12,14 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
-from gaussian_trimmer.selecting.clicks import Pick, pieces_at_click, select_by_box, select_by_click
+from gaussian_trimmer.selecting.clicks import (
+    NothingFoundError,
+    Pick,
+    pieces_at_click,
+    select_around_click,
+    select_by_box,
+    select_by_click,
+)
 from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.marks import (
@@ -54,6 +61,7 @@ INTERPRETATIONS = {
     "piece": "an object that stands on a surface",
     "alone": "all that is seen there, with nothing beside it",
     "part": "the part in the box, its back included",
+    "around": "the region around the click, as nothing there stands on a surface; correct it by clicks, or draw a box",
     "region": "the region around the click, by which the boundary moved",
     "frame": "all that is selected in the box",
 }
@@ -190,7 +198,12 @@ class MarkInterpreter:
         """What a pixel, or a box, means in a view."""
         if self._model is not None:
             return select_by_model(view, mark, self._model)
-        return select_by_click(view, *mark) if len(mark) == 2 else select_by_box(view, mark)
+        if len(mark) == 4:
+            return select_by_box(view, mark)
+        try:
+            return select_by_click(view, *mark)
+        except NothingFoundError:
+            return select_around_click(view, *mark)
 
     def _picked(self, state: SelectionState, pick: Pick, rows: IntArray, effect: Effect) -> tuple[SelectionState, str]:
         """The state with what was found among some rows of the scene."""
