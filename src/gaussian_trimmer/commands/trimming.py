@@ -240,7 +240,8 @@ class TrimRun:
         files = [entry["file"] for entry in object_entries(report) if entry["file"]]
         listed = ", ".join(files) if len(files) <= _LISTED else f"{files[0]} to {files[-1]}"
         looked_at = REPORT if pages.html else PICTURE
-        console.print(f"{listed}, background{self.suffix}, {looked_at} and the rest are in {self.folder}.")
+        background = f", background{self.suffix}" if report["counts"]["background"] else ""
+        console.print(f"{listed}{background}, {looked_at} and the rest are in {self.folder}.")
         for sentence in said:
             console.print(sentence)
         if pages.export_viewer is not None:
