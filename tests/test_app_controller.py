@@ -100,6 +100,23 @@ def gesture(app, tool, *places, effect=None):
 EVERYWHERE = (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)
 
 
+def test_a_step_of_growing_and_shrinking_is_a_share_of_the_size_whatever_the_density(app, tmp_path):
+    scene, ball = toy.ball_on_floor(floor_side=90)
+    dense = scene.select(np.repeat(np.arange(len(scene)), np.where(ball, 3, 1)))
+    dense = dense.replace(means=dense.means + np.random.default_rng(0).normal(0, 0.003, dense.means.shape).astype("f4"))
+    formats.write(dense, tmp_path / "dense.ply")
+    open_scene(app, tmp_path / "dense.ply")
+    disc = Box3D((-0.8, -0.8, -0.2), (0.8, 0.8, 2.1))
+    mark(app, disc)
+    before = app.session.now.object.selected.mask
+    for way, sign in (("Grow", 1), ("Shrink", -1)):
+        app.tools.change_selection(way, None)
+        finish(app)
+        after = app.session.now.object.selected.mask
+        assert sign * (after.sum() - before.sum()) > 0.02 * before.sum()
+        before = after
+
+
 def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, folder):
     panels = app.panels
     mark(app, BALL)
@@ -172,6 +189,7 @@ def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_o
     gesture(app, controls.BRUSH, (0.5, 0.45), (0.55, 0.45), effect="remove")
     assert session.now.object.n_selected < before.object.n_selected
     assert not (session.now.object.fresh.object_mask & session.now.object.selected.excluded).any()
+    assert session.now.object.marks[-1].cut is not None and session.now.object.selected.cuts
     assert panels.showing == Showing("object", "after", "changes")  # until something else is asked for
     assert panels.status_text.startswith("Removed") and "again" in panels.status_text
     act(app.step, "Undo")
@@ -374,6 +392,12 @@ def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_
     assert 0 < running.session.now.object.n_selected < before.object.n_selected  # a plain rectangle
 
 
+def test_all_that_is_shown_is_selected(app):
+    app.tools.change_selection("All", None)
+    finish(app)
+    assert app.session.now.object.selected.mask.all()
+
+
 def test_marks_reach_nothing_that_is_not_shown(app):
     mark(app, BALL)
     before = app.session.now
@@ -517,7 +541,7 @@ def test_a_tool_without_a_scene_is_refused_and_leaves_no_sentence(folder, tmp_pa
         finish(app)
         assert app.panels.tool.value == controls.LOOK
         open_scene(app, folder / "scene.ply")
-        for tool, said in ((controls.POINTS, "three points"), (controls.CLICK, "click on the object")):
+        for tool, said in ((controls.POINTS, "three points"), (controls.CLICK, "Click on the object")):
             app.tools.choose(tool, None)
             finish(app)
             assert said in app.panels.status_text

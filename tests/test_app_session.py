@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import toy
 from app_session import BALL, FLOOR, TOP, click_on_ball
 from command_line import run
 
@@ -31,9 +32,10 @@ from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.errors import InputError, OutputExistsError
 from gaussian_trimmer.gaussians import SH_C0
 from gaussian_trimmer.planning.up_vector import FROM_FORMAT
-from gaussian_trimmer.selecting.marks import Box3D, FromFile, Sphere
+from gaussian_trimmer.selecting.marks import Box3D, FromFile, Rows, Sphere, Stroke, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
-from gaussian_trimmer.selecting.select import SelectionResult, select
+from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
 
 DEFAULT = TrimChoices()
@@ -213,18 +215,23 @@ def test_undo_and_redo_go_through_everything(session):
         session.redo()
 
 
-@pytest.mark.parametrize("marks", [(), (TOP, Sphere((2.0, 2.0, 0.0), 0.5, effect="remove"))])
-def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed(session, marks):
-    mark(session, click_on_ball(session), *marks)
+@pytest.mark.parametrize("corrected", [False, True])
+def test_cut_out_is_the_library_bit_by_bit_with_what_marks_removed_and_cut(session, corrected):
+    mark(session, click_on_ball(session))
+    if corrected:
+        mark(session, TOP, Sphere((2.0, 2.0, 0.0), 0.5, effect="remove"))
+        stroke = Stroke(Viewpoint(toy.camera_at((0, -8, 1))), ((0.1, 0.4), (0.9, 0.4)), 4.0)
+        nothing = pack_rows(np.zeros(len(session.document.scene), np.bool_))
+        assert mark(session, Rows(nothing, "brush", "remove", stroke)).startswith("Cut: brush")
     now, stages = session.now, []
     session.do(edits.cut_out, DEFAULT, stages.append)
     ours, selected = session.now.object.fresh, now.object.selected
-    given = SelectionResult(selected.mask, now.basis, selected.interpretations, selected.excluded)
+    given = select(now.document.scene, replace(now.basis, marks=now.object.marks), cameras=now.document.cameras)
     theirs = gt.trim_objects(now.document.scene, {1: given}, cameras=now.document.cameras)
     for one, other in ((ours.object, theirs.object), (ours.background, theirs.background)):
         for name, values in one.to_arrays().items():
             assert values.tobytes() == other.to_arrays()[name].tobytes(), name
-    assert bool(marks) == selected.excluded.any()
+    assert corrected == selected.excluded.any() == bool(selected.cuts)
     assert stages[0] == "plan"
 
 

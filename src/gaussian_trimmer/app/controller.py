@@ -24,7 +24,6 @@ _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
 _OBJECT_EDITS = {"New": edits.add_object, "Delete": edits.remove_object, "Show all": edits.show_all}
 _TOOL_KEYS = dict(zip(("escape", "C", "R", "L", "P", "B", "X"), panels.TOOLS, strict=True))
-_PART_KEYS = dict(zip("123", panels.PARTS, strict=True))
 
 
 class Controller:
@@ -295,14 +294,17 @@ class Controller:
             *(Binding(key, tool, partial(tools.choose, tool)) for key, tool in _TOOL_KEYS.items()),
             Binding("G", "grow the selection", partial(tools.change_selection, "Grow")),
             Binding("G", "shrink the selection", partial(tools.change_selection, "Shrink"), "shift"),
-            Binding("I", "invert the selection", partial(tools.change_selection, "Invert")),
+            Binding("I", "invert the selection", partial(tools.change_selection, "Invert"), "cmd/ctrl"),
             Binding("M", "take by footprint / by centres", partial(self.choose_next, controls.taking)),
             Binding("Z", "undo", partial(self.step, "Undo"), "cmd/ctrl"),
             Binding("Z", "redo", partial(self.step, "Redo"), "cmd/ctrl+shift"),
+            Binding("A", "select all that is shown", partial(tools.change_selection, "All"), "cmd/ctrl"),
             Binding("A", "clear the selection", partial(self.step, "Clear"), "cmd/ctrl+shift"),
+            Binding("delete", "clear the selection", partial(self.step, "Clear")),
             Binding("T", "cut out", self.cut_out),
             Binding("F", "look at the object", self.focus),
             Binding("home", "look at the scene as at first", partial(self.focus, whole=True)),
+            Binding("F", "look at the scene as at first", partial(self.focus, whole=True), "shift"),
             *(
                 Binding(key, f"show: {part}", partial(self.show_part, part))
                 for key, part in zip("123", panels.PARTS, strict=True)

@@ -310,8 +310,7 @@ def _cut_out(now: Snapshot, part: MarkedObject, choices: TrimChoices, progress: 
         raise InputError("Nothing is selected; mark an object first.")
     result = trim(
         document.scene,
-        part.selected.mask,
-        excluded=part.selected.excluded,
+        now.selection_of(part),
         config=choices.config(now.given_up),
         renderer=document.renderer,
         cameras=document.cameras,
@@ -327,5 +326,9 @@ def _describe_change(before: SelectionState, after: SelectionState) -> str:
         return f"Added {added:,} and removed {removed:,}:"
     if added or removed:
         return f"Added {added:,}:" if added else f"Removed {removed:,}:"
+    if len(after.cuts) > len(before.cuts):
+        return "Cut:"
+    if any(cut.spared.sum() > was.spared.sum() for cut, was in zip(after.cuts, before.cuts, strict=False)):
+        return "Put back what was cut:"
     kept_out = int(np.count_nonzero(after.excluded & ~before.excluded))
     return f"Removed nothing that is selected; the trim will leave out {kept_out:,}:" if kept_out else ""

@@ -33,7 +33,6 @@ from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.output.saving import RESULTS, result_files, suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
-from gaussian_trimmer.selecting.select import SelectionResult
 from gaussian_trimmer.trimming.trim import trim_objects
 
 MARKS = "selection.json"
@@ -170,7 +169,7 @@ def save(
     with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
         result = cut_out or trim_objects(
             document.scene,
-            {part.name: _selection(now, part) for part in parts},
+            {part.name: now.selection_of(part) for part in parts},
             config=now.object.cut.choices.config(now.given_up),
             renderer=document.renderer,
             cameras=document.cameras,
@@ -225,14 +224,6 @@ def _zipped(folder: Path) -> Path:
         for file in sorted(folder.rglob("*")):
             archive.write(file, file.relative_to(folder.parent))
     return path
-
-
-def _selection(now: Snapshot, part: MarkedObject) -> SelectionResult:
-    """Return what an object's marks select as `select` does, with what they removed."""
-    selected = part.selected
-    return SelectionResult(
-        selected.mask, replace(now.basis, marks=part.marks), selected.interpretations, selected.excluded
-    )
 
 
 def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:

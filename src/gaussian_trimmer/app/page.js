@@ -64,6 +64,11 @@
   const BUTTON = "pointer-events:auto;cursor:pointer;font:inherit;color:#fff;background:#444;border:0;border-radius:4px;";
   const status = styled(document.body, "div", "");
   status.setAttribute("role", "status");
+  const cancel = styled(status, "button", ""); // it stays the same at each stage, so that a press is not lost
+  cancel.textContent = "Cancel";
+  cancel.onclick = () => say("Cancel", [], {});
+  const sentence = styled(status, "span", "");
+  const bar = styled(status, "div", "");
   page.signal.addEventListener("abort", () => status.remove());
 
   function showStatus() {
@@ -76,20 +81,17 @@
       `position:fixed;z-index:40;pointer-events:none;bottom:12px;left:${box.left + 12}px;box-sizing:border-box;` +
       `max-width:min(36rem,${box.width - 24}px);padding:8px 12px;border-radius:6px;font:13px/1.4 sans-serif;color:#fff;` +
       `overflow-wrap:anywhere;background:rgba(32,32,32,.88);border-left:4px solid `;
+    const display = `display:${share === undefined ? "none" : "inline-block"};`;
     status.setAttribute("style", look + (wrong ? "#e03131" : share ? "#1c7ed6" : "#2f9e44"));
-    status.replaceChildren();
+    cancel.setAttribute("style", `${BUTTON}${display}background:#c92a2a;margin-right:10px;padding:1px 8px`);
+    bar.setAttribute("style", `${display}position:absolute;left:0;bottom:0;height:3px;background:#1c7ed6;width:${100 * share}%`);
+    sentence.replaceChildren();
     said.split(/'([^']*[/\\][^']*)'/).forEach((text, i) => {
-      if (i % 2 === 0) return status.append(text);
-      const path = styled(status, "button", `${BUTTON}padding:0 4px`);
+      if (i % 2 === 0) return sentence.append(text);
+      const path = styled(sentence, "button", `${BUTTON}padding:0 4px`);
       [path.textContent, path.title] = [text, "Copy this path"];
       path.onclick = () => navigator.clipboard?.writeText(text).then(() => (path.title = "Copied"));
     });
-    if (share === undefined) return;
-    const cancel = styled(status, "button", `${BUTTON}background:#c92a2a;margin-left:12px;padding:1px 8px`);
-    cancel.textContent = "Cancel";
-    cancel.onclick = () => say("Cancel", [], {});
-    const bar = styled(status, "div", "height:4px;margin-top:6px;border-radius:2px;background:#555");
-    styled(bar, "div", `height:4px;border-radius:2px;background:#1c7ed6;width:${100 * share}%`);
   }
 
   // Comparing: a picture of what was shown lies over one side of the line, and the 3D view shows the other state.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from gaussian_trimmer.app.edits import describe_up
 from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
 from gaussian_trimmer.app.gestures import GestureChannel
 from gaussian_trimmer.app.showing import Colouring, Part, Showing, When
-from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
+from gaussian_trimmer.app.snapshots import Colour, MarkedObject, Snapshot, TrimChoices
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.selecting.marks import Effect, Point, point_of
 
@@ -47,7 +46,7 @@ UPRIGHT = "Upright at the origin"
 KEEP, REPLACE = "Keep", "Replace"
 _TAKE_ATTACHED, _FIT_OUTLINE = "Take in what is attached", "Fit the outline"
 _CLEAN_BACKGROUND, _CONTINUE_SURFACE = "Clean the background", "Continue the surface"
-_HINTS = {
+HINTS = {
     LOOK: "Drag to turn, right-drag to move, wheel to zoom.",
     CLICK: "Click on the object. Ctrl-click removes. A click on a mistake moves the boundary.",
     BOX: "Drag a box around the object, or around a part of it to correct. Ctrl removes, Alt turns the view.",
@@ -141,18 +140,12 @@ class Panels:
     def refresh(self, now: Snapshot) -> None:
         """Show the names, numbers and settings of a state."""
         part = now.object
-        names = [label(each.id, each.name) for each in now.objects]
+        names = [label(each) for each in now.objects]
         self.active.offer(names, names[now.active])
         if " ".join(self.name.value.split()) != part.name:  # otherwise somebody may be typing it
             self.name.value = part.name
         self.colour.value = part.colour
         self.kept["Hidden"], self.kept["Locked"] = part.hidden, part.locked
-        rows = [
-            f"| {escaped(each.name)} | {len(each.marks)} | {each.n_selected:,} | "
-            f"{f'{len(each.fresh.object):,}' if each.fresh else '-'} |"
-            for each in now.objects
-        ]
-        self.counts.content = "\n".join(["| object | marks | selected | cut out |", "|---|---|---|---|", *rows])
         self.up_text.content = describe_up(now.up)
         stem = now.document.path.name.split(".")[0]
         offered = str(Path("trimmed") / (stem if len(now.objects) == 1 else f"{stem}-{safe_file_name(part.name)}"))
@@ -161,8 +154,8 @@ class Panels:
         self._offered = offered
 
     def show_tool(self, tool: str) -> None:
-        """Show the controls and the hint of a tool."""
-        self.tool.value, self.hint.content = tool, _text(_HINTS[tool])
+        """Show the controls of a tool."""
+        self.tool.value = tool
         self.brush.visible = tool == BRUSH
         self.reach.visible = self.taking.visible = tool in (BOX, LASSO, POLYGON, BRUSH)
         self.box_size.visible = self.box_apply.visible = tool == BOX3D
@@ -174,7 +167,6 @@ class Panels:
     def _make_tools(self, gui: Any) -> None:
         self.tool = Choice(gui, "Tool", TOOLS)
         self.effect = Choice(gui, "Mode", tuple(EFFECTS))
-        self.hint = gui.add_html(_text(_HINTS[LOOK]))
         self.brush = gui.add_slider("Brush radius", 3, 200, 1, 24, visible=False)
         self.reach = Choice(gui, "Reach", (SURFACE, THROUGH), visible=False)
         self.taking = Choice(gui, "Take by", (FOOTPRINT, CENTRES), visible=False)
@@ -203,15 +195,14 @@ class Panels:
         self.three_points = gui.add_button("Up by three clicks on the ground", icon="dots", color="gray")
 
     def _make_objects(self, gui: Any) -> None:
-        self.counts = gui.add_markdown("")
-        self.active = Choice(gui, "Marking", ("-",))
+        self.active = Choice(gui, "Objects", ("-",))
         self.name = gui.add_text("Name", "")
         self.colour = gui.add_rgb("Colour", (255, 140, 30))
         self.kept = Switches(gui, "It is", ("Hidden", "Locked"))
         self.find_objects = gui.add_button(
             "Find objects", icon="search", hint="Mark everything that stands, hangs or leans in the scene."
         )
-        self.objects = gui.add_button_group("Objects", ("New", "Delete", "Show all"))
+        self.objects = gui.add_button_group("Change", ("New", "Delete", "Show all"))
         self.selection_path = gui.add_text("Selection", "", hint="A selection file of any kind, or saved marks.")
         self.load = gui.add_button("Replace the marks by this file", icon="file-import", color="gray")
 
@@ -233,17 +224,7 @@ class Panels:
         self.command = gui.add_text("The same by command", "", multiline=True, visible=False)
 
 
-def _text(text: str) -> str:
-    """Return a text in a box of a fixed height, so that what stands below does not move with its length."""
-    style = "height:2.8em;overflow:auto;padding:0 0.9em;font-size:0.85em;line-height:1.35"
-    return f'<div style="{style}">{html.escape(text)}</div>'
-
-
-def label(number: int, name: str) -> str:
+def label(part: MarkedObject) -> str:
     """Return how an object is listed; numbers stay when names change."""
-    return f"{number}: {name}"
-
-
-def escaped(text: str) -> str:
-    """Return text that Markdown shows as it is."""
-    return "".join(f"\\{character}" if character in "\\`*_{}[]()<>#|!~$" else character for character in text)
+    cut_out = f", {len(part.fresh.object):,} cut out" if part.fresh else ""
+    return f"{part.id}: {part.name} ({part.n_selected:,}{cut_out})"

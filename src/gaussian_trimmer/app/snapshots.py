@@ -18,6 +18,7 @@ from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.planning.up_vector import FROM_FORMAT, UpVector
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
 from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
+from gaussian_trimmer.selecting.select import SelectionResult
 
 Colour = tuple[int, int, int]
 
@@ -220,6 +221,11 @@ class Snapshot:
         for mark in marks:
             selected = selector.apply(selected, mark)
         return selected
+
+    def selection_of(self, part: MarkedObject) -> SelectionResult:
+        """Return what an object's marks select as `select` does, with what they removed and cut."""
+        state, marks = part.selected, replace(self.basis, marks=part.marks)
+        return SelectionResult(state.mask, marks, state.interpretations, state.excluded, state.cuts)
 
     def understood_anew(self, last: str) -> Snapshot:
         """Return the same marks, understood with this up vector and these cameras; what is marked is not cut out.

@@ -20,6 +20,7 @@ from gaussian_trimmer.app.panels import (
     CENTRES,
     CLICK,
     EFFECTS,
+    HINTS,
     KEEP_ONLY,
     LASSO,
     LOOK,
@@ -40,7 +41,7 @@ from gaussian_trimmer.app.viewpoints import (
     viewpoint_of,
 )
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
+from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
 from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import (
@@ -57,7 +58,8 @@ from gaussian_trimmer.selecting.marks import (
     point_of,
 )
 from gaussian_trimmer.selecting.row_packing import pack_rows
-from gaussian_trimmer.selecting.strokes import under_stroke
+from gaussian_trimmer.selecting.shapes import size_in_spacings
+from gaussian_trimmer.selecting.strokes import shows_under, under_stroke
 
 
 class Do(Protocol):
@@ -68,8 +70,8 @@ class Do(Protocol):
 
 
 _SCREEN_MIDDLE = (0.5, 0.5)
-_SPACINGS = 1.5
-"""How far a selection grows or shrinks, in distances between neighbouring Gaussians."""
+_GROWTH = 0.025
+"""How far a selection grows or shrinks, relative to its size."""
 _BOX_PADDING = 0.05
 """What the box in space is larger at first than the selection, at each side, relative to its longest side."""
 _BOX_SHARE = 0.4
@@ -115,7 +117,7 @@ class Tools:
             raise InputError("Open a scene first.")
         if tool == BOX3D:
             self._show_box(client)
-        return "Click three points on the ground." if tool == POINTS else self._session.now.sentence
+        return HINTS[tool]
 
     def heard(self, gesture: Gesture, client: Any) -> None:
         """Do what was meant by a gesture."""
@@ -138,9 +140,17 @@ class Tools:
             self._do("Marking", lambda: work[gesture.tool](view, gesture), event)
 
     def change_selection(self, way: str, client: Any) -> None:
-        """Let the selection grow or shrink, or invert it."""
-        marks: dict[str, Mark] = {"Grow": Grow(_SPACINGS), "Shrink": Shrink(_SPACINGS)}
-        work = (lambda: self._mark(marks[way])) if way in marks else lambda: self._session.do(edits.invert)
+        """Let the selection grow or shrink, invert it, or select all."""
+
+        def work() -> str:
+            if way == "Invert":
+                return self._session.do(edits.invert)
+            if way == "All":
+                return self._mark(Rows(pack_rows(self._shown_rows()), "all that is shown"))
+            now = self._session.now
+            step = _GROWTH * size_in_spacings(now.document.scene.means, now.object.selected.mask)
+            return self._mark((Grow if way == "Grow" else Shrink)(step or 1.0))
+
         self._do(way, work, Event.MARKED)
 
     def _tell_page(self) -> None:
@@ -190,18 +200,21 @@ class Tools:
         return self._draw(view, replace(gesture, places=corners))
 
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
-        """Mark what was drawn over, among what is shown."""
-        controls = self._panels
-        taken = under_stroke(
-            self._shown(),
-            Stroke(view, gesture.places, controls.brush.value if gesture.tool == BRUSH else None),
-            through=controls.reach.value == THROUGH,
-            by_centres=controls.taking.value == CENTRES,
-            renderer=self._session.document.renderer,
-        )
-        if not taken.any():
+        """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
+        controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
+        stroke = Stroke(view, gesture.places, controls.brush.value if gesture.tool == BRUSH else None)
+        through, by_centres = controls.reach.value == THROUGH, controls.taking.value == CENTRES
+        rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
+        cuts, renderer = False, now.document.renderer
+        if now.object.fresh is not None and (controls.showing.part, controls.showing.when) == ("object", "after"):
+            rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
+            cuts = effect == "remove" and not through and not by_centres
+        taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
+        if not (taken.any() or (cuts and shows_under(gaussians, stroke, renderer))):
             raise InputError("Nothing that is shown is there; draw over what you see.")
-        return self._mark_shown(taken, gesture.tool.lower(), self._effect(gesture.effect))
+        whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
+        packed = pack_rows(mask_of_rows(whole, len(now.document.scene)))
+        return self._mark(Rows(packed, gesture.tool.lower(), effect, stroke if cuts else None))
 
     def _corner(self, view: Viewpoint, gesture: Gesture) -> str:
         self._corners.append(self._surface_point(view, gesture.places[0]))
@@ -229,11 +242,6 @@ class Tools:
         if self._panels.effect.value == KEEP_ONLY:  # else the next mark would keep nothing
             self._panels.effect.value = ADD
         return sentence
-
-    def _mark_shown(self, taken: BoolArray, tool: str, effect: Effect) -> str:
-        """Mark some of the Gaussians that are shown, (M,)."""
-        shown = self._shown_rows()
-        return self._mark(Rows(pack_rows(mask_of_rows(np.flatnonzero(shown)[taken], len(shown))), tool, effect))
 
     def _shown_rows(self) -> Any:
         return shown_rows(self._session.now, self._panels.showing)

@@ -151,7 +151,7 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
     Raises:
         InputError: the item cannot be trimmed.
     """
-    selection, removed, _ = read_selected_and_removed(
+    selection, removed, made = read_selected_and_removed(
         item.selection,
         scene,
         item.selection_options,
@@ -166,7 +166,7 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
     segmenter = get_segmenter(item.segmenter, *options)
     return trim(
         scene,
-        selection,
+        selection if made is None else made,
         config=item.config,
         renderer=get_renderer(item.renderer),
         segmenter=segmenter,

@@ -146,7 +146,7 @@ class Select:
         console.print(
             f"{self.selection_path}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {understood}"
         )
-        return RoughObjects(scene, cameras, {THE_OBJECT: made.mask}, made.excluded, made.marks)
+        return RoughObjects(scene, cameras, {THE_OBJECT: made}, marks=made.marks)
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""

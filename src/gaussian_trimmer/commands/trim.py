@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from rich.console import Console
@@ -25,7 +25,6 @@ from gaussian_trimmer.output.result import THE_OBJECT
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
-from gaussian_trimmer.selecting.marks import Marks
 from gaussian_trimmer.selecting.selection_input import read_selected_and_removed, read_selection
 from gaussian_trimmer.selecting.view_lookup import with_query_row
 from gaussian_trimmer.selection_files import SelectionOptions
@@ -35,6 +34,9 @@ from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.options import TrimOptions
+
+if TYPE_CHECKING:  # most selections need no kernels
+    from gaussian_trimmer.selecting.select import SelectionResult
 
 
 @dataclass(frozen=True)
@@ -139,10 +141,10 @@ class Trim:
     def _read(self, console: Console) -> RoughObjects:
         scene, cameras = self._scene_inputs().read(self.options, console)
         if self.labels is None:
-            selection, removed, marks = self._selected(scene, cameras, console)
+            selection, removed, made = self._selected(scene, cameras, console)
             masks: dict[Any, BoolArray] = {THE_OBJECT: selection}
         else:
-            masks, removed, marks = dict(self._labelled(scene, cameras)), np.zeros(len(scene), np.bool_), None
+            masks, removed, made = dict(self._labelled(scene, cameras)), np.zeros(len(scene), np.bool_), None
         others = np.zeros(len(scene), np.bool_)
         for path in self.exclude:
             others |= _rows_of(path, scene)
@@ -151,12 +153,15 @@ class Trim:
             if not mask.any():
                 what = "the selection" if self.labels is None else f"object {number}"
                 raise InputError(f"Nothing is left of {what}, since --exclude takes all of it; leave a file out.")
-        return RoughObjects(scene, cameras, left, others | removed, marks)
+        if made is None:
+            return RoughObjects(scene, cameras, left, others | removed)
+        cut = replace(made, mask=left[THE_OBJECT])
+        return RoughObjects(scene, cameras, {THE_OBJECT: cut}, others | removed, made.marks)
 
     def _selected(
         self, scene: Gaussians, cameras: CameraSet | None, console: Console
-    ) -> tuple[BoolArray, BoolArray, Marks | None]:
-        """Return what SELECTION and marks select, what marks removed, each (N,), and all marks, if there are any."""
+    ) -> tuple[BoolArray, BoolArray, SelectionResult | None]:
+        """Return what SELECTION and marks select, what marks removed, each (N,), and all that marks say."""
         options, renderer = self.selection_options, self.options.renderer
         if options.query_point is not None:
             views: list[str | int] = [*self.marks.view, *self.marks.view_index]

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
 from rich.console import Console
 
 from gaussian_trimmer import formats
@@ -92,7 +94,7 @@ class RoughObjects:
 
     scene: Gaussians
     cameras: CameraSet | None
-    masks: Mapping[Any, BoolArray]
+    masks: Mapping[Any, ArrayLike]
     """Selections (N,), by the objects' ids or names."""
     excluded: BoolArray | None = None
     """What may not join an object, (N,): marks removed it, or another object has it."""
@@ -135,7 +137,7 @@ class TrimRun:
             clicked = rough.marks is not None and all(isinstance(mark, Click) for mark in rough.marks.marks)
             if self.source is not None and not clicked:  # a click means what is seen there, also if that is all
                 for mask in rough.masks.values():
-                    refuse_whole_scene(mask, self.source, self.inputs["scene"])
+                    refuse_whole_scene(np.asarray(mask), self.source, self.inputs["scene"])
             seconds = {"read": time.perf_counter() - start}
             report, said = self._write(part, rough, seconds, stage, console)
         entries, taken = object_entries(report), time.perf_counter() - start
@@ -221,7 +223,7 @@ class TrimRun:
         """Return crops of the training pictures that show the object best, and the segmenter that is shown these."""
         if rough.cameras is None or hasattr(segmenter, "own_cameras"):
             raise InputError("--photos needs the cameras that took the pictures, --cameras, and a segmenter for them.")
-        (selection,) = rough.masks.values()
+        selection = np.asarray(next(iter(rough.masks.values())))
         listed = zip(rough.cameras.pinhole_cameras(), rough.cameras.train, strict=True)
         known = cameras_with_photos([camera for camera, train in listed if train], photos)
         settings = self.options.settings()

@@ -66,7 +66,7 @@ def find_straddlers(
     """
 
     def in_view(trimmed: TrimmedView) -> Straddlers:
-        return _in_view(gaussians, candidates, trimmed, renderer, config)
+        return straddlers_in_view(gaussians, candidates, trimmed.view.camera, trimmed.mask, renderer, config)
 
     found = list(parallel_map(in_view, views, using=[renderer]))
     rows = np.concatenate([straddlers.rows for straddlers in found])
@@ -92,10 +92,15 @@ def signed_distance(mask: BoolArray) -> FloatArray:
     return np.asarray(np.where(mask, distance_to_outside(mask) - 0.5, 0.5 - distance_to_outside(~mask)), np.float32)
 
 
-def _in_view(
-    gaussians: Gaussians, candidates: BoolArray, view: TrimmedView, renderer: Renderer, config: BoundaryConfig
+def straddlers_in_view(
+    gaussians: Gaussians,
+    candidates: BoolArray,
+    camera: Camera,
+    mask: BoolArray,
+    renderer: Renderer,
+    config: BoundaryConfig,
 ) -> Straddlers:
-    camera, mask = view.view.camera, view.mask
+    """Find the straddlers of one mask (H, W); arguments as those of `find_straddlers`."""
     none = Straddlers(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     pixels = contour_pixels(mask, config.band)
     if len(pixels) == 0:

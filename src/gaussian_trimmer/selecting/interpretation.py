@@ -8,6 +8,7 @@ import numpy as np
 
 from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
@@ -45,6 +46,7 @@ from gaussian_trimmer.selecting.model_masks import PromptableModel, select_by_mo
 from gaussian_trimmer.selecting.overview import drawn_part
 from gaussian_trimmer.selecting.row_packing import unpack_rows
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
+from gaussian_trimmer.selecting.strokes import drawn_over
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene, look_at_pixel
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.views import HALF
@@ -80,6 +82,8 @@ class SelectionState:
     """What clicks have said about places."""
     interpretations: tuple[str, ...] = ()
     """How each mark was understood."""
+    cuts: tuple[StrokeCut, ...] = ()
+    """Strokes at which a trim cuts."""
 
     @classmethod
     def nothing(cls, n: int) -> SelectionState:
@@ -91,7 +95,9 @@ class SelectionState:
         if effect == "remove":
             return replace(self, mask=self.mask & ~found, excluded=self.excluded | found)
         mask = self.mask | found if effect == "add" else self.mask & found
-        return replace(self, mask=mask, excluded=self.excluded & ~mask)
+        spared = found if effect == "add" else np.zeros_like(found)
+        cuts = tuple(replace(cut, spared=cut.spared | spared) for cut in self.cuts)
+        return replace(self, mask=mask, excluded=self.excluded & ~mask, cuts=cuts)
 
 
 class MarkInterpreter:
@@ -144,7 +150,11 @@ class MarkInterpreter:
                 name = {Box3D: "a 3D box", Sphere: "a sphere", Plane: "what lies above a plane"}[type(mark)]
                 return state.combined(inside_shape(means, mark, self._up), mark.effect), name
             case Rows():
-                return state.combined(unpack_rows(mark.packed, len(means)), mark.effect), mark.tool
+                combined = state.combined(unpack_rows(mark.packed, len(means)), mark.effect)
+                if mark.cut is not None:
+                    cut = StrokeCut(*drawn_over(mark.cut), np.zeros(len(means), np.bool_))
+                    combined = replace(combined, cuts=(*combined.cuts, cut))
+                return combined, mark.tool
             case FromFile():
                 found, notes = self._from_file(mark)
                 return state.combined(found, mark.effect), "; ".join([f"'{mark.path.name}'", *notes])
@@ -153,10 +163,10 @@ class MarkInterpreter:
                 return state.combined(found, mark.effect), f"{n} masks"
             case Grow():
                 mask = grown(means, state.mask, mark.spacings)
-                return state.combined(mask, "add"), f"grown by {mark.spacings:g} spacings"
+                return state.combined(mask, "add"), "grown"
             case Shrink():
                 mask = shrunk(means, state.mask, mark.spacings)
-                return replace(state, mask=mask), f"shrunk by {mark.spacings:g} spacings"
+                return replace(state, mask=mask), "shrunk"
         raise InputError(f"Mark {number} is a {type(mark).__name__}, which is not a mark.")
 
     def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
@@ -180,8 +190,8 @@ class MarkInterpreter:
         seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
         after = state.mask.copy()
         after[rows] = correct_at_click(small, mask, seed, state.seeds)
-        excluded = (state.excluded | (state.mask & ~after)) & ~after
-        return SelectionState(after, excluded, (*state.seeds, seed)), INTERPRETATIONS["region"]
+        state = replace(state, seeds=(*state.seeds, seed))
+        return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
 
     def _box(self, state: SelectionState, mark: Box) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)

@@ -160,6 +160,8 @@ class Rows:
     tool: str
     """What found them, in a word or two."""
     effect: Effect = "add"
+    cut: Stroke | None = None
+    """A stroke at whose edge a trim cuts what it crosses; what lies under it goes."""
 
 
 Mark = Click | Box | Box3D | Sphere | Plane | FromFile | FromMasks | Grow | Shrink | Rows

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
@@ -33,6 +34,8 @@ class SelectionResult:
     """How each mark was understood."""
     excluded: BoolArray
     """What marks removed and none selected again, which a trim does not take in, (N,)."""
+    cuts: tuple[StrokeCut, ...] = ()
+    """Strokes at which a trim cuts."""
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The mask, for NumPy."""
@@ -79,4 +82,4 @@ def select(
     if not isinstance(marks, Marks):
         marks = resolve_views(scene, marks, cameras=cameras, up=up, views=views)
     state = apply_marks(scene, marks, cameras=cameras, renderer=renderer, model=model)
-    return SelectionResult(state.mask, marks, state.interpretations, state.excluded)
+    return SelectionResult(state.mask, marks, state.interpretations, state.excluded, state.cuts)

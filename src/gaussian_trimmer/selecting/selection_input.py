@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,11 +12,14 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
-from gaussian_trimmer.selecting.marks import FromFile, Mark, Marks
+from gaussian_trimmer.selecting.marks import FromFile, Mark
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.options import flag
+
+if TYPE_CHECKING:  # most files hold no marks, and need no kernels
+    from gaussian_trimmer.selecting.select import SelectionResult
 
 
 def read_selection(
@@ -52,8 +55,8 @@ def read_selected_and_removed(
     up: Any = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
     say: Callable[[str], None] = lambda note: None,
-) -> tuple[BoolArray, BoolArray, Marks | None]:
-    """Return what a file or marks select, what marks removed and a trim keeps out, each (N,), and the marks, if any.
+) -> tuple[BoolArray, BoolArray, SelectionResult | None]:
+    """Return what a file or marks select, what marks removed and a trim keeps out, each (N,), and all that marks say.
 
     Args:
         path: as for `read_selection`; None: only `further` selects, or everything is selected.
@@ -80,7 +83,7 @@ def read_selected_and_removed(
         marks = resolve_views(scene, further, cameras=cameras, up=up, camera_path=camera_path)
         marks = marks if earlier is None else earlier.followed_by(marks, camera_path)
         made = select(scene, marks, cameras=cameras, renderer=renderer)
-        return made.mask, made.excluded, made.marks
+        return made.mask, made.excluded, made
     if path is None:
         return np.ones(len(scene), np.bool_), np.zeros(len(scene), np.bool_), None
     selection, removed = load_selection(path, scene, options, say), excluded_from(path, len(scene))

@@ -73,3 +73,9 @@ def under_stroke(
     shown = np.unique(top[(top >= 0) & (weights >= _SHOWS)])
     taken[shown] = mostly[shown]
     return taken
+
+
+def shows_under(gaussians: Gaussians, stroke: Stroke, renderer: Renderer) -> bool:
+    """Tell whether anything shows where something was drawn."""
+    camera, mask = drawn_over(stroke)
+    return bool((renderer.render(gaussians, camera).alpha[mask] >= _SHOWS).any())

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, vector_of_up
 from gaussian_trimmer.config import TrimConfig, check_config
+from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, IntArray, check_gaussians, mask_of_rows
 from gaussian_trimmer.geometry.limits import check_magnitudes
@@ -29,6 +30,8 @@ class RoughObject:
     """Scene rows that were selected, ascending."""
     excluded: BoolArray | None = None
     """Gaussians of the scene that marks removed from it, (N,); None: none."""
+    cuts: tuple[StrokeCut, ...] = ()
+    """Strokes at which it is cut."""
 
     def mask(self, n: int) -> BoolArray:
         """Return which of n Gaussians were selected, (N,)."""
@@ -125,6 +128,7 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
             str(key),
             np.flatnonzero(mask_of_selection(selection, n)),
             mask_of_excluded(getattr(selection, "excluded", None), n),
+            getattr(selection, "cuts", ()),
         )
         for place, (key, selection) in enumerate(objects.items(), 1)
     ]

@@ -8,7 +8,8 @@ import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.decomposition.refinement import refine
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
+from gaussian_trimmer.decomposition.stroke_cuts import cut_at_stroke
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
 from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
@@ -47,6 +48,15 @@ def assemble_object(
         gaussians, source, not_fitted = refined.object, source[refined.parent], refined.skipped_because
         label = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
         fitted = np.flatnonzero(refined.fitted)
+    cut_off = split[: len(outer)]
+    for cut in rough.cuts:
+        is_fitted = mask_of_rows(fitted, len(source))
+        pieces = (label == RowLabel.SPLIT_INSIDE) | is_fitted
+        made = cut_at_stroke(gaussians, ~cut.spared[source], pieces, cut, setup.renderer)
+        outer, cut_off = concatenate([outer, made.cut_off]), np.concatenate([cut_off, source[made.cut_off_parent]])
+        gaussians, source, fitted = made.object, source[made.parent], np.flatnonzero(is_fitted[made.parent])
+        label = label[made.parent]
+        label[len(label) - made.n_parts :] = RowLabel.SPLIT_INSIDE
     if decision.refused:
         LOG.info("not trimmed: %s", decision.refused)
     LOG.info("%s: %d Gaussians from a selection of %d", rough.name, len(gaussians), len(rough.rows))
@@ -69,7 +79,7 @@ def assemble_object(
         not_filled=removal.not_filled if removal else None,
         seconds=decision.seconds,
     )
-    return trimmed, outer, split[: len(outer)]
+    return trimmed, outer, cut_off
 
 
 def _split_rows(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[IntArray, Gaussians, Gaussians]:

@@ -1,0 +1,70 @@
+"""Tests of cuts that are drawn on an object."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+from app_session import BALL
+
+import gaussian_trimmer as gt
+from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut, cut_at_stroke
+from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting.marks import Rows, Stroke, Viewpoint
+from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
+from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selecting.select import select
+
+RENDERER = get_renderer("numba")
+CAMERA = toy.camera_at((0, -8, 1))
+LEFT = Stroke(Viewpoint(CAMERA), ((0.0, 0.0), (0.47, 0.0), (0.47, 1.0), (0.0, 1.0)))
+"""The left half of the ball, but for a strip."""
+
+
+def under(gaussians, mask=None):
+    """Opacity at the pixels of a mask, those of `LEFT` unless others are given."""
+    mask = np.arange(CAMERA.width) < 0.47 * CAMERA.width if mask is None else mask
+    return float(RENDERER.render(gaussians, CAMERA).alpha[:, mask].sum())
+
+
+def cut(spared):
+    mask = np.tile(np.arange(CAMERA.width) < 0.47 * CAMERA.width, (CAMERA.height, 1))
+    return StrokeCut(CAMERA, mask, np.array(spared))
+
+
+def test_what_crosses_the_edge_of_a_stroke_is_split_there_and_nothing_is_lost():
+    wide = toy.gaussians([[0.2, 0, 1], [0.3, 0, 0], [2, 0, 1]], (1.0, 0.05, 0.2), toy.RED)
+    made = cut_at_stroke(wide, np.array([True, True, False]), np.zeros(3, np.bool_), cut([False] * 3), RENDERER)
+    assert made.parent[: len(made.parent) - made.n_parts].tolist() == [2]  # it is spared
+    assert set(made.parent[-made.n_parts :]) == set(made.cut_off_parent) == {0, 1}
+    assert under(made.object.select(made.parent < 2)) < 0.15 * under(wide.select(slice(0, 2)))
+    right = np.arange(CAMERA.width) > 0.55 * CAMERA.width
+    assert under(made.object, right) == pytest.approx(under(wide, right), rel=0.05)
+    whole = RENDERER.render(concatenate([made.object, made.cut_off]), CAMERA).alpha
+    assert np.abs(whole - RENDERER.render(wide, CAMERA).alpha).mean() < 0.02
+
+
+def test_parts_under_a_stroke_go_and_whole_gaussians_there_stay():
+    away = toy.gaussians([[-2, 0, 1], [-2, 0, 0.5], [2, 0, 1]], (0.1, 0.1, 0.1), toy.RED)
+    pieces = np.array([True, False, True])
+    made = cut_at_stroke(away, np.ones(3, np.bool_), pieces, cut([False] * 3), RENDERER)
+    assert made.parent.tolist() == [1, 2] and made.cut_off_parent.tolist() == [0]
+
+
+def test_a_stroke_is_saved_with_its_mark_and_cuts_what_is_trimmed_until_it_is_put_back(tmp_path):
+    scene, ball = toy.ball_on_floor(n_floaters=0)
+    scene = scene.replace(log_scales=scene.log_scales + np.float32(0.7) * ball[:, None])  # so that they cross the edge
+    rows = Rows(pack_rows(ball & (scene.means[:, 0] < -0.28)), "lasso", "remove", LEFT)
+    write_marks(select(scene, [BALL, rows], up="z").marks, tmp_path / "cut.json")
+    marks = read_marks(tmp_path / "cut.json")
+    stroke = marks.marks[-1].cut
+    assert (stroke.places, stroke.radius) == (LEFT.places, None)
+    assert np.array_equal(stroke.view.camera.world_to_camera, CAMERA.world_to_camera)
+
+    def trimmed(*given):
+        return gt.trim_objects(scene, {1: select(scene, given, up="z")}).object
+
+    whole, uncut, made = trimmed(BALL), trimmed(BALL, replace(rows, cut=None)), trimmed(*marks.marks)
+    assert under(made) < 0.6 * under(uncut) < 0.3 * under(whole)
+    assert under(trimmed(*marks.marks, Rows(pack_rows(ball), "lasso"))) > 0.9 * under(whole)
