@@ -188,22 +188,49 @@ def _room_b(rng: np.random.Generator) -> Plan:
     return _shell(-1.7, stripes, plain(0.46, 0.31, 0.28, noise=0.04)), things, (-34, 68, -0.1)
 
 
+def _furnished(rng: np.random.Generator) -> Plan:
+    """A living room: what stands along its walls, and a table and an armchair before them."""
+    cloth, wood, steel = plain(0.42, 0.2, 0.2, noise=0.03), grain(0.42, 0.27, 0.17, along=0), plain(0.3, 0.3, 0.32)
+    seat = [(0, 0, 0.24, 0.62, 0.62, 0.28), (0, -0.26, 0.55, 0.62, 0.12, 0.4)]
+    seat += [(side * 0.33, 0, 0.34, 0.12, 0.62, 0.48) for side in (-1, 1)]
+    turn = np.array([[0.87, 0.5, 0], [-0.5, 0.87, 0], [0, 0, 1.0]])
+    table = [Part((0.35, 1.25, 0.42), (0.9, 0.55, 0.05), wood)]
+    table += [Part((0.35 + x, 1.25 + y, 0.2), (0.05, 0.05, 0.4), wood) for x in (-0.4, 0.4) for y in (-0.22, 0.22)]
+    _, others, _ = _room_a(rng)
+    things = {
+        "bookcase": _bookcase(-1.55, 0.9, 1.7, plain(0.83, 0.8, 0.75), rng),
+        "drawers": _cabinet((-0.4, 0.01, 0.0), (0.95, 0.45, 0.8), (1, 3), wood, plain(0.75, 0.62, 0.3)),
+        "picture": _picture(0.1, 1.5, 0.75, 0.55, steel, 1),
+        "lamp": others["lamp"],
+        "armchair": [
+            Part(tuple(np.array([-0.95, 1.15, 0]) + np.array([x, y, 0]) @ turn.T + [0, 0, z]), (w, d, h), cloth, turn=turn)
+            for x, y, z, w, d, h in seat
+        ],
+        "table": table,
+        "plant": _plant(2.2, 0.5, rng),
+    }
+    return _shell(-2.6, plain(0.8, 0.8, 0.76), grain(0.62, 0.43, 0.27, along=1, boards=0.14)), things, (-60, 60, 0.0)
+
+
+def _plant(x: float, y: float, rng: np.random.Generator) -> list[Part]:
+    parts = [
+        Part((x, y, 0.15), (0.3, 0.3, 0.3), plain(0.6, 0.33, 0.22), "cylinder"),
+        Part((x, y, 0.5), (0.03, 0.03, 0.45), plain(0.35, 0.25, 0.15), "cylinder"),
+    ]
+    for _ in range(34):
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        axes *= np.sign(np.linalg.det(axes))
+        place = np.array([x, y, 0.78]) + rng.normal(0, 1, 3) * [0.12, 0.09, 0.17]
+        green = plain(0.2 + 0.1 * rng.random(), 0.4 + 0.15 * rng.random(), 0.18, noise=0.03)
+        parts.append(Part(tuple(place), (0.22, 0.1, 0.015), green, "ball", axes))
+    return parts
+
+
 def _room_c(rng: np.random.Generator) -> Plan:
     tilt, turn = np.radians(-12), np.radians(28)
     leaning = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
     wall = plain(0.55, 0.6, 0.68, noise=0.02)
-    leaves = []
-    for _ in range(34):
-        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        axes *= np.sign(np.linalg.det(axes))
-        place = np.array([1.15, 0.36, 0.78]) + rng.normal(0, 1, 3) * [0.12, 0.09, 0.17]
-        green = plain(0.2 + 0.1 * rng.random(), 0.4 + 0.15 * rng.random(), 0.18, noise=0.03)
-        leaves.append(Part(tuple(place), (0.22, 0.1, 0.015), green, "ball", axes))
-    pot = [
-        Part((1.15, 0.36, 0.15), (0.3, 0.3, 0.3), plain(0.6, 0.33, 0.22), "cylinder"),
-        Part((1.15, 0.36, 0.5), (0.03, 0.03, 0.45), plain(0.35, 0.25, 0.15), "cylinder"),
-    ]
     carton = [
         Part((-1.25, 0.42, 0.35), (0.55, 0.45, 0.7), plain(0.66, 0.5, 0.34, noise=0.02), turn=turned),
         Part((-1.25, 0.42, 0.701), (0.06, 0.45, 0.004), plain(0.75, 0.66, 0.5), turn=turned),
@@ -211,7 +238,7 @@ def _room_c(rng: np.random.Generator) -> Plan:
     things = {
         "carton": carton,
         "panel": [Part((-0.1, 0.13, 0.48), (0.7, 0.04, 0.98), plain(0.52, 0.58, 0.66), turn=leaning)],
-        "plant": pot + leaves,
+        "plant": _plant(1.15, 0.36, rng),
     }
     floor = checks((0.72, 0.69, 0.65), (0.4, 0.4, 0.42), 0.3)
     return _shell(-1.75, wall, floor), things, (-36, 66, -0.05)
@@ -271,6 +298,7 @@ ROOMS: dict[str, Callable[[np.random.Generator], Plan]] = {
     "a": _room_a,
     "b": _room_b,
     "c": _room_c,
+    "furnished": _furnished,
     "gravel": _gravel,
     "lawn": _lawn,
 }
