@@ -16,7 +16,9 @@ from gaussian_trimmer.output.view_listing import draw_number
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII
 from gaussian_trimmer.rendering import Renderer
 
-_LONGER_PIXELS, _FONT_SCALE = 1400, 0.6
+_LONGER_PIXELS = 1400
+_FONT_SCALE, _SMALL_FONT_SCALE, _MANY = 0.6, 0.3, 100
+"""Size of the numbers, and that of so many or more."""
 _DISTANCE = 4.0
 """Distance of the camera, relative to the longer side of the plan: far enough that little of any side shows."""
 _MARGIN = 0.05
@@ -42,9 +44,10 @@ def draw_plan(found: FoundObjects, renderer: Renderer) -> Picture:
     share = np.clip(blended[..., 3:], 0, 1)
     rgb = renderer.render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED - _TINT) * share) + _TINT * blended[..., :3]
     picture = np.ascontiguousarray(as_picture(rgb))
+    scale = _FONT_SCALE if len(shown) < _MANY else _SMALL_FONT_SCALE
     for one, (x, y) in zip(shown, camera.project(np.array([one.centre for one in shown]))[0], strict=True):
-        (width, height), _ = cv2.getTextSize(str(one.id), cv2.FONT_HERSHEY_SIMPLEX, _FONT_SCALE, 1)
-        draw_number(picture, one.id, (round(x) - width // 2, round(y) + height // 2), _FONT_SCALE)
+        (width, height), _ = cv2.getTextSize(str(one.id), cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+        draw_number(picture, one.id, (round(x) - width // 2, round(y) + height // 2), scale)
     return picture
 
 
