@@ -203,7 +203,12 @@ def _furnished(rng: np.random.Generator) -> Plan:
         "picture": _picture(0.1, 1.5, 0.75, 0.55, steel, 1),
         "lamp": others["lamp"],
         "armchair": [
-            Part(tuple(np.array([-0.95, 1.15, 0]) + np.array([x, y, 0]) @ turn.T + [0, 0, z]), (w, d, h), cloth, turn=turn)
+            Part(
+                tuple(np.array([-0.95, 1.15, 0]) + np.array([x, y, 0]) @ turn.T + [0, 0, z]),
+                (w, d, h),
+                cloth,
+                turn=turn,
+            )
             for x, y, z, w, d, h in seat
         ],
         "table": table,

@@ -9,8 +9,9 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 
-GAUSSIANS_IN_A_TILE = (60_000, 18_000)
-"""How many Gaussians the tiles of each size hold in the mean: things as large as a sofa, and as small as a chair."""
+GAUSSIANS_IN_A_TILE = (200_000, 60_000, 18_000)
+"""How many Gaussians the tiles of each size hold in the mean: a densely captured bookcase has as many as a whole table
+with its chairs elsewhere, so that things are whole in tiles of one size and large enough to be seen in another."""
 CELLS, STEP = 3, 2
 """Cells along the side of a tile, and from one to the next: they overlap by a third."""
 _MIN_GAUSSIANS = 500

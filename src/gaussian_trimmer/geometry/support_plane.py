@@ -21,6 +21,9 @@ from gaussian_trimmer.settings import Range, Share
 _FOOT_DISTANCE_RADII = 0.4
 """Vertical distance from the object's foot within which the plane is searched, in object radii."""
 
+_CRUMBS = 0.01
+"""Visible weight, relative to the object's, of what is no surface: crumbs beside a thing that was captured alone."""
+
 
 @dataclass(frozen=True)
 class SupportPlaneConfig:
@@ -32,8 +35,7 @@ class SupportPlaneConfig:
     """Smallest share that the plane must hold of the visible Gaussians around the object near the height of its foot.
     What lies far below, such as the ground around a plinth, or far above, such as walls, does not count."""
     min_share_of_all: Share = 0.1
-    """Smallest share that the plane must hold of all visible Gaussians around the object, and how much it must show
-    relative to the object: crumbs beside a thing that was captured alone are no surface."""
+    """Smallest share that the plane must hold of all visible Gaussians around the object."""
     thickness: Annotated[float, Range(1e-3, 10)] = 0.05
     """Half of the plane's thickness, relative to the object's radius."""
     max_selected_within: Share = 0.5
@@ -79,9 +81,8 @@ def find_support_plane(
     level = ~selection & (np.abs(height - foot) < _FOOT_DISTANCE_RADII)
     bin_height = 2 / 3 * config.thickness  # a layer is three bins
     layer = densest_layer(height[level], weights[level], bin_height, float(foot - _FOOT_DISTANCE_RADII))
-    larger = max(float(weights[~selection].sum()), float(weights[selection].sum()))
-    least = config.min_share * weights[level].sum(), config.min_share_of_all * larger
-    if layer is None or layer[1] < max(least):
+    least = config.min_share * weights[level].sum(), config.min_share_of_all * weights[~selection].sum()
+    if layer is None or layer[1] < max(*least, _CRUMBS * weights[selection].sum()):
         return None
     shown = weights[selection]
     if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():

@@ -9,12 +9,13 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 
-_PITCHES_DEGREES = (12.0, 40.0, 70.0)
-_VIEWS_A_PITCH = 5
+_RINGS = ((12.0, 4), (45.0, 4))
+"""Pitches in degrees, and how many views have each."""
+_RINGS_ABOVE = ((70.0, 5),)
 
 
-def views_of_place(bounds: Bounds, size: int) -> list[Camera]:
-    """Small views from all sides at three heights, those of each between those of the others.
+def views_of_place(bounds: Bounds, size: int, above: bool = False) -> list[Camera]:
+    """Small views from all sides at two heights, those of the upper one between those of the lower one.
 
     They go around the whole circle even where the object was seen from one side only: with views of that side alone,
     hidden Gaussians behind the object pass for parts of it (docs/decisions/filled-background.md).
@@ -22,11 +23,12 @@ def views_of_place(bounds: Bounds, size: int) -> list[Camera]:
     Args:
         bounds: the object's bounds, which the views frame; their third axis is up.
         size: width and height of the views in pixels.
+        above: steep views in place of these, which see the ground before walls and in corners.
     """
     fov, cameras = float(np.radians(PlanConfig.fov_degrees)), []
     lens = Lens(size, fov, NEAR_RADII * bounds.radius)
-    for i, pitch in enumerate(np.radians(_PITCHES_DEGREES)):
-        yaws = 2 * np.pi * (np.arange(_VIEWS_A_PITCH) + i / len(_PITCHES_DEGREES)) / _VIEWS_A_PITCH
-        distance = framing_distance(bounds, yaws, pitch, fov, PlanConfig.fill)
-        cameras += ring(bounds.centre, bounds.axes, distance, yaws, pitch, lens)
+    for i, (pitch, count) in enumerate(_RINGS_ABOVE if above else _RINGS):
+        yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
+        distance = framing_distance(bounds, yaws, np.radians(pitch), fov, PlanConfig.fill)
+        cameras += ring(bounds.centre, bounds.axes, distance, yaws, np.radians(pitch), lens)
     return cameras

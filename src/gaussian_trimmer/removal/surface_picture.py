@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import cv2
 import numpy as np
@@ -112,8 +113,10 @@ def _count_views(
     """Return in how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))
-    counts, before = np.zeros((4, len(points)), np.int64), cameras_before(views, surfaces)
-    for camera, silhouette, rendering in zip(views.cameras, views.silhouettes, views.renderings, strict=True):
+    counts, before = np.zeros((4, len(points)), np.int64), [*cameras_before(views, surfaces)]
+    before += cameras_before(views.above, surfaces)
+    pictures = [zip(part.cameras, part.silhouettes, part.renderings, strict=True) for part in (views, views.above)]
+    for camera, silhouette, rendering in chain.from_iterable(pictures):
         if camera not in before:
             continue
         pixels, _ = camera.project(points)

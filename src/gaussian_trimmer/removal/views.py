@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,13 @@ class RemovalViews:
     """The object's bounds; their third axis is up."""
     cameras: Sequence[Camera]
     renderer: Renderer
+    cameras_above: Sequence[Camera] = ()
+    """Steep views, which only tell where surfaces are seen."""
+
+    @cached_property
+    def above(self) -> RemovalViews:
+        """The same in the steep views."""
+        return replace(self, cameras=self.cameras_above, cameras_above=())
 
     @cached_property
     def silhouettes(self) -> list[BoolArray]:

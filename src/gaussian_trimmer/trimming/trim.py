@@ -183,8 +183,8 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
         return None
     target = crop.local.select(of_crop == number)
     bounds = robust_bounds(target, own_frame(target, crop.bounds.axes[2]))
-    cameras = views_of_place(bounds, setup.config.refinement.size)
-    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, cameras, setup.renderer)
+    around, above = (views_of_place(bounds, setup.config.refinement.size, above) for above in (False, True))
+    views = RemovalViews(crop.local, of_crop == number, of_crop > 0, bounds, around, setup.renderer, above)
     removal = remove(views, fill=setup.config.background == "filled", with_standing=setup.config.with_what_stands_on_it)
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
