@@ -20,7 +20,7 @@ from tyro.conf import Positional, arg
 from variants import chosen_variants
 
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import only_training
+from gaussian_trimmer.cameras import only_training, up_frame
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
@@ -32,7 +32,6 @@ from gaussian_trimmer.evaluation.scoring import RULES, mean_scores
 from gaussian_trimmer.evaluation.statistics import table_of_statistics
 from gaussian_trimmer.evaluation.tables import Cell, ScoreTable, heading, known_metrics, score_cells
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.geometry.bounds import up_frame
 
 DATA = Path(__file__).parent / "data"
 SMALLEST_SELECTION = 0.1

@@ -191,8 +191,8 @@ def _room_b(rng: np.random.Generator) -> Plan:
 def _furnished(rng: np.random.Generator) -> Plan:
     """A living room: what stands along its walls, and a table and an armchair before them."""
     cloth, wood, steel = plain(0.42, 0.2, 0.2, noise=0.03), grain(0.42, 0.27, 0.17, along=0), plain(0.3, 0.3, 0.32)
-    seat = [(0, 0, 0.24, 0.62, 0.62, 0.28), (0, -0.26, 0.55, 0.62, 0.12, 0.4)]
-    seat += [(side * 0.33, 0, 0.34, 0.12, 0.62, 0.48) for side in (-1, 1)]
+    seat = [(0.0, 0.0, 0.24, 0.62, 0.62, 0.28), (0.0, -0.26, 0.55, 0.62, 0.12, 0.4)]
+    seat += [(side * 0.33, 0.0, 0.34, 0.12, 0.62, 0.48) for side in (-1, 1)]
     turn = np.array([[0.87, 0.5, 0], [-0.5, 0.87, 0], [0, 0, 1.0]])
     table = [Part((0.35, 1.25, 0.42), (0.9, 0.55, 0.05), wood)]
     table += [Part((0.35 + x, 1.25 + y, 0.2), (0.05, 0.05, 0.4), wood) for x in (-0.4, 0.4) for y in (-0.22, 0.22)]

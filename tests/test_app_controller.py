@@ -22,9 +22,8 @@ from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture
 from gaussian_trimmer.app.showing import Due, Event, Showing
 from gaussian_trimmer.app.snapshots import CutState
 from gaussian_trimmer.app.viewpoints import framed
-from gaussian_trimmer.cameras import look_at
+from gaussian_trimmer.cameras import look_at, up_frame
 from gaussian_trimmer.gaussians import quaternions_of
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.marks import Box3D, Sphere
 
 pytest.importorskip("viser", reason="needs viser: the app extra")

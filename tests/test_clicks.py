@@ -11,11 +11,12 @@ from command_line import run
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.camera_files import read_camera_set
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.metrics import foreground_iou
 from gaussian_trimmer.gaussians import Gaussians, concatenate
-from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click, select_by_box, select_by_click

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from toy import BLUE, CENTRE, UP, any_rotation, ball_on_floor, gaussians, moved
 
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 

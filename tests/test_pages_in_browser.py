@@ -9,8 +9,7 @@ from browser import chromium, differ, opened, picture_of, screenshot, wait_until
 
 from gaussian_trimmer import formats, sample
 from gaussian_trimmer.camera_files import read_camera_set
-from gaussian_trimmer.cameras import Camera, look_at
-from gaussian_trimmer.geometry.bounds import up_frame
+from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.output.html.report_page import report_page
 from gaussian_trimmer.output.html.viewer import first_view, viewer_page
 from gaussian_trimmer.rendering import get_renderer

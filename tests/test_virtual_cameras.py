@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from toy import CENTRE, RADIUS, RED, UP, any_rotation, ball_on_floor, gaussians, moved, with_floaters
 
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.gaussians import concatenate
-from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, touching, up_frame
+from gaussian_trimmer.geometry.bounds import dominant_cluster, plain_bounds, robust_bounds, touching
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 
 

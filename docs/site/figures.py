@@ -16,11 +16,11 @@ import numpy as np
 
 import gaussian_trimmer as gt
 from gaussian_trimmer import sample
-from gaussian_trimmer.cameras import Camera, intrinsics, look_at
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
 from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, logit
-from gaussian_trimmer.geometry.bounds import Bounds, up_frame
+from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.output.pictures import (
     BACKDROP,
     Picture,

@@ -173,6 +173,18 @@ def unit_up(vector: Any, what: str = "The up vector") -> Float64Array:
     return np.asarray(up / np.linalg.norm(up))
 
 
+def up_frame(up: Float64Array) -> Float64Array:
+    """Return two horizontal axes and the unit up vector as rows of a right-handed (3, 3) matrix.
+
+    Raises:
+        InputError: the vector is zero or not finite.
+    """
+    up = unit_up(up)
+    first = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(up, first), up])
+
+
 def vector_of_up(up: Any) -> tuple[float, float, float]:
     """An up vector from an axis, such as "z" or "-y", or from three numbers.
 

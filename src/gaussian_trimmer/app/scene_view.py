@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from gaussian_trimmer.app.display import Splats
 from gaussian_trimmer.app.space_box import SpaceBox
 from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import Float64Array, quaternions_of
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, point_of
 from gaussian_trimmer.views import TrimmedView

@@ -40,9 +40,9 @@ from gaussian_trimmer.app.viewpoints import (
     surface_points,
     viewpoint_of,
 )
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.selecting.clicks import NothingFoundError
 from gaussian_trimmer.selecting.marks import (
     Box,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.cameras import Camera, CameraSet
+from gaussian_trimmer.cameras import Camera, CameraSet, up_frame
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
@@ -28,7 +28,7 @@ from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.geometry.bounds import robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.html.report_page import REPORT, sentence_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussian_trimmer.cameras import CameraSet
+from gaussian_trimmer.cameras import CameraSet, up_frame
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.contacts import one_thing
 from gaussian_trimmer.finding.found import SURE, FoundObject, FoundObjects
@@ -30,7 +30,6 @@ from gaussian_trimmer.finding.visible_surface import (
     with_hidden,
 )
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray, check_gaussians
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.storey import find_storey

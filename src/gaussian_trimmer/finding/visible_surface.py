@@ -12,10 +12,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras
+from gaussian_trimmer.cameras import Camera, CameraSet, training_cameras, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray, rotation_matrices
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.rendering import Renderer, parallel_map
 from gaussian_trimmer.selecting.marks import Viewpoint

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import unit_up
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray, ellipsoid_points
 from gaussian_trimmer.geometry.components import connected_bodies
 from gaussian_trimmer.geometry.neighbours import nearest
@@ -42,18 +42,6 @@ class Bounds:
         """The eight corners in the world, (8, 3)."""
         signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1).reshape(8, 3)
         return np.asarray(self.centre + (signs * self.half_extents) @ self.axes)
-
-
-def up_frame(up: Float64Array) -> Float64Array:
-    """Return two horizontal axes and the unit up vector as rows of a right-handed (3, 3) matrix.
-
-    Raises:
-        InputError: the vector is zero or not finite.
-    """
-    up = unit_up(up)
-    first = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(up, first), up])
 
 
 def own_frame(target: Gaussians, up: Float64Array) -> Float64Array:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, rotation_matrices
-from gaussian_trimmer.geometry.bounds import up_frame
 
 _MAX_TILT_COSINE, _MAX_THICKNESS = 0.9, 0.5
 """Cosine of the tilt of a horizontal Gaussian, and its largest thickness relative to its width."""

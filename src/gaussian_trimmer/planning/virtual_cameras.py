@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, up_frame
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import Bounds, plain_bounds, robust_bounds
 from gaussian_trimmer.geometry.limits import check_size
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles

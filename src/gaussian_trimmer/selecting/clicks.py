@@ -13,10 +13,9 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, ellipsoid_points
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.output.pictures import zoomed
 from gaussian_trimmer.planning.camera_rings import ring_poses
 from gaussian_trimmer.planning.up_vector import up_from_ground_plane

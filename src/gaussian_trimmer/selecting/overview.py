@@ -7,9 +7,9 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, up_frame
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.geometry.limits import check_size
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
 from gaussian_trimmer.selecting.marks import Point, Viewpoint

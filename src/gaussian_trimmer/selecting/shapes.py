@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaussian_trimmer.cameras import unit_up
+from gaussian_trimmer.cameras import unit_up, up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.geometry import planes
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
 

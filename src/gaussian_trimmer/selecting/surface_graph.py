@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, up_frame
 from gaussian_trimmer.gaussians import (
     BoolArray,
     Float64Array,
@@ -22,7 +22,6 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
     rotation_matrices,
 )
-from gaussian_trimmer.geometry.bounds import up_frame
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.min_cut import min_cut
 from gaussian_trimmer.geometry.neighbours import nearest

@@ -9,10 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.formats.splat import ROW, rows_of
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
-from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds, up_frame
+from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.io.writing import write_whole
 from gaussian_trimmer.output.checked_sides import checked_sides
 from gaussian_trimmer.output.html.document import SUFFIXES, as_markup, asset, document, json_block, render
