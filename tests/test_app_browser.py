@@ -74,7 +74,7 @@ def marked(tab, lighthouse):
     """Mark the lighthouse by a click."""
     if tab.app.controller.panels.tool.value != "Click":
         tab.switch("Click")
-    tab.wait("Click on the object")
+        tab.wait("Click on the object")
     tab.until_said(lambda: click(tab, lighthouse), "an object that stands on a surface")
 
 
@@ -129,7 +129,7 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     tab.page.keyboard.press("t")
     tab.wait("is cut out:")
     tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() < 60)  # in its own colours
-    beside = lighthouse + 0.15 * app.controller.tools.viewpoint(app.server.get_clients()[tab.client]).camera.rotation[0]
+    beside = lighthouse + 0.2 * app.controller.tools.viewpoint(app.server.get_clients()[tab.client]).camera.rotation[0]
     tab.until_colour(beside, lambda colour: colour.max() < 10)
     tab.switch("White")
     tab.until_colour(beside, lambda colour: colour.min() > 245)

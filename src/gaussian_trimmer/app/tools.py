@@ -202,7 +202,7 @@ class Tools:
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
         controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
-        stroke = Stroke(view, gesture.places, controls.brush.value if gesture.tool == BRUSH else None)
+        stroke = Stroke(view, gesture.places, float(controls.brush.value) if gesture.tool == BRUSH else None)
         through, by_centres = controls.reach.value == THROUGH, controls.taking.value == CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
