@@ -142,3 +142,11 @@ def test_what_a_format_does_not_keep_is_said(target, lost, tmp_path, capsys):
 )  # fmt: skip
 def test_a_scene_that_is_called_as_all_are_has_its_folders_name(path, name):
     assert SceneInputs(Path(path)).name == name
+
+
+@pytest.mark.parametrize(("name", "said"), [("a.compressed.ply", False), ("a.ply", True)])
+def test_a_trim_says_what_its_format_rounds_anew(name, said, ball, tmp_path, capsys):
+    formats.write(formats.read(ball / "scene.ply"), tmp_path / name)
+    command = ["trim", tmp_path / name, ball / "rough.npy", "--up", "z", "--format", "compressed.ply", *SMALL]
+    assert run(*command, "--output", tmp_path / "out") == 0
+    assert ("precision" in capsys.readouterr().out) == said

@@ -18,7 +18,6 @@ from gaussian_trimmer.cameras import Camera, CameraSet, up_frame
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
-    json_document,
     print_refusal,
     print_summary,
     print_warnings,
@@ -150,7 +149,7 @@ class TrimRun:
         self._say_where(console, report, said)
         for entry in entries:
             print_warnings(entry)
-        self.results.printing.print_json(json_document(report, self.folder, RESULTS))
+        self.results.printing.print_json(report, (self.folder, RESULTS))
         return NOTHING_TRIMMED if all(entry["refused"] for entry in entries) else 0
 
     def _locked_folder(self) -> Any:
@@ -202,7 +201,9 @@ class TrimRun:
         placing, said = self.results.placing, list[str]()
         if placing.wished:
             said.append(placing.sentence(placing.write(result, part, self.suffix), result.objects[0].up))
-        source = self.suffix if self.options.format is None else Path(self.inputs["scene"]).suffix.lower()
+        own = Path(self.inputs["scene"]).name
+        same = self.options.format is None or formats.is_named(own, self.suffix)
+        source = self.suffix if same else Path(own).suffix.lower()
         if lost := formats.losses(rough.scene, self.suffix, source):
             said.append(lost)
         return report, said
