@@ -63,10 +63,13 @@ class PrintOptions:
         """Return what to print to."""
         return open_console(quiet=self.quiet or self.json, log_level=log_level)
 
-    def print_json(self, document: Mapping[str, Any]) -> None:
-        """Print a JSON document if it is asked for."""
-        if self.json:
-            print(json.dumps(document, allow_nan=False))
+    def print_json(self, document: Mapping[str, Any], results: tuple[Path, str] | None = None) -> None:
+        """Print a JSON document if it is asked for, with the files of `results`: a folder and its manifest's kind."""
+        if not self.json:
+            return
+        if results is not None:
+            document = {**document, "folder": str(results[0]), "files": earlier_results(*results)}
+        print(json.dumps(document, allow_nan=False))
 
 
 def open_console(*, quiet: bool, log_level: str | None = None) -> Console:
@@ -170,11 +173,6 @@ def _doubt_about_up(direction: Sequence[float] | Float64Array) -> str:
         f"The up vector is a guess. If the views are upside down, give --up {sign}{'xyz'[axis]}; if they are tilted, "
         "try another axis."
     )
-
-
-def json_document(document: Mapping[str, Any], folder: Path, kind: str) -> dict[str, Any]:
-    """Return a JSON document with a folder of results, by the kind of its manifest, and the names of its files."""
-    return {**document, "folder": str(folder), "files": earlier_results(folder, kind)}
 
 
 def print_refusal(report: Mapping[str, Any]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from gaussian_trimmer.commands.console import PrintOptions
-from gaussian_trimmer.commands.inspection import describe_file, splat_facts
+from gaussian_trimmer.commands.inspection import describe_file
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import Positional, arg
 
@@ -34,8 +34,8 @@ class Info:
             raise InputError("Name at least one file.")
         console, files = self.printing.console(), list[dict[str, Any]]()
         for path in self.files:
-            said = describe_file(path, level=self.level, trust_paths=self.trust_paths)
+            facts = dict[str, Any]()
+            said = describe_file(path, level=self.level, trust_paths=self.trust_paths, facts=facts)
             console.print(said)
-            if self.printing.json:
-                files.append({"file": str(path), "said": said, **splat_facts(path, self.level)})
+            files.append({"file": str(path), "said": said, **facts})
         self.printing.print_json({"files": files})

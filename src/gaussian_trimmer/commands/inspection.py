@@ -43,13 +43,16 @@ _USES_BY_KIND = {
 }
 
 
-def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = False) -> str:
+def describe_file(
+    path: Path, *, level: int | None = None, trust_paths: bool = False, facts: dict[str, Any] | None = None
+) -> str:
     """Return several lines on a splat file, a selection file, or a file or folder of cameras.
 
     Arguments:
         path: the file or folder.
         level: level of detail, where there are some; None: the finest that memory allows.
         trust_paths: as for `read_camera_set`.
+        facts: takes what programs ask of a splat file, as JSON holds it.
 
     Raises:
         InputError: the file is missing, of no known kind, or damaged.
@@ -62,7 +65,7 @@ def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = F
     elif is_marks_file(path):
         lines = describe_marks(read_marks(path))
     elif formats.has_splats(path) and path.suffix.lower() not in torch_files.SUFFIXES:
-        lines = describe_splats(path, level)
+        lines = describe_splats(path, level, facts)
     elif path.suffix.lower() == ".json" or name in _COLMAP_FILES:
         lines = describe_cameras(path, trust_paths=trust_paths)
     elif name.endswith(SUFFIXES):
@@ -71,23 +74,6 @@ def describe_file(path: Path, *, level: int | None = None, trust_paths: bool = F
         known = ", ".join(dict.fromkeys((*formats.FORMATS, *SUFFIXES, ".json")))
         raise InputError(f"'{path.name}' is of an unknown kind; known endings: {known}, and folders of cameras.")
     return "\n  ".join(printable(line) for line in [f"{path}{_size(path)}", *lines])
-
-
-def splat_facts(path: Path, level: int | None = None) -> dict[str, Any]:
-    """Return what programs ask of a splat file, as JSON holds it; nothing of other files.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    if is_folder(path) or not formats.has_splats(path) or path.suffix.lower() in torch_files.SUFFIXES:
-        return {}
-    gaussians = formats.read(path, level=level)
-    return {
-        "gaussians": len(gaussians),
-        "sh_degree": gaussians.sh_degree,
-        "bounds_of_98_percent": np.percentile(gaussians.means, [1, 99], axis=0).tolist(),
-        "extra_columns": list(gaussians.extras),
-    }
 
 
 def describe_folder(path: Path, *, level: int | None = None, trust_paths: bool = False) -> Iterator[str]:
@@ -151,8 +137,8 @@ def uses_of_folder(folder: Path, scene: Path | None) -> Iterator[str]:
         yield f"  gaussian-trimmer select SCENE --masks {masks} --cameras PATH --trim DIR"
 
 
-def describe_splats(path: Path, level: int | None = None) -> Iterator[str]:
-    """Give lines on a splat file, and on all of its levels of detail."""
+def describe_splats(path: Path, level: int | None = None, facts: dict[str, Any] | None = None) -> Iterator[str]:
+    """Give lines on a splat file, and on all of its levels of detail; `facts` is as for `describe_file`."""
     said: list[str] = []
     if path.name.lower() == formats.STREAMED:
         streamed = open_streamed(path)
@@ -164,13 +150,20 @@ def describe_splats(path: Path, level: int | None = None) -> Iterator[str]:
         if streamed.missing(streamed.levels[chosen]):
             return
         said.append(f"read: {streamed.describe(chosen)}")
-    yield from (*said, *describe_gaussians(formats.read(path, level=level)))
+    yield from (*said, *describe_gaussians(formats.read(path, level=level), facts))
 
 
-def describe_gaussians(gaussians: Gaussians) -> Iterator[str]:
+def describe_gaussians(gaussians: Gaussians, facts: dict[str, Any] | None = None) -> Iterator[str]:
     """Lines on counts, bounds, opacities, sizes and extra columns, and on the selections that the columns offer."""
     yield f"splats: {len(gaussians)} Gaussians, SH degree {gaussians.sh_degree}"
     low, high = np.percentile(gaussians.means, [1, 99], axis=0)
+    if facts is not None:
+        facts |= {
+            "gaussians": len(gaussians),
+            "sh_degree": gaussians.sh_degree,
+            "bounds_of_98_percent": [low.tolist(), high.tolist()],
+            "extra_columns": list(gaussians.extras),
+        }
     ranges = (f"{axis} {low[i]:.3g} to {high[i]:.3g}" for i, axis in enumerate("xyz"))
     yield f"bounds of the middle 98 %: {', '.join(ranges)}"
     opacities = gaussians.opacities

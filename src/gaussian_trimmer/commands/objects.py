@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar
 from rich.console import Console
 
 from gaussian_trimmer.batch.manifest import write_manifest
-from gaussian_trimmer.commands.console import json_document, print_up, progress_over_stages
+from gaussian_trimmer.commands.console import print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
 from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
 from gaussian_trimmer.errors import InputError
@@ -119,7 +119,7 @@ class Objects:
         if self.trim is None:
             now = shlex.join(self._next_command())
             console.print(f"To choose: open {folder / 'index.html'} in a browser. Now: {now}")
-            self.results.printing.print_json(json_document(document, folder, _KIND))
+            self.results.printing.print_json(document, (folder, _KIND))
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
         numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers

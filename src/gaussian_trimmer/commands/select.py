@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import json_document, print_up, refuse_existing
+from gaussian_trimmer.commands.console import print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
 from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
@@ -222,7 +222,7 @@ class Select:
             overview = self._overview(scene, cameras, up)
             drawn = [(view.camera, drawn_rows(scene.means, view)) for view in overview.views]
             write_view_listing(scene, drawn, overview.whole, self._command_of_views(), part, renderer, grid=self.grid)
-        self.results.printing.print_json(json_document({"views": len(drawn)}, folder, _LISTING))
+        self.results.printing.print_json({"views": len(drawn)}, (folder, _LISTING))
         print_up(console, up)
         console.print(f"{folder}: {len(drawn)} views, each named by its number for --view-index")
         if 0 < len(overview.whole) < len(drawn):

@@ -20,7 +20,6 @@ from gaussian_trimmer.settings import Range, Share
 
 _FOOT_DISTANCE_RADII = 0.4
 """Vertical distance from the object's foot within which the plane is searched, in object radii."""
-
 _CRUMBS = 0.01
 """Visible weight, relative to the object's, of what is no surface: crumbs beside a thing that was captured alone."""
 

@@ -149,7 +149,7 @@ def cameras_around(
 def _past_what_hides(camera: Camera, scene: Gaussians, bounds: Bounds, renderer: Renderer) -> Camera:
     """Return a camera that sees nothing before the surroundings of an object, nor what in these hides its place."""
     place, corner_depths = camera.project(bounds.corners())
-    _, depths = camera.project(scene.means.astype(np.float64))
+    depths = camera.to_camera(scene.means.astype(np.float64))[:, 2]
     near = max(camera.near, float(np.linalg.norm(camera.centre - bounds.centre)) - CONTEXT_RADIUS * bounds.radius)
     camera, front = replace(camera, near=near), float(corner_depths.min())
     before = scene.select((depths > near) & (depths < front))

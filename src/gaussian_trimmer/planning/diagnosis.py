@@ -16,7 +16,7 @@ from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
-from gaussian_trimmer.planning.storey import find_storey
+from gaussian_trimmer.planning.storey import find_storey, sampled
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
 
 _NEIGHBOURS = 8
@@ -107,7 +107,8 @@ def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | No
 
 def _has_floor(scene: Gaussians, up: UpVector, wall: UpVector) -> bool:
     """Return whether something level is nearly as wide as an upright plane: then the plane is a wall."""
-    level, upright = (find_storey(scene, one.direction).area for one in (up, wall))
+    sample = sampled(scene)
+    level, upright = (find_storey(sample, one.direction).area for one in (up, wall))
     return level > _MIN_FLOOR * upright
 
 

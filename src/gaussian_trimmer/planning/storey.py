@@ -21,6 +21,7 @@ _MIN_STOREY = 0.05
 """Smallest height of a storey, relative to that of the capture."""
 _CEILING_SHARE = 0.5
 """Share of the floor's cells that a ceiling covers at least."""
+_SAMPLE_SIZE = 200_000
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,11 @@ def find_storey(scene: Gaussians, up: Float64Array) -> Storey:
     middle = (first + second) // 2
     upright = others[min(first, second) : middle].sum() >= others[middle : max(first, second)].sum()
     return Storey(floor, ceiling, *found, bool(upright))
+
+
+def sampled(scene: Gaussians) -> Gaussians:
+    """Return a part of the Gaussians, evenly spread over the rows: as many as tell where layers are."""
+    return scene.select(np.arange(0, len(scene), 1 + len(scene) // _SAMPLE_SIZE))
 
 
 def _is_horizontal(scene: Gaussians, up: Float64Array) -> BoolArray:

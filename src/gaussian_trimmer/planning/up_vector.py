@@ -10,7 +10,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
-from gaussian_trimmer.planning.storey import find_storey
+from gaussian_trimmer.planning.storey import find_storey, sampled
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
 """Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
@@ -30,7 +30,6 @@ _MIN_AGREEMENT = 0.5
 """Smallest length of the mean of the cameras' unit up axes at which it is used."""
 
 # Layers
-_LAYER_SAMPLE_SIZE = 200_000
 _MIN_LEAD = 0.6
 """Confidence, one less the area of the largest level layer along another axis relative to it, from which on one is a
 floor."""
@@ -145,7 +144,7 @@ def up_from_layers(gaussians: Gaussians) -> UpVector | None:
     Walls are many and narrow, a floor is one and wide, however few Gaussians it has. Below a ceiling, the floor is the
     end that tables and seats are near; without one, more lies above it.
     """
-    sample = gaussians.select(np.arange(0, len(gaussians), 1 + len(gaussians) // _LAYER_SAMPLE_SIZE))
+    sample = sampled(gaussians)
     found = [find_storey(sample, axis) for axis in np.eye(3)]
     areas = np.array([storey.area for storey in found])
     best = int(np.argmax(areas))

@@ -104,7 +104,11 @@ def take_picture(
 
 def cameras_before(views: RemovalViews, surfaces: Sequence[Surface]) -> list[Camera]:
     """Return the views but for those from behind any of the surfaces."""
-    return [camera for camera in views.cameras if above_all(surfaces, camera.centre[None], THICKNESS_RADII).all()]
+    return [camera for camera in views.cameras if _is_before(camera, surfaces)]
+
+
+def _is_before(camera: Camera, surfaces: Sequence[Surface]) -> bool:
+    return bool(above_all(surfaces, camera.centre[None], THICKNESS_RADII).all())
 
 
 def _count_views(
@@ -113,11 +117,10 @@ def _count_views(
     """Return in how many views the surface is seen, seen through, hidden by the object and by others, (P, P) each."""
     coarse = coordinates[::_COARSENING, ::_COARSENING] + [*[(_COARSENING - 1) / 2 / PIXELS_A_RADIUS] * 2, 0]
     points = surface.points(coarse.reshape(-1, 3))
-    counts, before = np.zeros((4, len(points)), np.int64), [*cameras_before(views, surfaces)]
-    before += cameras_before(views.above, surfaces)
+    counts = np.zeros((4, len(points)), np.int64)
     pictures = [zip(part.cameras, part.silhouettes, part.renderings, strict=True) for part in (views, views.above)]
     for camera, silhouette, rendering in chain.from_iterable(pictures):
-        if camera not in before:
+        if not _is_before(camera, surfaces):
             continue
         pixels, _ = camera.project(points)
         rows = np.flatnonzero(camera.contains(pixels))

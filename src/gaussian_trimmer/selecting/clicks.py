@@ -36,8 +36,6 @@ _MAX_FOR_EXTENTS = 15_000
 """Gaussians around a point up to which objects are of so few that the extents of each count."""
 _GOOD_BOX_OVERLAP = 0.85
 _MIN_BOX_OVERLAP = 0.5
-
-
 _WIDENED = 3
 """How much wider than the picture it is looked whether something is seen alone: it may go on beyond the picture."""
 _SOFT_EDGE = 2

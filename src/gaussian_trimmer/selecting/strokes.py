@@ -20,19 +20,24 @@ _SHOWS = 0.1
 
 def drawn_over(stroke: Stroke) -> tuple[Camera, BoolArray]:
     """Return a small view, and which of its pixels were drawn over, (H, W)."""
-    assert isinstance(stroke.view, Viewpoint), "views are resolved"
-    camera = small_view(stroke.view.camera)
+    camera, radius = _small(stroke)
     mask = np.zeros((camera.height, camera.width), np.uint8)
     places = np.array(stroke.places) * (camera.width, camera.height) - 0.5
     line = np.round(places * (1 << _SHIFT)).astype(np.int32)
-    if stroke.radius is None:
+    if radius is None:
         cv2.fillPoly(mask, [line], 1, shift=_SHIFT)
     else:
-        radius = stroke.radius * camera.width / stroke.view.camera.width
         cv2.polylines(mask, [line], False, 1, max(1, round(2 * radius)), shift=_SHIFT)
         for x, y in line:
             cv2.circle(mask, (int(x), int(y)), max(1, round(radius * (1 << _SHIFT))), 1, -1, shift=_SHIFT)
     return camera, mask.astype(np.bool_)
+
+
+def _small(stroke: Stroke) -> tuple[Camera, float | None]:
+    """Return the small view, and the brush's radius in its pixels."""
+    assert isinstance(stroke.view, Viewpoint), "views are resolved"
+    camera = small_view(stroke.view.camera)
+    return camera, None if stroke.radius is None else stroke.radius * camera.width / stroke.view.camera.width
 
 
 def under_stroke(
@@ -57,9 +62,8 @@ def under_stroke(
     rows, x, y = (values[mask[y, x]] for values in (rows, x, y))
     top, weights = renderer.top_contributors(gaussians, camera, np.argwhere(mask)[:, ::-1], CONTRIBUTORS)
     if not through:
-        reach = np.sqrt(np.count_nonzero(mask) / np.pi)
-        if stroke.radius is not None:
-            reach = stroke.radius * camera.width / stroke.view.camera.width  # type: ignore[union-attr]
+        radius = _small(stroke)[1]
+        reach = np.sqrt(np.count_nonzero(mask) / np.pi) if radius is None else radius
         surface = np.full(mask.shape, np.inf)
         surface[mask] = surface_depths(gaussians, camera, top, weights)
         rows = rows[depths[rows] <= surface[y, x] * (1 + reach / camera.K[0, 0])]
