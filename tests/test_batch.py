@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import shutil
+from concurrent.futures import Future
 from dataclasses import fields
 from pathlib import Path
 
@@ -162,6 +163,26 @@ def test_a_batch_stops_when_nothing_can_be_written(copy, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr(running, "LocalProcesses", InlineProcesses)
     assert len(fresh(batch(copy, output="new"))) == 4
+
+
+def test_what_a_lost_cluster_had_finished_is_done_and_the_rest_is_left(copy, monkeypatch):
+    class Cluster(InlineProcesses):
+        def submit(self, item):
+            future = super().submit(item)
+            if item.name == "s0-1":
+                (future := Future()).set_exception(self.lost())
+            return future
+
+        def check(self):
+            raise InputError("The cluster is gone.")
+
+    told = []
+    monkeypatch.setattr(running, "LocalProcesses", Cluster)
+    with pytest.raises(InputError, match=r"cluster is gone"):
+        batch(copy, output="new", on_result=told.append)
+    assert [outcome.state for outcome in told] == ["done", "done", "left", "left"]
+    monkeypatch.setattr(running, "LocalProcesses", InlineProcesses)
+    assert fresh(batch(copy, output="new")) == ["s1-0", "s1-1"]
 
 
 def test_what_another_run_is_writing_comes_last(copy, monkeypatch):
