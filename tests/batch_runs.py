@@ -95,7 +95,7 @@ def run(manifest, output, *options):
 
 def fresh_of(out):
     """How many items a run says that it has trimmed itself."""
-    done, earlier = re.search(r"^(\d+) of \d+ items are finished(?:, (\d+) of them by)?", out, re.MULTILINE).groups()
+    done, earlier = re.search(r"^(\d+) of \d+ done(?: \((\d+) earlier\))?", out, re.MULTILINE).groups()
     return int(done) - int(earlier or 0)
 
 

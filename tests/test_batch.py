@@ -237,7 +237,7 @@ def test_the_command(copy, capsys):
     assert states == dict(table)
     manifest.write_text(rows)
     assert main(["batch", str(manifest), *arguments]) == 0
-    assert "4 of 4 items are finished, 4 of them by an earlier run" in capsys.readouterr().out
+    assert "4 of 4 done (4 earlier)" in capsys.readouterr().out
     left_out = ("item.json", "manifest.json", "background.ply")
     ours, expected = (
         {path: data for path, data in contents(copy / name).items() if not path.endswith(left_out)}

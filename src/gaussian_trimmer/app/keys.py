@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 _PAGE_KEYS = (
-    ("Shift, Ctrl, Ctrl+Shift", "add, remove, keep only, whatever the panel says"),
+    ("Shift, Ctrl, Ctrl+Shift", "add, remove, keep only, regardless of the mode in the panel"),
     ("Alt", "turn the view while a tool is chosen"),
     ("[ ]", "smaller, larger brush"),
     ("Enter, Esc", "leave a field; Esc also closes a question"),

@@ -187,7 +187,7 @@ class Panels:
         self.path = gui.add_text("Scene", path, hint="A splat file on this computer, or the folder of a training.")
         self.camera_path = gui.add_text("Cameras", camera_path, hint="COLMAP folder, transforms.json or cameras.json.")
         self.open = gui.add_button("Open", icon="folder-open")
-        self.use_cameras = gui.add_button("Use these cameras with the open scene", icon="camera", color="gray")
+        self.use_cameras = gui.add_button("Apply cameras to this scene", icon="camera", color="gray")
         self.save_project = gui.add_button("Download the project", icon="download", color="gray")
         gui.add_divider()
         self.up_text = gui.add_markdown("")

@@ -81,8 +81,9 @@ class Batch:
         done = [outcome for outcome in outcomes if outcome.state == "done"]
         found = sum(not outcome.fresh for outcome in done)
         failed = [outcome for outcome in outcomes if outcome.state == "failed"]
-        earlier = f", {found} of them by an earlier run" if found else ""
-        console.print(f"{len(done)} of {len(outcomes)} items are finished{earlier}; see {self.output}/{HTML}.")
+        earlier = f" ({found} earlier)" if found else ""
+        lost = f", {len(failed)} failed" if failed else ""
+        console.print(f"{len(done)} of {len(outcomes)} done{earlier}{lost}; see {self.output}/{HTML}.")
         self.printing.print_json({"folder": str(self.output), "items": [row_of(outcome) for outcome in outcomes]})
         if failed:
             again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"

@@ -146,15 +146,18 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     table.add_row("up", f"{_numbers(up['direction'])} ({up['source']}, confidence {up['confidence']:.2f})")
     table.add_row("time", f"{seconds:.1f} s")
     console.print(table)
-    if not report["refused"] and up["confidence"] < SURE_CONFIDENCE:
-        console.print(_doubt_about_up(up["direction"]))
 
 
 def print_up(console: Console, up: UpVector) -> None:
     """The up vector, where it comes from, and a warning where it is little more than a guess."""
     console.print(f"up: {_numbers(up.direction)} ({up.source}, confidence {up.confidence:.2f})")
-    if not up.is_sure:
-        console.print(_doubt_about_up(up.direction))
+    print_doubt_about_up(console, {"direction": up.direction, "confidence": up.confidence})
+
+
+def print_doubt_about_up(console: Console, up: Mapping[str, Any]) -> None:
+    """Say what to do where the up vector, as a report has it, is little more than a guess."""
+    if up["confidence"] < SURE_CONFIDENCE:
+        console.print(_doubt_about_up(up["direction"]))
 
 
 def _numbers(direction: Iterable[float]) -> str:

@@ -164,8 +164,9 @@ class Objects:
 
 
 def _print_found(console: Console, found: FoundObjects, names: dict[int, str]) -> None:
+    none_is_sure = not any(one.sure for one in found)
     for one in found.objects[:_MOST_LISTED]:
-        if one.sure:
+        if one.sure or none_is_sure:
             size = " x ".join(f"{value:.2g}" for value in one.size)
             called = f" {names[one.id]}" if one.id in names else ""
             console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {size}, {one.why}")

@@ -18,6 +18,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, up_frame
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
+    print_doubt_about_up,
     print_refusal,
     print_summary,
     print_warnings,
@@ -51,6 +52,7 @@ _USUAL_PHOTOS = 8
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selections were written unchanged."""
 _LISTED = 4
+_NOT_DONE = {"not_fitted": "Not fitted", "not_filled": "Not filled in"}
 MARKS = "selection.json"
 """Name of the file of marks among the results."""
 
@@ -146,6 +148,8 @@ class TrimRun:
             _print_objects(console, report, taken)
         else:
             print_summary(console, report, taken)
+        if not all(entry["refused"] for entry in entries):
+            print_doubt_about_up(console, entries[0]["up"])
         self._say_where(console, report, said)
         for entry in entries:
             print_warnings(entry)
@@ -258,6 +262,8 @@ def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) 
         numbers = counts | entry.get("counts", {})
         said = f"{entry['gaussians']:,} Gaussians. {sentence_of(numbers)}."
         said = f"not trimmed: {entry['refused']}" if entry["refused"] else said
+        for name in ("not_fitted", "not_filled"):
+            said += f" {_NOT_DONE[name]}: {entry[name]}." if entry[name] else ""
         console.print(f"{title_of(entry['name'])}: {said}")
     console.print(
         f"{len(entries)} objects, {sum(entry['gaussians'] for entry in entries):,} Gaussians; "

@@ -80,7 +80,8 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
     drawings = [render.alone for render in renders]
     thin = thin_share(drawings) if views.masks is None else 0.0
     if thin > config.max_thin:
-        return _unchanged(inner, f"{100 * thin:.1f} % of the object is less than three pixels wide in the fit's views")
+        limit = f"the limit is {100 * config.max_thin:g} %"
+        return _unchanged(inner, f"{100 * thin:.1f} % of the object is thinner than three pixels; {limit}")
     targets = [coverage_target(render) for render in renders]
     wrong = np.sum(list(parallel_map(_wrong_weight, drawings, targets)), axis=0)
     is_boundary = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])

@@ -56,7 +56,7 @@ def chosen_objects(
                 raise InputError(f"Two objects are called '{key}'; give each another name.")
             selections[key] = part
     if not selections:
-        raise InputError("No object is left; keep at least one.")
+        raise InputError("No object is left; name those to keep, as in --keep 1 or keep=[1].")
     return selections
 
 

@@ -17,11 +17,13 @@ from gaussian_trimmer.settings import Range, Share
 MIN_SHARE_AT_ALL = 0.1
 """What shows less than this, relative to a sure object, is not named."""
 DOUBTFUL = 0.4
-"""Confidence in what rests on nothing that was found, or carries a surface of the room, at most."""
+"""Confidence in what has no surface under it, or carries a surface of the room, at most."""
 _MIN_INSIDE = 0.95
 """Share of a region that must lie within the pictures, in scenes that fill them and have no floor."""
 _CRUMB = 0.1
 """What shows less than this share of the largest thing is a crumb of it, where there is no room."""
+_NEARLY_ALL = 0.9
+"""What shows more than this share of all, where there is no room, may be several things on one another."""
 _CARRYING = 0.1
 """Share of a region close below a surface of the room from which on it carries it, as the legs of a table."""
 _END_QUANTILES = (0.02, 0.98)
@@ -93,6 +95,11 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
             confidence, doubts = min(confidence, DOUBTFUL), ["is under a surface", *doubts]
         if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
             confidence, doubts = min(confidence, DOUBTFUL), ["goes on beyond the pictures", *doubts]
+        if not room.has_floor and shown[number] > _NEARLY_ALL:
+            confidence, doubts = (
+                min(confidence, DOUBTFUL),
+                ["is nearly the whole scene; click on parts", *doubts],
+            )
         if rests is None:
             confidence, doubts = min(confidence, DOUBTFUL), ["no surface was found under it", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])

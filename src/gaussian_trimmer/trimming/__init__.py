@@ -1,1 +1,1 @@
-"""The trim: `trim.py` reads as the algorithm, `decision.py` as what is decided for each object."""
+"""The trim: `trim.py` follows the algorithm step by step, `decision.py` what is decided for each object."""
