@@ -343,6 +343,7 @@ def test_bad_values_are_one_sentence_without_names_of_python(command, capsys):
         (["explode"], "available: trim, batch, demo"),
         (["trim"], "'trim' needs SCENE"),
         (["convert", "a.ply"], "'convert' needs TARGET"),
+        (["info", ""], "is ''; it must be a path"),
         (["evaluate", "a.ply", "b.ply"], "'evaluate' needs --masks"),
         (["trim", "a.ply", "--vieus", 3], "--vieus is not an option or argument of 'trim'; did you mean --views?"),
         (["trim", "a.ply", "b.npy", "c"], "c is not an option or argument of 'trim'"),

@@ -5,6 +5,7 @@ import pytest
 import toy
 
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 from gaussian_trimmer.trimming.trim import trim
@@ -119,3 +120,14 @@ def test_one_extreme_gaussian_does_not_spoil_a_trim(name, value, selected, tmp_p
     toy.check_parts(result, SELECTION)
     assert toy.jaccard(toy.object_rows(result), TRUTH) > 0.98
     result.save(tmp_path / "trimmed")
+
+
+@pytest.mark.parametrize(("distance", "size", "logit"), [(5e3, 0.1, 0.0), (1e7, 500.0, 5.0), (0.5, 300.0, 5.0)])
+def test_neither_what_lies_kilometres_away_nor_a_veil_over_everything_spoils_a_trim(distance, size, logit):
+    few = SCENE.select(np.flatnonzero(~TRUTH)[: 1 if distance < 1 else 5])
+    away = few.means / np.linalg.norm(few.means, axis=1, keepdims=True) * np.float32(distance)
+    few = few.replace(means=away, log_scales=np.full_like(away, np.log(size)), opacity_logits=np.full(len(few), logit, np.float32))
+    result = trim(concatenate([SCENE, few]), np.append(SELECTION, [False] * len(few)), config=CONFIG)
+    rows = toy.object_rows(result)
+    assert result.refused is None and not rows[len(SCENE) :].any()
+    assert toy.jaccard(rows[: len(SCENE)], TRUTH) > 0.97
