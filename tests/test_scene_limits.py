@@ -126,7 +126,9 @@ def test_one_extreme_gaussian_does_not_spoil_a_trim(name, value, selected, tmp_p
 def test_neither_what_lies_kilometres_away_nor_a_veil_over_everything_spoils_a_trim(distance, size, logit):
     few = SCENE.select(np.flatnonzero(~TRUTH)[: 1 if distance < 1 else 5])
     away = few.means / np.linalg.norm(few.means, axis=1, keepdims=True) * np.float32(distance)
-    few = few.replace(means=away, log_scales=np.full_like(away, np.log(size)), opacity_logits=np.full(len(few), logit, np.float32))
+    few = few.replace(
+        means=away, log_scales=np.full_like(away, np.log(size)), opacity_logits=np.full(len(few), logit, np.float32)
+    )
     result = trim(concatenate([SCENE, few]), np.append(SELECTION, [False] * len(few)), config=CONFIG)
     rows = toy.object_rows(result)
     assert result.refused is None and not rows[len(SCENE) :].any()
