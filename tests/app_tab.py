@@ -45,25 +45,24 @@ class Tab:
         raise AssertionError(f"the page never said '{text}'")
 
     def panel(self, name):
-        """Open one of the tabs of the controls."""
-        self.page.get_by_role("tab", name=name).click()
+        """Open a part of the panel."""
+        self.page.locator("#gt-panel details", has=self.page.locator(f"summary:text-is('{name}')")).evaluate(
+            "part => (part.open = true)"
+        )
 
     def press(self, button):
         """Press a button by its label."""
         self.page.get_by_role("button", name=button, exact=True).click()
 
     def write(self, label, text):
-        """Write into a field, whose label is its parent's text."""
-        field = self._field(label)
+        """Write into the field with this label."""
+        field = self.field(label)
         field.fill(text)
         field.blur()
 
-    def switch(self, option):
-        """Press a button of a choice, or a switch, that is off."""
-        self.press(f"\u25cb {option}")
-
-    def _field(self, label):
-        return self.page.locator(f'xpath=//*[text()="{label}"]/following::input[1]').first
+    def field(self, label):
+        """The field with this label."""
+        return self.page.get_by_role("textbox", name=label, exact=True)
 
     def place(self, point):
         """Pixels of the page at which a point of the scene shows."""

@@ -18,7 +18,7 @@ from gaussian_trimmer.app import edits
 from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.display import shown_rows
 from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
-from gaussian_trimmer.app.gestures import STILL_TAKEN, Gesture
+from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Due, Event, Showing
 from gaussian_trimmer.app.snapshots import CutState
 from gaussian_trimmer.app.viewpoints import framed
@@ -64,6 +64,12 @@ def act(function, *arguments, **options):
     """Have the app do one of its actions."""
     function(*arguments, **options)
     finish(function.__self__)
+
+
+def do(app, name):
+    """Have the app do what a button or a key does."""
+    app.jobs.page.actions[name].act(tab(app))
+    finish(app)
 
 
 def open_scene(app, path, camera_path=""):
@@ -122,20 +128,19 @@ def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, f
     panels.showing = Showing("object", "after", "own")
     panels.tool.value, panels.effect.value, panels.reach.value = controls.CLICK, controls.KEEP_ONLY, controls.THROUGH
     panels.existing.value, panels.folder.value = controls.REPLACE, "/somewhere/else"
-    panels.show_command("of an earlier scene")
+    panels.command.value = "of an earlier scene"
     blocked = threading.Event()
     app.jobs.worker.submit(lambda: blocked.wait(50))
     app.open()
-    panels.name.value = "meant for the scene before"
-    app.describe()
+    app.change_object(1, "name", "meant for the scene before")
     blocked.set()
     finish(app)
     assert panels.showing == Showing() and panels.tool.value == controls.LOOK
     assert (panels.effect.value, panels.reach.value, panels.existing.value) == (
         controls.ADD, controls.SURFACE, controls.KEEP,
     )  # fmt: skip
-    assert panels.folder.value == "trimmed/scene" and not panels.command.visible
-    assert app.session.now.object.name == panels.name.value == "object 1"
+    assert panels.folder.value == "trimmed/scene" and not panels.command.value
+    assert app.session.now.object.name == "object 1"
     assert app.session.now.object.marks == (BALL,)  # the work that was kept
     act(app.step, "Undo")
     assert not app.session.now.has_work
@@ -162,7 +167,7 @@ def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(app, f
     mark(app, BALL)
     act(app.cut_out)
     first = session.now.object.fresh
-    act(app.change_objects, "New")
+    app.session.do(edits.add_object)
     follow, app.jobs._follow = app.jobs._follow, lambda: None  # the program ends before it comes to it
     try:
         for _ in range(2):
@@ -197,7 +202,7 @@ def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_o
     assert panels.showing == Showing("object", "after", "own")
 
     act(app.show_part, controls.EVERYTHING)
-    panels.when.value = "Before"
+    panels.when.value = controls.SELECTION
     mark(app, TINY)
     mark(app, FLOOR)
     marked = session.now.object
@@ -249,39 +254,28 @@ def test_the_scene_without_the_object_is_one_button_away(app):
     assert app.panels.showing == Showing("both", "after", "objects")
 
 
-def test_two_states_are_compared_until_something_else_is_done(app):
+def test_two_states_are_compared_while_a_key_is_held(app):
     panels, presenter, view = app.panels, app.jobs.presenter, tab(app)
-
-    def page_has_its_picture():
-        app.jobs._heard(Gesture(STILL_TAKEN, (), None), view)
-        finish(app)
-
     mark(app, BALL)
-    act(app.switch_wipe, view)
-    assert presenter.wipe is None and not panels.compare[controls.WIPE]
+    act(app.compare, view, on=True)
+    assert "nothing to compare" in panels.status_text
     act(app.cut_out)
     shown, drawn = panels.showing, presenter._shown["splats"]
-    act(app.switch_wipe, view)
-    assert panels.compare[controls.WIPE] and presenter._shown["splats"] == drawn  # until there is a picture
-    page_has_its_picture()
+    act(app.compare, view, on=True)
     assert presenter._shown["splats"][1] == Showing("object", "before", "own")
     assert panels.showing == shown  # which marks and results go by
-    act(app.switch_wipe, view)
-    assert presenter._shown["splats"] == drawn and not panels.compare[controls.WIPE]
-    page_has_its_picture()  # too late
-    assert presenter._shown["splats"] == drawn
-    act(app.switch_wipe, view)
-    page_has_its_picture()
     app.jobs._moved(view)
     finish(app)
-    assert presenter.wipe is None
-    act(app.switch_wipe, view)
-    act(app.step, "Undo")
-    assert presenter.wipe is None and not panels.compare[controls.WIPE]
+    assert presenter._shown["splats"] != drawn  # edges are judged by moving
+    act(app.compare, view, on=False)
+    assert presenter._shown["splats"] == drawn
+    act(app.compare, view, on=True)
+    act(app.step, "Undo")  # whatever else is done ends it
+    assert presenter._shown["splats"][1] == panels.showing
 
 
 def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone(app):
-    session, view, panels = app.session, app.jobs.view, app.panels
+    session, view = app.session, app.jobs.view
     mark(app, BALL)
     selected = session.now.object.selected.mask
     app.tools.choose(controls.BOX3D, tab(app))
@@ -299,7 +293,6 @@ def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone
         assert np.allclose(moved, sign * 0.5 * np.eye(3)[axis], atol=1e-5)
         other = "low" if end == "high" else "high"
         assert np.allclose(getattr(after, other), getattr(before, other), atol=1e-5)
-        assert np.allclose(panels.box_size.value, np.array(after.high) - after.low, atol=1e-4)
         before = after
     view._box.drag_face(5, view.frame.to_viewer(np.array(before.low) @ axes - 3 * axes[2]))  # past the other face
     flat = view.box_mark(up, "add")
@@ -313,7 +306,7 @@ def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(app):
     assert isinstance(box, Box3D)
     eye = app.tools.viewpoint(tab(app)).camera.centre
     centre = app.jobs.view.frame.to_scene(app.jobs.view._box.centre)
-    assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(app.panels.box_size.value)
+    assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(np.subtract(box.high, box.low))
     mark(app, box)
     assert app.session.now.object.n_selected  # something is in it
 
@@ -321,7 +314,7 @@ def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(app):
 def test_up_turns_the_view(app):
     camera = app.jobs.server.initial_camera
     assert np.allclose(camera.up, (0, 0, 1))
-    app.panels.up = SimpleNamespace(value="-Y")
+    app.panels.up.value = "-Y"
     act(app._set_up, None)
     assert np.allclose(camera.up, (0, -1, 0))
     act(app.step, "Undo")
@@ -406,23 +399,32 @@ def test_marks_reach_nothing_that_is_not_shown(app):
     assert app.session.now is before and "changes nothing that is shown" in app.panels.status_text
     act(app.hide)
     assert not (shown_rows(app.session.now, Showing()) & before.object.selected.mask).any()
-    act(app.change_objects, "Show all")
+    do(app, "Show all")
     assert shown_rows(app.session.now, Showing()).all()
 
 
 def test_keys_of_the_page_change_the_brush(app):
     app.panels.brush.value = 24
-    for key, size in (("]", 30), ("[", 24)):
-        app.tools.heard(Gesture(key, (), None), tab(app))
+    for key, size in (("Larger brush", 30), ("Smaller brush", 24)):
+        do(app, key)
         assert app.panels.brush.value == size
 
 
-def test_a_name_is_the_objects_as_soon_as_it_is_entered(app):
-    for entered in (" my  ball ", ""):
-        app.panels.name.value = entered
-        act(app.describe)
-        assert app.session.now.object.name == "my ball"
-        assert app.panels.name.value == entered  # somebody may go on typing
+def test_objects_are_named_coloured_hidden_locked_chosen_and_deleted_by_their_numbers(app):
+    do(app, "New object")
+    for what, value in (("name", " my  ball "), ("colour", "#0a0b0c"), ("hidden", True), ("locked", True)):
+        act(app.change_object, 1, what, value)
+    first = app.session.now.objects[0]
+    assert (first.name, first.colour, first.hidden, first.locked) == ("my ball", (10, 11, 12), True, True)
+    for what, value in (("name", ""), ("name", "object 2"), ("colour", "red"), ("marks", "none"), ("name", None)):
+        act(app.change_object, 1, what, value)
+        assert app.session.now.objects[0].name == "my ball" and app.session.now.objects[0].colour == (10, 11, 12)
+    act(app.change_object, 1, "active", True)
+    act(app.hide)
+    assert app.session.now.object.id == 1 and not app.session.now.object.hidden
+    act(app.change_object, 1, "delete", True)
+    act(app.change_object, 1, "name", "gone")
+    assert [part.name for part in app.session.now.objects] == ["object 2"] and "object 1" in app.panels.status_text
 
 
 def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_path):
@@ -437,8 +439,16 @@ def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_pat
     assert np.array_equal(session.now.object.selected.mask, mask)
     act(app.receive, "cameras.json", (folder / "cameras.json").read_bytes(), view)
     assert "has these cameras now" in app.panels.status_text
-    act(app._take, "other.ply", (folder / "scene.ply").read_bytes(), view, as_scene=True)
-    assert session.document.path.name == "other.ply"
+    part = session.document.scene.select(np.flatnonzero(mask)[::2])
+    formats.write(part, tmp_path / "part.ply")
+    act(app.receive, "part.ply", (tmp_path / "part.ply").read_bytes(), view)
+    assert session.now.object.n_selected == len(part)  # it is of the open scene
+    act(app.step, "Undo")
+    formats.write(toy.ball_on_floor(floor_side=20)[0], tmp_path / "else.ply")
+    for name, data in (("else.ply", tmp_path / "else.ply"), ("other.ply", folder / "scene.ply")):
+        act(app.receive, name, data.read_bytes(), view)
+        finish(app)
+        assert session.document.path.name == name
     assert np.array_equal(session.now.object.selected.mask, mask)  # the work on what the scene holds, wherever it lies
     act(app.receive, "nonsense.npy", b"nothing", view)
     assert "nonsense.npy" in app.panels.status_text
@@ -448,13 +458,12 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
     view, panels = tab(app), app.panels
 
     def download(what):
-        panels.download = SimpleNamespace(value=what)
-        act(app.download, view)
+        act(app.download, what, view)
 
     download(OBJECT)
     assert not view.sent
     mark(app, BALL)
-    app.session.do(edits.describe, 1, "my ball", (1, 2, 3))
+    app.session.do(edits.describe, 1, "name", "my ball")
     act(app.cut_out)
     for what in DOWNLOADS:
         download(what)
@@ -463,21 +472,21 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
     assert len(formats.read(tmp_path / "object.ply")) == len(app.session.now.object.fresh.object)
     with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
         assert {"my_ball/object.ply", "my_ball/report.json", "my_ball/selection.json"} <= set(archive.namelist())
-    panels.placed[controls.UPRIGHT] = True
+    panels.upright.value = True
     download(OBJECT)
-    panels.placed[controls.UPRIGHT] = False
+    panels.upright.value = False
     (tmp_path / "upright.ply").write_bytes(view.sent["my_ball.ply"])
     means = formats.read(tmp_path / "upright.ply").means
     assert abs(np.quantile(means[:, 1], 0.01)) < 0.01 and np.median(means[:, 1]) > 0.5
 
     panels.folder.value = str(tmp_path / "out")
     act(app.save)
-    assert str(tmp_path / "out" / "selection.json") in panels.command.value and panels.command.visible
+    assert str(tmp_path / "out" / "selection.json") in panels.command.value
     act(app.save)
     assert controls.REPLACE in panels.status_text and "--overwrite" not in panels.status_text
     panels.folder.value = str(tmp_path / "all")
     act(app.save, together=True)
-    assert (tmp_path / "all" / "object_my_ball.ply").is_file() and not panels.command.visible
+    assert (tmp_path / "all" / "object_my_ball.ply").is_file() and not panels.command.value
     assert panels.target == Target(tmp_path / "all")
 
 
@@ -518,7 +527,7 @@ def test_objects_are_found_shown_and_saved_and_are_one_step(running, furnished, 
         assert max(toy.jaccard(each.selected.mask, part == number) for each in found) > 0.8
     act(app.find_objects)
     assert "2 marked already" in panels.status_text and session.now.objects == found
-    act(app.change_objects, "Delete")
+    act(app.change_object, session.now.object.id, "delete", True)
     panels.folder.value = str(tmp_path / "all")
     act(app.save, together=True)
     assert [path.name for path in sorted((tmp_path / "all").glob("object_*.ply"))] == ["object_2.ply"]

@@ -1,12 +1,13 @@
-"""Tests of what the page says, of what is drawn over, and of Gaussians that are placed elsewhere."""
+"""Tests of what the page says, and of what is drawn over."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.app.gestures import Gesture, parse_gesture
+from gaussian_trimmer.app.page import Action, Control, Gesture, Page
 from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
@@ -14,25 +15,91 @@ from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
 from gaussian_trimmer.selecting.strokes import drawn_over, under_stroke
 
 
-def said(**changes):
-    plain = {"tool": "Lasso", "places": [[0.1, 0.2], [1, 0]], "keys": "ctrl", "time": 5.0}
-    return "gesture:" + json.dumps(plain | changes)
+class Gui:
+    """What the page puts its elements on."""
+
+    def add_html(self, content):
+        return SimpleNamespace(content=content)
+
+    def add_text(self, label, value):
+        return SimpleNamespace(on_update=lambda act: setattr(self, "update", act))
 
 
-def test_gestures_are_understood():
-    assert parse_gesture(said()) == Gesture("Lasso", ((0.1, 0.2), (1.0, 0.0)), "remove")
-    assert parse_gesture(said(keys="both")).effect == "intersect"
-    assert parse_gesture(said(keys="")).effect is None
-    assert parse_gesture(said(places=[])).places == ()
+@pytest.fixture
+def page():
+    """A page with a control of each kind and an action, and what was done by it."""
+    page, done = Page(Gui()), []
+    for name, value, facts in (
+        ("tool", "Look", {"options": ("Look", "Click")}),
+        ("radius", 24, {"limits": (3, 200)}),
+        ("on", True, {}),
+        ("name", "", {}),
+    ):
+        Control(page, name, value, **facts).on_change(lambda tab, name=name: done.append((name, tab.client_id)))
+    page.offer([Action("go", lambda tab: done.append("go"), "G", lambda tab: done.append("end"))])
+    page.drawn = lambda gesture, tab: done.append(gesture)
+    page.changed_object = lambda *change: done.append(change[:3])
+    page.done = done
+    return page
+
+
+def tell(page, *messages, client=7, first=1):
+    """Have a tab say something; return what is done."""
+    numbered = [{"number": first + place, **message} for place, message in enumerate(messages)]
+    hear(page, "gesture:" + json.dumps(numbered), client)
+    return page.done
+
+
+def hear(page, text, client=7):
+    page._hear(text, SimpleNamespace(client_id=client))
+
+
+LASSO = {"tool": "Lasso", "places": [[0.1, 0.2], [1, 0]], "keys": "ctrl"}
+
+
+def test_gestures_actions_controls_and_objects_are_heard_once(page):
+    change = {"object": 3, "what": "name", "to": "mug"}
+    messages = [LASSO, {"do": "go"}, {"do": "go", "ends": True}, {"set": "tool", "to": "Click"}, change]
+    expected = [Gesture("Lasso", ((0.1, 0.2), (1.0, 0.0)), "remove"), "go", "end", ("tool", 7), (3, "name", "mug")]
+    assert tell(page, *messages) == expected and page.controls["tool"].value == "Click"
+    tell(page, *messages)  # the field has it still
+    assert page.done == expected
+    tell(page, *messages, {"do": "go"}, client=8)  # another tab
+    assert page.done == [*expected, *[("tool", 8) if each == ("tool", 7) else each for each in expected], "go"]
+    for keys, effect in (("both", "intersect"), ("", None)):
+        drawn = LASSO | {"keys": keys, "places": []}
+        assert tell(page, drawn, client=9 + len(keys))[-1] == Gesture("Lasso", (), effect)
 
 
 @pytest.mark.parametrize(
     "text",
-    ["", "gesture:", "gesture:[]", "else" + said(), said(places=[[1]]), said(places=[[None, 2]]), said(places=7),
-     said(places=[[float("nan"), 0]]), said(places=[[0, 0]] * 100_000)],
+    ["", "gesture:", "gesture:[]", "gesture:{}", "gesture:[1]", 'gesture:[{"do": "go"}]', "else",
+     "gesture:" + "[" * 100_000, "gesture:" + json.dumps([{"number": 1, **LASSO, "places": [[0, 0]] * 100_000}])],
 )  # fmt: skip
-def test_nonsense_is_no_gesture(text):
-    assert parse_gesture(text) is None
+def test_nonsense_is_not_heard(page, text):
+    hear(page, text)
+    assert page.done == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [{"set": "tool", "to": "Rake"}, {"set": "tool", "to": ["Look"]}, {"set": "radius", "to": 1e9},
+     {"set": "radius", "to": float("nan")}, {"set": "radius", "to": "9"}, {"set": "on", "to": 1}, {"set": "nothing"},
+     {"set": ["tool"]}, {"set": "name", "to": "n" * 5000}, {"do": "stop"}, {"do": {}}, {"object": "1"},
+     LASSO | {"places": [[1]]}, LASSO | {"places": [[None, 2]]}, LASSO | {"places": 7},
+     LASSO | {"places": [[float("nan"), 0]]}],
+)  # fmt: skip
+def test_what_cannot_be_is_not_taken(page, message):
+    before = {name: control.value for name, control in page.controls.items()}
+    assert tell(page, message, {"do": "go"}) == ["go"]
+    assert {name: control.value for name, control in page.controls.items()} == before
+
+
+def test_what_the_page_shows_is_text(page):
+    page.show(said="<b onclick='x'>'/a'</b>")
+    page.controls["name"].value = "'><script>"
+    assert "<" not in page._state.content[len("<span") : -len("></span>")]
+    assert page._state.content.count("'") == 2
 
 
 def viewpoint(size=100):

@@ -157,11 +157,11 @@ def test_marks_among_some_change_no_others(session):
 
 
 def test_what_others_hide_or_lock_is_left_alone_and_the_marks_say_so(session):
-    for kept in ({"hidden": True, "locked": False}, {"hidden": False, "locked": True}):
+    for kept in ("hidden", "locked"):
         session.open(session.document.path)
         mark(session, BALL)
         ours = session.now.object.selected.mask
-        session.do(edits.keep_object, **kept)
+        session.do(edits.describe, 1, kept, True)
         session.do(edits.add_object)
         mark(session, Sphere((0.0, 0.0, 0.0), 3.0))
         now = session.now
@@ -196,8 +196,8 @@ def test_undo_and_redo_go_through_everything(session):
         (edits.cut_out, DEFAULT),
         (edits.add_object,),
         (edits.mark, BALL),
-        (edits.describe, 2, "ball", (1, 2, 3)),
-        (edits.remove_object,),
+        (edits.describe, 2, "name", "ball"),
+        (edits.remove_object, 2),
         (edits.clear,),
     ):
         session.do(edit, *arguments)
@@ -301,21 +301,20 @@ def test_objects_have_names_and_colours_of_their_own(session):
     session.do(edits.add_object)
     assert session.now.objects[1].colour != session.now.objects[0].colour
     assert session.now.object.n_selected == 0
-    refused(session, edits.describe, 2, "object 1", (1, 2, 3), match="object 1")
+    refused(session, edits.describe, 2, "name", "object 1", match="object 1")
     for name in ("", "x" * 61, "a\x1b[31m"):
-        refused(session, edits.describe, 2, name, (1, 2, 3), match="cannot be a name")
+        refused(session, edits.describe, 2, "name", name, match="cannot be a name")
     before = session.now
-    for name in ("b", "ba", "  ba  ll "):
-        session.do(edits.describe, 2, name, before.object.colour)
+    session.do(edits.describe, 2, "name", "  ba  ll ")
     assert session.now.object.name == "ba ll"
     session.undo()
-    assert session.now is before  # letters of one name are one step
+    assert session.now is before
     session.do(edits.activate, 1, joined=True)
     assert session.now.object.n_selected > 0
     refused(session, edits.activate, 7, match="7")
     session.do(edits.activate, 2, joined=True)
-    session.do(edits.remove_object)
-    refused(session, edits.remove_object, match="only object")
+    session.do(edits.remove_object, 2)
+    refused(session, edits.remove_object, 1, match="only object")
     session.do(edits.add_object)
     assert session.now.object.id == 3  # a number never means two objects
 
@@ -347,8 +346,9 @@ def test_files_that_do_not_fit_change_nothing(session, tmp_path):
 def test_a_project_brings_objects_and_marks_back(session, tmp_path):
     session.do(edits.set_up, (0.0, 0.0, 2.0))
     mark(session, click_on_ball(session), TOP)
-    session.do(edits.describe, 1, "ball", (1, 2, 3))
-    session.do(edits.keep_object, hidden=False, locked=True)
+    session.do(edits.describe, 1, "name", "ball")
+    session.do(edits.describe, 1, "colour", "#010203")
+    session.do(edits.describe, 1, "locked", True)
     session.do(edits.add_object)
     mark(session, FLOOR)
     path = tmp_path / "new" / "a.json"
@@ -449,7 +449,7 @@ def test_several_objects_share_nothing(session, ball, tmp_path):
     mark(session, BALL, Box3D((-9, -9, 1.0), (9, 9, 9), effect="intersect"))
     session.do(edits.add_object)
     mark(session, FromFile(ball[0] / "rough.npy"), Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
-    session.do(edits.describe, 2, "the floor's", (1, 2, 3))
+    session.do(edits.describe, 2, "name", "the floor's")
     save(session.now, Target(tmp_path / "out", "ply"), together=True)
     labels = np.load(tmp_path / "out" / "labels.npz")
     ends = np.cumsum([*labels["object_rows"], len(labels["source_index"])])

@@ -71,11 +71,11 @@ def test_work_of_last_time_is_due_until_it_is_done():
 
 
 @pytest.mark.parametrize("shown", SHOWINGS)
-def test_what_is_before_is_at_the_left(shown):
-    comparison = compared(shown)
-    left, right = (shown, comparison.other) if comparison.shown_left else (comparison.other, shown)
+def test_selection_and_cut_out_or_the_scene_with_and_without_are_compared(shown):
+    other, name = compared(shown)
     if shown.part == "object":
-        assert (left.when, right.when, left.colours) == ("before", "after", right.colours)
+        assert other == replace(shown, when={"before": "after", "after": "before"}[shown.when])
+        assert name == {"before": "Selection", "after": "Cut-out"}[other.when]
     else:
-        assert (left.part, right.part) == ("both", "background")
-        assert "Without it" in comparison.names
+        assert {shown.part, other.part} == {"both", "background"}
+        assert name == {"both": "With it", "background": "Without it"}[other.part]

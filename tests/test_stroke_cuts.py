@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import toy
 from app_session import BALL
+from command_line import run, save_ball
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut, cut_at_stroke
@@ -68,3 +69,15 @@ def test_a_stroke_is_saved_with_its_mark_and_cuts_what_is_trimmed_until_it_is_pu
     whole, uncut, made = trimmed(BALL), trimmed(BALL, replace(rows, cut=None)), trimmed(*marks.marks)
     assert under(made) < 0.6 * under(uncut) < 0.3 * under(whole)
     assert under(trimmed(*marks.marks, Rows(pack_rows(ball), "lasso"))) > 0.9 * under(whole)
+
+
+def test_an_array_holds_no_strokes_and_whoever_trims_one_is_told(tmp_path, capsys):
+    save_ball(tmp_path)
+    scene, ball = toy.ball_on_floor()
+    rows = Rows(pack_rows(ball & (scene.means[:, 0] < -0.28)), "lasso", "remove", LEFT)
+    write_marks(select(scene, [BALL, rows], up="z").marks, tmp_path / "cut.json")
+    given = (str(tmp_path / "scene.ply"), "--marks", str(tmp_path / "cut.json"), "--output", str(tmp_path / "a.npy"))
+    assert run("select", *given) == 0
+    assert f"--marks {tmp_path / 'a.json'} --trim" in "".join(capsys.readouterr().out.split("\n"))
+    assert run("trim", str(tmp_path / "scene.ply"), str(tmp_path / "a.npy"), "--output", str(tmp_path / "out")) == 0
+    assert "select --marks" in " ".join(capsys.readouterr().out.split())

@@ -52,30 +52,29 @@ def walk(browser: Any, lighthouse: Any, state: Path) -> None:
             close.click()  # that rendering is in software
         save(tab, "open")
 
-        tab.switch("Click")
+        tab.press("Click")
         tab.wait("Click on the object")
         tab.page.mouse.click(*tab.place(lighthouse))
         tab.wait("an object that stands on a surface")
         save(tab, "marked")
 
         tab.press("Cut out")
-        tab.wait("views accepted")
-        tab.page.keyboard.press("f")
-        tab.switch("Checker")
-        tab.switch("Brush")
+        tab.wait("is cut out:")
+        tab.press("Checker")
+        tab.press("Brush")
         x, y = tab.place(lighthouse)
         tab.page.mouse.move(x, y)
         save(tab, "cut_out")
 
-        tab.switch("Scene without it")
-        tab.switch("Changes")
-        tab.wait("views accepted")
+        tab.press("Scene without it")
+        tab.press("Changes")
+        tab.wait("is cut out:")
         save(tab, "without")
 
 
 def save(tab: Tab, name: str) -> None:
     """Write what the page shows, once it is drawn."""
-    until(lambda: not tab.app.controller.worker.busy, "the program to finish")
+    until(lambda: not tab.app.controller.jobs.worker.busy, "the program to finish")
     tab.page.wait_for_timeout(DRAWING)
     picture = tab.picture(0, 0, *SIZE)[..., ::-1]
     assert cv2.imwrite(str(FOLDER / f"{name}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])

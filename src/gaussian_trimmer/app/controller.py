@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.app import edits, files, gestures, panels
+from gaussian_trimmer.app import edits, files, panels
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
-from gaussian_trimmer.app.keys import Binding, bind_keys, help_text
+from gaussian_trimmer.app.page import Action, Control
 from gaussian_trimmer.app.project import is_project
 from gaussian_trimmer.app.showing import Event
 from gaussian_trimmer.app.tools import Tools
@@ -22,8 +22,7 @@ from gaussian_trimmer.selecting.marks import Point
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
-_OBJECT_EDITS = {"New": edits.add_object, "Delete": edits.remove_object, "Show all": edits.show_all}
-_TOOL_KEYS = dict(zip(("escape", "C", "R", "L", "P", "B", "X"), panels.TOOLS, strict=True))
+_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "X"), panels.TOOLS, strict=True))
 
 
 class Controller:
@@ -33,12 +32,10 @@ class Controller:
         """Connect controls, tools and keys to what they do."""
         self.jobs, self.session, self.panels = jobs, jobs.session, jobs.panels
         self._files, self._presenter, self._view = jobs.files, jobs.presenter, jobs.view
-        self.tools = Tools(jobs.channel, jobs.session, jobs.panels, jobs.view, jobs.do)
-        jobs.made_gesture = self.tools.heard
+        self.tools = Tools(jobs.session, jobs.panels, jobs.view, jobs.do)
+        jobs.page.drawn, jobs.page.changed_object = self.tools.heard, self.change_object
         self._connect()
-        bindings = self._bindings()
-        bind_keys(jobs.server.gui, bindings)
-        self.panels.help.content = help_text(bindings)
+        jobs.page.offer(self._actions())
 
     def open(self, client: Any = None) -> None:
         """Open the scene that the panel names, with its cameras."""
@@ -89,14 +86,25 @@ class Controller:
 
         self.jobs.do("Showing", work, Event.PART_CHOSEN)
 
-    def change_objects(self, name: str, client: Any = None) -> None:
-        """Add an object, delete the active one, or show all."""
-        self.jobs.do("Changing", lambda: self.session.do(_OBJECT_EDITS[name]), Event.STEPPED)
+    def change_object(self, number: int, what: str, value: Any, client: Any = None) -> None:
+        """Choose or delete an object, or give it a name or a colour, hide or lock it."""
+        choose = partial(self.session.do, edits.activate, number, joined=True)
+        delete = partial(self.session.do, edits.remove_object, number)
+        changes = {"active": (choose, Event.STEPPED), "delete": (delete, Event.STEPPED)}
+        asked = self.session.glance()
+
+        def describe() -> str:
+            if asked is None or asked.document.scene is not self.session.document.scene:
+                return self.panels.status_text  # it was meant for the scene before
+            return self.session.do(edits.describe, number, what, value)
+
+        self.jobs.do("Changing", *changes.get(what, (describe, None)))
 
     def hide(self, client: Any = None) -> None:
         """Hide the active object, or show it again."""
-        self.panels.kept["Hidden"] = not self.panels.kept["Hidden"]
-        self._keep_object(client)
+        now = self.session.glance()
+        if now is not None:
+            self.change_object(now.object.id, "hidden", not now.object.hidden)
 
     def focus(self, client: Any, *, whole: bool = False) -> None:
         """Let a tab look at the object from the side that it sees, or at the scene as it did at first."""
@@ -110,14 +118,17 @@ class Controller:
 
         self.jobs.do("Looking", work)
 
-    def switch_wipe(self, client: Any) -> None:
-        """Compare what is shown with its other state, or show one state again."""
-        on = self._presenter.wipe is None
-        self.jobs.do("Comparing", lambda: self._presenter.begin_wipe() if on else self.session.now.sentence)
+    def compare(self, client: Any, *, on: bool) -> None:
+        """Show the other state in place of what is shown, or no longer."""
+        self.jobs.do("Comparing", lambda: self._presenter.compare(on=on))
 
-    def choose_next(self, choice: Any, client: Any = None) -> None:
-        """Take the next option of a choice."""
-        choice.value = choice.options[(choice.options.index(choice.value) + 1) % len(choice.options)]
+    def choose_next(self, control: Control, client: Any = None) -> None:
+        """Take the next option of a control."""
+        control.choose_next()
+        self.refresh()
+
+    def refresh(self, client: Any = None) -> None:
+        """Show what the controls ask for."""
         self.jobs.do("Showing", lambda: self.panels.status_text)
 
     def save(self, client: Any = None, *, together: bool = False) -> None:
@@ -126,53 +137,21 @@ class Controller:
         def work() -> str:
             stages = self.jobs.stages(2 * len(self.session.now.objects), "Trimming ")
             sentence, command = files.save(self.session.now, self.panels.target, stages, together=together)
-            self.panels.show_command(command)
+            self.panels.command.value = command
             return sentence
 
         self.jobs.do("Saving", work)
 
-    def download(self, client: Any) -> None:
-        """Send what the panel names to a tab."""
-        controls = self.panels
-        what, upright = controls.download.value, controls.placed[panels.UPRIGHT]
-        self.jobs.do("Saving", lambda: self._files.download(what, controls.ending, client, upright=upright))
-
-    def describe(self) -> None:
-        """Give the active object the name and colour that somebody has just entered, if they can be given."""
-        asked, name = self.session.glance(), self.panels.name.value
-        red, green, blue = (int(value) for value in self.panels.colour.value)
-
-        def work() -> str:
-            now = self.session.now
-            if asked is not None and asked.document.scene is now.document.scene and name.strip():
-                return self.session.do(edits.describe, asked.object.id, name, (red, green, blue))
-            return now.sentence  # it was meant for the scene before
-
-        self.jobs.do("Naming", work)
+    def download(self, what: str, client: Any) -> None:
+        """Send one of `files.DOWNLOADS` to a tab."""
+        ending, upright = self.panels.ending, self.panels.upright.value
+        self.jobs.do("Saving", lambda: self._files.download(what, ending, client, upright=upright))
 
     def receive(self, name: str, content: bytes, client: Any) -> None:
-        """Take a file that was dropped or chosen, for what it is; ask what splats are if a scene is open."""
-        if self.session.glance() is None or not any(name.lower().endswith(end) for end in formats.FORMATS):
-            self._take(name, content, client, as_scene=None)
-            return
-        question = client.gui.add_modal(f"What is {name}?")
-
-        def answer(as_scene: bool | None, event: Any) -> None:
-            question.close()
-            if as_scene is not None:
-                self._take(name, content, client, as_scene=as_scene)
-
-        answers = {"A scene to open": True, "A selection of the open scene": False, gestures.CANCEL: None}
-        with question:
-            for label, as_scene in answers.items():
-                client.gui.add_button(label).on_click(partial(answer, as_scene))
-
-    def _take(self, name: str, content: bytes, client: Any, *, as_scene: bool | None) -> None:
-        """Take a file from the browser; splats for a scene, or a selection of the open one, or as they look."""
+        """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it."""
         try:
             path = self._files.store(name, content)
-            if as_scene is None:
-                as_scene = is_project(path) or formats.has_splats(path)
+            splats, project = formats.has_splats(path), is_project(path)
         except InputError as error:
             self.panels.say(str(error), wrong=True)
             return
@@ -180,10 +159,22 @@ class Controller:
             self.panels.camera_path.value = str(path)
             if self.session.glance() is not None:
                 self._use_cameras(client)
-        elif as_scene:
+        elif project or (splats and self.session.glance() is None):
             self._open(str(path), "", client)
+        elif splats:
+            self.jobs.do("Loading", lambda: self._load_or_open(path, client), Event.OPENED)
         else:
             self.load(path, client)
+
+    def _load_or_open(self, path: Path, client: Any) -> str:
+        """Take splats as a selection where they are a part of the open scene, and open them otherwise."""
+        with suppress(InputError):
+            now, n = self.session.now, len(formats.read(path))
+            loaded = edits.load(now, path) if n < len(now.document.scene) else None
+            if loaded is not None and loaded.after.object.n_selected == n:
+                return self.session.do(lambda now: loaded)
+        self._open(str(path), "", client)
+        return self.panels.status_text
 
     def _open(self, path: str, camera_path: str, client: Any) -> None:
         """Open a scene or a project, and look at it if it is another scene."""
@@ -198,7 +189,7 @@ class Controller:
             self.panels.start_afresh()
             self.panels.busy("Preparing the display", 0.75)
             painter = self._presenter.painter()
-            self.tools.begin(panels.LOOK, client)
+            self.tools.begin(client)
             self._look_from_start()
             self.jobs.worker.submit_if_idle(self.session.warm_up)
             n = len(document.scene)
@@ -231,15 +222,6 @@ class Controller:
 
         self.jobs.do("Turning", work, Event.STEPPED)
 
-    def _keep_object(self, client: Any) -> None:
-        hidden, locked = (self.panels.kept[option] for option in ("Hidden", "Locked"))
-        self.jobs.do("Changing", lambda: self.session.do(edits.keep_object, hidden=hidden, locked=locked))
-
-    def _activate(self, client: Any) -> None:
-        number = int(self.panels.active.value.partition(":")[0])
-        work = partial(self.session.do, edits.activate, number, joined=True)
-        self.jobs.do("Choosing", work, Event.STEPPED)
-
     def _first_look(self) -> tuple[Point, Point]:
         document = self.session.document
         return first_look(document.scene, document.cameras, self.session.now.up.direction)
@@ -258,60 +240,53 @@ class Controller:
 
     def _connect(self) -> None:
         """Have the controls do what they say."""
-        controls, do = self.panels, self.jobs.do
-
-        def connect(control: Any, act: Callable[[Any], None]) -> None:
-            control.on_click(lambda event: act(event.client))
-
-        connect(controls.open, self.open)
-        connect(controls.use_cameras, self._use_cameras)
-        connect(controls.save_project, lambda tab: do("Saving", lambda: self._files.download_project(tab)))
-        connect(controls.up, self._set_up)
-        connect(controls.history, lambda tab: self.step(controls.history.value, tab))
-        connect(controls.load, lambda tab: self.load(files.path_of(controls.selection_path.value), tab))
-        connect(controls.objects, lambda tab: self.change_objects(controls.objects.value, tab))
-        connect(controls.find_objects, self.find_objects)
-        connect(controls.kept, self._keep_object)
-        connect(controls.active, self._activate)
-        connect(controls.cut_out, self.cut_out)
-        connect(controls.save, self.save)
-        connect(controls.save_all, lambda tab: self.save(tab, together=True))
-        connect(controls.download, self.download)
-        connect(controls.part, lambda tab: self.show_part(controls.part.value, tab))
-        connect(controls.compare, self.switch_wipe)
-        for choice in (controls.when, controls.colours, controls.backdrop, controls.overlays):
-            connect(choice, lambda tab: do("Showing", lambda: controls.status_text))
-        for control in (controls.name, controls.colour):
-            control.on_update(lambda event: self.describe() if event.client is not None else None)
-        controls.upload.on_upload(
+        controls = self.panels
+        controls.tool.on_change(self.tools.begin_job)
+        controls.part.on_change(lambda tab: self.show_part(controls.part.value, tab))
+        controls.up.on_change(self._set_up)
+        for control in (controls.when, controls.colours, controls.backdrop, controls.views):
+            control.on_change(self.refresh)
+        self.jobs.upload.on_upload(
             lambda event: self.receive(event.target.value.name, event.target.value.content, event.client)
         )
 
-    def _bindings(self) -> list[Binding]:
-        """Return what the keys do."""
-        tools, controls = self.tools, self.panels
+    def _actions(self) -> list[Action]:
+        """Return what buttons and keys do."""
+        tools, controls, do = self.tools, self.panels, self.jobs.do
         return [
-            *(Binding(key, tool, partial(tools.choose, tool)) for key, tool in _TOOL_KEYS.items()),
-            Binding("G", "grow the selection", partial(tools.change_selection, "Grow")),
-            Binding("G", "shrink the selection", partial(tools.change_selection, "Shrink"), "shift"),
-            Binding("I", "invert the selection", partial(tools.change_selection, "Invert"), "cmd/ctrl"),
-            Binding("M", "take by footprint / by centres", partial(self.choose_next, controls.taking)),
-            Binding("Z", "undo", partial(self.step, "Undo"), "cmd/ctrl"),
-            Binding("Z", "redo", partial(self.step, "Redo"), "cmd/ctrl+shift"),
-            Binding("A", "select all that is shown", partial(tools.change_selection, "All"), "cmd/ctrl"),
-            Binding("A", "clear the selection", partial(self.step, "Clear"), "cmd/ctrl+shift"),
-            Binding("delete", "clear the selection", partial(self.step, "Clear")),
-            Binding("T", "cut out", self.cut_out),
-            Binding("F", "look at the object", self.focus),
-            Binding("home", "look at the scene as at first", partial(self.focus, whole=True)),
-            Binding("F", "look at the scene as at first", partial(self.focus, whole=True), "shift"),
-            *(
-                Binding(key, f"show: {part}", partial(self.show_part, part))
-                for key, part in zip("123", panels.PARTS, strict=True)
+            *(Action(tool, partial(tools.choose, tool), key) for key, tool in _TOOL_KEYS.items()),
+            Action("Grow", partial(tools.change_selection, "Grow"), "G"),
+            Action("Shrink", partial(tools.change_selection, "Shrink"), "Shift+G"),
+            Action("Invert", partial(tools.change_selection, "Invert"), "Ctrl+I"),
+            Action("Select all that is shown", partial(tools.change_selection, "All"), "Ctrl+A"),
+            Action("Footprint or centres", partial(self.choose_next, controls.taking), "M"),
+            Action("Surface or through", partial(self.choose_next, controls.reach), "N"),
+            Action("Undo", partial(self.step, "Undo"), "Ctrl+Z"),
+            Action("Redo", partial(self.step, "Redo"), "Ctrl+Shift+Z"),
+            Action("Clear", partial(self.step, "Clear"), "Delete, Ctrl+Shift+A"),
+            Action("Cut out", self.cut_out, "T"),
+            Action("Look at the object", self.focus, "F"),
+            Action("First view", partial(self.focus, whole=True), "Home, Shift+F"),
+            *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", panels.PARTS, strict=True)),
+            Action("Compare, while held", partial(self.compare, on=True), "Space", partial(self.compare, on=False)),
+            Action("Own colours, objects, changes", partial(self.choose_next, controls.colours), "V"),
+            Action("Hide the object", self.hide, "H"),
+            Action("Show all", lambda tab: do("Changing", lambda: self.session.do(edits.show_all), Event.STEPPED), "U"),
+            Action("New object", lambda tab: do("Adding", lambda: self.session.do(edits.add_object), Event.STEPPED)),
+            Action("Find objects", self.find_objects),
+            Action("Apply the box", tools.apply_box),
+            Action("Smaller brush", partial(tools.resize_brush, larger=False), "["),
+            Action("Larger brush", partial(tools.resize_brush, larger=True), "]"),
+            Action("Up by three clicks on the ground", partial(tools.choose, panels.POINTS)),
+            Action("Cancel", lambda tab: self.jobs.worker.cancel()),
+            Action("Open", self.open),
+            Action("Apply cameras to this scene", self._use_cameras),
+            Action(
+                "Replace the marks by this file",
+                lambda tab: self.load(files.path_of(controls.selection_path.value), tab),
             ),
-            Binding("space", "before / after", partial(self.choose_next, controls.when)),
-            Binding("space", "before / after, with a line to drag", self.switch_wipe, "shift"),
-            Binding("V", "colours: own, objects, changes", partial(self.choose_next, controls.colours)),
-            Binding("H", "hide the object", self.hide),
-            Binding("U", "show all objects", partial(self.change_objects, "Show all")),
+            Action("Download the project", lambda tab: do("Saving", lambda: self._files.download_project(tab))),
+            *(Action(f"Download: {what}", partial(self.download, what)) for what in files.DOWNLOADS),
+            Action("Save in this folder", self.save),
+            Action("Cut out and save all objects", partial(self.save, together=True)),
         ]

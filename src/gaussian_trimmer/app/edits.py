@@ -5,6 +5,7 @@ Each either does its work wholly or raises `InputError`, and nothing has changed
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, count
@@ -14,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaussian_trimmer.app.documents import Progress
-from gaussian_trimmer.app.snapshots import PALETTE, Colour, Cut, CutState, MarkedObject, Snapshot, TrimChoices
+from gaussian_trimmer.app.snapshots import PALETTE, Cut, CutState, MarkedObject, Snapshot, TrimChoices
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.gaussians import BoolArray, FloatArray
@@ -27,7 +28,6 @@ from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import HALF
 
-RENAMING = "name and colour"
 _MAX_NAME = 60
 _GAP_SHARE = 0.1
 """Gap between a selection and what a click adds at its boundary, at most, relative to the selection's diagonal."""
@@ -183,16 +183,17 @@ def add_object(now: Snapshot) -> Change:
     return Change(replace(after, last="new object"), after.sentence)
 
 
-def remove_object(now: Snapshot) -> Change:
-    """Delete the active object.
+def remove_object(now: Snapshot, number: int) -> Change:
+    """Delete the object with this id.
 
     Raises:
         InputError: it is the only one.
     """
     if len(now.objects) == 1:
         raise InputError("This is the only object; clear its marks instead.")
-    objects = tuple(part for part in now.objects if part is not now.object)
-    after = replace(now, objects=objects, active=min(now.active, len(objects) - 1), last="delete object")
+    objects = tuple(part for part in now.objects if part.id != number)
+    active = next((place for place, part in enumerate(objects) if part is now.object), len(objects) - 1)
+    after = replace(now, objects=objects, active=active, last="delete object")
     return Change(after, after.sentence)
 
 
@@ -209,27 +210,35 @@ def activate(now: Snapshot, number: int) -> Change:
     return Change(after, after.sentence)
 
 
-def describe(now: Snapshot, number: int, name: str, colour: Colour) -> Change:
-    """Give the object with this id a name and a colour.
+def describe(now: Snapshot, number: int, what: str, value: object) -> Change:
+    """Give the object with this id a name or a colour, hide or lock it, or show and unlock it.
+
+    Args:
+        now: the state before.
+        number: the object's id.
+        what: "name", "colour", "hidden" or "locked".
+        value: what it is to be; a colour as #rrggbb.
 
     Raises:
-        InputError: the name is empty, too long, or another object's.
+        InputError: there is no such object, it has no such thing, or a name is empty, too long, or another object's.
     """
-    name = " ".join(name.split())
-    if not name or len(name) > _MAX_NAME or not name.isprintable():
-        raise InputError(f"'{name}' cannot be a name: give 1 to {_MAX_NAME} printable characters.")
-    if any(part.name == name and part.id != number for part in now.objects):
-        raise InputError(f"Another object is already called '{name}'.")
-    for part in now.objects:
-        if part.id == number and (part.name, part.colour) != (name, colour):
-            now = now.with_object(replace(part, name=name, colour=colour), RENAMING)
-    return Change(now, now.sentence)
-
-
-def keep_object(now: Snapshot, *, hidden: bool, locked: bool) -> Change:
-    """Hide or lock the active object, or show and unlock it."""
-    after = now.with_object(replace(now.object, hidden=hidden, locked=locked), "hide or lock")
-    return Change(after, f"{now.object.name} is hidden; U shows it." if hidden else after.sentence)
+    part = next((part for part in now.objects if part.id == number), None)
+    if part is None:
+        raise InputError(f"There is no object {number} any more.")
+    if what in ("hidden", "locked"):
+        state = {"hidden": part.hidden, "locked": part.locked, what: value is True}
+        after = now.with_object(replace(part, hidden=state["hidden"], locked=state["locked"]), "hide or lock")
+        return Change(after, f"{part.name} is hidden; U shows it." if what == "hidden" and value else after.sentence)
+    text = " ".join(value.split()) if isinstance(value, str) else ""
+    if what == "colour" and re.fullmatch("#[0-9a-f]{6}", text):
+        red, green, blue = bytes.fromhex(text[1:])
+        return Change(now.with_object(replace(part, colour=(red, green, blue)), "name or colour"), now.sentence)
+    if what != "name" or not text or len(text) > _MAX_NAME or not text.isprintable():
+        raise InputError(f"'{text}' cannot be a {what}: a name has 1 to {_MAX_NAME} printable characters.")
+    if any(other.name == text and other is not part for other in now.objects):
+        raise InputError(f"Another object is already called '{text}'.")
+    after = now if text == part.name else now.with_object(replace(part, name=text), "name or colour")
+    return Change(after, after.sentence)
 
 
 def show_all(now: Snapshot) -> Change:
@@ -268,7 +277,7 @@ def find(now: Snapshot, progress: Progress = lambda stage: None) -> Change:
         marked = part.marked((rows,), now.applied(now.nothing(), (rows,)))
         marked = replace(marked, colour=after.contrasting_colour(mask), hidden=False)
         after = replace(after, objects=(*after.objects, marked), next_id=max(after.next_id, part.id + 1))
-    return Change(after, f"Found {len(further)} object{'s' * (len(further) > 1)}; the tab 'Objects' lists them.{rest}")
+    return Change(after, f"Found {len(further)} object{'s' * (len(further) > 1)}; the list has them.{rest}")
 
 
 def describe_up(up: UpVector) -> str:

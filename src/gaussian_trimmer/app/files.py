@@ -6,6 +6,7 @@ import hashlib
 import shlex
 import zipfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,6 +39,7 @@ from gaussian_trimmer.trimming.trim import trim_objects
 MARKS = "selection.json"
 """Name of the file of marks among the results, the same as the command line's."""
 OBJECT, WITHOUT, ALL_FILES, PAGE = DOWNLOADS = ("Object", "Scene without it", "Everything", "Web page")
+_MOST_RECENT = 5
 CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
 
 
@@ -88,6 +90,16 @@ class Files:
             return session.do(restore, read_project(self._autosave), progress)
         except InputError as error:  # or cancelled
             return f"{session.now.sentence} The work of last time is not back: {error}"
+
+    def recent(self) -> list[tuple[str, str, str]]:
+        """Return names, paths and cameras of the scenes with work that was kept last, the newest first."""
+        kept = sorted((self._state / "projects").glob("*.json"), key=lambda path: path.stat().st_mtime, reverse=True)
+        scenes = []
+        for path in kept[:_MOST_RECENT]:
+            with suppress(InputError):
+                project = read_project(path)
+                scenes.append((project.scene.name, str(project.scene), str(project.cameras or "")))
+        return scenes
 
     def store(self, name: str, content: bytes) -> Path:
         """Keep a file that came from the browser, and return its path."""

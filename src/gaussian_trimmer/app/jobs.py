@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from gaussian_trimmer import sample
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.app.files import Files
-from gaussian_trimmer.app.gestures import CANCEL, STILL_TAKEN, Gesture, GestureChannel
+from gaussian_trimmer.app.page import Page
 from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
@@ -37,14 +38,16 @@ class Jobs:
         self.server, self.worker = server, Worker()
         self.session = Session(self.worker.cancelled)
         self.files = Files(self.session, state)
-        self.channel = GestureChannel(server.gui, self._heard)
-        self.panels = Panels(server.gui, self.channel, *offered)
+        self.page = Page(server.gui)
+        self.upload = server.gui.add_upload_button("Choose a file")
+        """Not to be seen: the page's own buttons press it."""
+        self.panels = Panels(self.page, *offered)
         self.view = SceneView(server)
-        self.presenter = Presenter(self.session, self.panels, self.view, self.channel, most)
-        self.made_gesture: Callable[[Gesture, Any], None] = lambda gesture, client: None
-        """Called with what is done in the 3D view, and in which tab."""
+        self.presenter = Presenter(self.session, self.panels, self.view, self.page, most)
         self.due = Due.NOTHING
         self._rest: threading.Timer | None = None
+        name = "Open the sample" if offered[0] == str(sample.SCENE) else Path(offered[0]).name
+        self.page.show(starts=[(name, *offered), *self.files.recent()])
         self.presenter.refresh()
         server.on_client_connect(self._welcome)
 
@@ -68,7 +71,7 @@ class Jobs:
     def _job(self, name: str, work: Callable[[], str], event: Event | None) -> None:
         """Do some work, and show its sentence and, if it succeeds, what is to be seen after an event."""
         self.panels.busy(name, 0)
-        self.presenter.end_wipe()
+        self.presenter.compare(on=False)
         text, wrong = "", True
         try:
             try:
@@ -116,19 +119,8 @@ class Jobs:
             text = "All tabs show and change the same scene."
             client.add_notification("Open in several tabs", text, auto_close_seconds=8.0)
 
-    def _heard(self, gesture: Gesture, client: Any) -> None:
-        """Do what the page has said."""
-        if gesture.tool == STILL_TAKEN:
-            self.worker.submit(self.presenter.show_other_state)
-        elif gesture.tool == CANCEL:
-            self.worker.cancel()
-        else:
-            self.made_gesture(gesture, client)
-
     def _moved(self, client: Any) -> None:
-        """End a comparison, and refine what a tab sees once its view rests."""
-        if self.presenter.wipe is not None:
-            self.do("Showing", lambda: self.session.now.sentence)
+        """Refine what a tab sees once its view rests."""
         if self._rest is not None:
             self._rest.cancel()
         look = partial(self.worker.submit_if_idle, lambda: self._refine(client))

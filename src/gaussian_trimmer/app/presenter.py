@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from gaussian_trimmer.app.display import Painter
-from gaussian_trimmer.app.gestures import GestureChannel
-from gaussian_trimmer.app.panels import ARROW, BACKDROPS, VIEWS, WIPE, Panels
+from gaussian_trimmer.app.files import DOWNLOADS
+from gaussian_trimmer.app.page import Page
+from gaussian_trimmer.app.panels import BACKDROPS, Panels
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.showing import Comparison, compared
+from gaussian_trimmer.app.showing import Showing, compared
 from gaussian_trimmer.app.viewpoints import Frame
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.errors import InputError
@@ -21,15 +22,14 @@ _EYE_STEP, _EYE_TURN = 0.1, 0.1
 class Presenter:
     """Shows the state of a session. Used by the worker's thread alone."""
 
-    def __init__(self, session: Session, panels: Panels, view: SceneView, channel: GestureChannel, most: int) -> None:
-        self._session, self._panels, self._view, self._channel = session, panels, view, channel
+    def __init__(self, session: Session, panels: Panels, view: SceneView, page: Page, most: int) -> None:
+        self._session, self._panels, self._view, self._page = session, panels, view, page
         self._most = most
         self._painter: Painter | None = None
         self._eye: Camera | None = None
         self._shown: dict[str, object] = {}
-        self.wipe: Comparison | None = None
-        """The comparison that is going on."""
-        self._has_still = False
+        self._other: Showing | None = None
+        """What is seen while it is compared with what is shown."""
 
     def refresh(self) -> None:
         """Show the present state, if a scene is open."""
@@ -38,48 +38,29 @@ class Presenter:
             self._view.show_backdrop(BACKDROPS[self._panels.backdrop.value])
         if now is None:
             return
-        painter, overlays = self.painter(), self._panels.overlays
-        showing = self.wipe.other if self.wipe is not None and self._has_still else self._panels.showing
+        painter, controls = self.painter(), self._panels
+        showing = self._other or controls.showing
         if self._is_new("splats", (now, showing, self._eye)):
             self._view.show(painter.paint(now, showing, self._eye))
         if self._is_new("up", now.up):
             self._view.show_up(now.up.direction)
-        if self._is_new("arrow", (now.up, overlays[ARROW])):
-            self._view.show_arrow(now.up.direction, overlays[ARROW])
-        views = now.object.fresh if overlays[VIEWS] else None
+        views = now.object.fresh if controls.views.value else None
         if self._is_new("views", views):
             self._view.show_views(views)
         if self._is_new("state", now):  # otherwise, what somebody is typing is kept
-            self._panels.refresh(now)
+            controls.refresh(now, self._idle())
 
-    def begin_wipe(self) -> str:
-        """Compare what is shown with another state, with a line to drag; return what is compared.
-
-        The browser draws one state at a time. So the page takes a picture of what is shown, lays it over one side of
-        the line, and answers; only then the 3D view shows the other state. They meet as long as the view rests.
+    def compare(self, *, on: bool) -> str:
+        """Show another state in place of what is shown, or no longer; return what is seen.
 
         Raises:
             InputError: the object has not been cut out.
         """
-        if self._session.now.object.cut.result is None:
+        if on and self._session.now.object.cut.result is None:
             raise InputError("There is nothing to compare yet: cut the object out first.")
-        self.wipe, self._has_still = compared(self._panels.showing), False
-        self._panels.compare[WIPE] = True
-        self._channel.compare(self.wipe)
-        left, right = self.wipe.names
-        return f"Left of the line: {left.lower()}; right: {right.lower()}. Drag it. Moving the view ends this."
-
-    def show_other_state(self) -> None:
-        """Show the other state of a comparison, now that the page has its picture."""
-        self._has_still = True
-        self.refresh()
-
-    def end_wipe(self) -> None:
-        """Show one state again."""
-        if self.wipe is not None:
-            self.wipe = None
-            self._channel.compare(None)
-        self._panels.compare[WIPE] = False
+        self._other, name = compared(self._panels.showing) if on else (None, "")
+        self._page.show(compared=name)
+        return self._panels.status_text
 
     def look_from(self, eye: Camera) -> None:
         """Show the scene as it looks from an eye, and what is near it in full, if that differs from what is shown."""
@@ -99,6 +80,17 @@ class Presenter:
             self._view.hide_box()
             self._view.show_points([])
         return self._painter
+
+    def _idle(self) -> list[str]:
+        """Return the actions that can do nothing in this state."""
+        part, (back, forth) = self._session.now.object, self._session.can_step
+        idle = {
+            "Undo": not back,
+            "Redo": not forth,
+            **dict.fromkeys(("Cut out", "Grow", "Shrink", "Clear", "Look at the object"), not part.n_selected),
+            **dict.fromkeys((*(f"Download: {what}" for what in DOWNLOADS), "Save in this folder"), part.fresh is None),
+        }
+        return [name for name, cannot in idle.items() if cannot]
 
     def _is_new(self, what: str, state: object) -> bool:
         """Tell whether something is not in this state yet; it is from now on."""

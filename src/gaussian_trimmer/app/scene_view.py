@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -24,8 +24,6 @@ _THUMBNAIL_PIXELS = 192
 """Pixels of the pictures in the virtual cameras."""
 _FRUSTUM_RADII = 0.3
 """Size of a virtual camera, relative to the object's radius."""
-_UP_ARROW_LENGTH = 2.5
-"""Length of the up arrow in the viewer's units."""
 _BACKDROP_SIZE, _CHECKER_PIXELS, _CHECKER_TONES = (450, 800), 25, (150, 105)
 
 
@@ -38,8 +36,6 @@ class SceneView:
         self._views: list[Any] = []
         self._points: list[Any] = []
         self._box: SpaceBox | None = None
-        self.box_resized: Callable[[Point], None] = lambda size: None
-        """Called with the sides of the box when one of its faces was dragged."""
         self.frame = Frame(np.zeros(3), 1.0)
 
     def show(self, splats: Splats) -> None:
@@ -61,16 +57,6 @@ class SceneView:
         self._server.initial_camera.up = point_of(up)
         for client in self._server.get_clients().values():
             client.camera.up_direction = point_of(up)
-
-    def show_arrow(self, up: Float64Array, visible: bool) -> None:
-        """Show the up vector as an arrow, or hide it."""
-        points = np.array([[np.zeros(3), _UP_ARROW_LENGTH * up]], np.float32)
-        self._server.scene.add_arrows(
-            "/up", points, (40, 120, 255), shaft_radius=0.03, head_radius=0.09, head_length=0.25, visible=visible
-        )
-        self._server.scene.add_label(
-            "/up/label", "up", position=tuple((1.08 * _UP_ARROW_LENGTH * up).tolist()), visible=visible
-        )
 
     def show_views(self, result: TrimResult | None) -> None:
         """Show the virtual cameras of a trim with what they saw and its masks, or none."""
@@ -97,7 +83,7 @@ class SceneView:
         """Show a box that stands upright, with handles."""
         self.hide_box()
         place, sides = self.frame.to_viewer(np.array(centre)), np.array(size) * self.frame.scale
-        self._box = SpaceBox(self._server.scene, place, sides, up_frame(up), self._tell_box_size)
+        self._box = SpaceBox(self._server.scene, place, sides, up_frame(up))
 
     def hide_box(self) -> None:
         """Take the box away."""
@@ -111,15 +97,6 @@ class SceneView:
             return None
         centre, half = up_frame(up) @ self.frame.to_scene(self._box.centre), self._box.size / self.frame.scale / 2
         return Box3D(point_of(centre - half), point_of(centre + half), "up", effect)
-
-    def resize_box(self, size: Sequence[float]) -> None:
-        """Give the box another size."""
-        if self._box is not None:
-            self._box.resize(np.array(size) * self.frame.scale)
-
-    def _tell_box_size(self) -> None:
-        if self._box is not None:
-            self.box_resized(point_of(self._box.size / self.frame.scale))
 
     def show_backdrop(self, colour: tuple[int, int, int] | None) -> None:
         """Show a colour behind everything, or a checker."""

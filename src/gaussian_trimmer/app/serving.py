@@ -67,7 +67,7 @@ def serving(
     page = state / f"open-{server.get_port()}.html"
     jobs = None
     try:
-        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="medium")
         server.gui.main_panel.dock_right()
         server.scene.world_axes.visible = False
         offered = (str(scene), str(cameras or "")) if scene else (str(sample.SCENE), str(sample.CAMERAS))

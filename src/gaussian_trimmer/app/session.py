@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussian_trimmer.app.documents import Document, Progress
-from gaussian_trimmer.app.edits import RENAMING, Change
+from gaussian_trimmer.app.edits import Change
 from gaussian_trimmer.app.snapshots import Snapshot
 from gaussian_trimmer.app.worker import Cancelled
 from gaussian_trimmer.errors import InputError
@@ -47,6 +47,11 @@ class Session:
         """The scene and its cameras. Raises as `now`."""
         return self.now.document
 
+    @property
+    def can_step(self) -> tuple[bool, bool]:
+        """Whether there is something to undo, and something to redo."""
+        return self._place > 0, self._place < len(self._history) - 1
+
     def glance(self) -> Snapshot | None:
         """Return the latest state, for any thread; None if no scene is open yet."""
         history, place = self._history, self._place
@@ -78,8 +83,7 @@ class Session:
         after, sentence = edit(self.now, *arguments, **options)
         if self._cancelled():
             raise Cancelled
-        at_end = self.now is self._history[-1]
-        if joined or (at_end and after.last == self.now.last == RENAMING):  # letters of one name are one step
+        if joined:
             self._history[self._place] = after
         elif after is not self.now:
             self._history = [*self._history[: self._place + 1], after][-MAX_STEPS - 1 :]

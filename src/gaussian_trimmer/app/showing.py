@@ -91,24 +91,11 @@ def due_after(event: Event, now: Snapshot, showing: Showing, due: Due) -> Due:
     return Due.CORRECTION if corrected else Due.NOTHING
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Two states in the same view, one at each side of a line."""
-
-    other: Showing
-    """What is compared with what is shown."""
-    names: tuple[str, str]
-    """What stands at the left and at the right of the line."""
-    shown_left: bool
-    """Whether what is shown is at the left."""
-
-
-def compared(showing: Showing) -> Comparison:
-    """Return what to compare with what is shown: selection and cut-out, or the scene with it and without."""
+def compared(showing: Showing) -> tuple[Showing, str]:
+    """Return what to compare with what is shown, and its name: selection and cut-out, or the scene with and without."""
     if showing.part == "object":
         after = showing.when == "after"
-        other = replace(showing, when="before" if after else "after")
-        return Comparison(other, ("Before", "After"), shown_left=not after)
-    with_it = showing.part == "both"
-    other = Showing("background", "after", "own") if with_it else Showing("both", "before", "own")
-    return Comparison(other, ("With it", "Without it"), shown_left=with_it)
+        return replace(showing, when="before" if after else "after"), "Selection" if after else "Cut-out"
+    if showing.part == "both":
+        return Showing("background", "after", "own"), "Without it"
+    return Showing("both", "before", "own"), "With it"

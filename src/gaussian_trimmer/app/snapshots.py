@@ -200,7 +200,7 @@ class Snapshot:
             return part.summary
         if part.n_selected:
             return f"{part.name}: {part.n_selected:,} Gaussians selected. Press 'Cut out', or go on marking."
-        return "Choose 'Click' and click on the object that you want; 'Find objects' in the tab 'Objects' marks all."
+        return "Choose 'Click' and click on the object that you want; 'Find objects' marks all."
 
     def with_object(self, changed: MarkedObject, last: str) -> Snapshot:
         """Return the snapshot with another state of the object of the same id."""

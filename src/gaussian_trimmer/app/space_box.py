@@ -29,9 +29,7 @@ _OUTWARD[::2, 2] *= -1  # right-handed again
 class SpaceBox:
     """A box that is shown, with its handles."""
 
-    def __init__(
-        self, scene: Any, centre: Float64Array, size: Float64Array, axes: Float64Array, resized: Callable[[], None]
-    ) -> None:
+    def __init__(self, scene: Any, centre: Float64Array, size: Float64Array, axes: Float64Array) -> None:
         """Show a box.
 
         Args:
@@ -39,10 +37,8 @@ class SpaceBox:
             centre: its middle.
             size: lengths of its sides along its axes.
             axes: its axes as rows, (3, 3).
-            resized: called when a face was dragged.
         """
-        self.centre, self._axes, self._resized = centre, axes, resized
-        self.size = size
+        self.centre, self.size, self._axes = centre, size, axes
         self._edges = scene.add_line_segments(
             "/box3d/edges", self._lines(), _EDGE_COLOUR, thickness=_EDGE_PIXELS, thickness_units="screen"
         )
@@ -76,11 +72,6 @@ class SpaceBox:
         for handle in (*self._faces, self._middle, self._edges):
             handle.remove()
 
-    def resize(self, size: Float64Array) -> None:
-        """Give the box other sides around the same middle."""
-        self.size = np.maximum(size, _LEAST_SIDE)
-        self._draw()
-
     def drag_face(self, number: int, place: Point) -> None:
         """Move one face to a place, along its normal; the opposite one stays."""
         axis, sign = number // 2, 2 * (number % 2) - 1
@@ -89,7 +80,6 @@ class SpaceBox:
         self.centre = self.centre + sign * (side - self.size[axis]) / 2 * self._axes[axis]
         self.size = np.where(np.arange(3) == axis, side, self.size)
         self._draw(but=number)
-        self._resized()
 
     async def _moved(self, event: Any) -> None:  # not in a pool of threads, so that places stay in order
         self.centre = np.array(event.target.position, np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 
 from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.display import markable_rows, shown_rows
-from gaussian_trimmer.app.gestures import LARGER, SMALLER, Gesture, GestureChannel
+from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.panels import (
     ADD,
     BOX,
@@ -84,49 +84,44 @@ _BRUSH_STEP = 1.25
 class Tools:
     """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
-    def __init__(self, channel: GestureChannel, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
-        self._channel = channel
+    def __init__(self, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
         self._session, self._panels, self._view, self._do = session, panels, view, do
         self._corners: list[Point] = []
-        panels.tool.on_click(lambda event: self.choose(panels.tool.value, event.client))
-        panels.three_points.on_click(lambda event: self.choose(POINTS, event.client))
-        panels.brush.on_update(lambda event: self._tell_page())
-        panels.box_size.on_update(lambda event: view.resize_box(panels.box_size.value) if event.client else None)
-        view.box_resized = lambda size: setattr(panels.box_size, "value", size)
-        panels.box_apply.on_click(lambda event: self._apply_box(event.client))
-        panels.selection.on_click(lambda event: self.change_selection(panels.selection.value, event.client))
 
     def choose(self, tool: str, client: Any) -> None:
         """Take another tool."""
-        self._panels.show_tool(tool)
-        self._do(tool, lambda: self.begin(tool, client))
+        self._panels.tool.value = tool
+        self.begin_job(client)
+
+    def begin_job(self, client: Any) -> None:
+        """Have it shown what belongs to the tool that is chosen."""
+        self._do(self._panels.tool.value, lambda: self.begin(client))
 
     def viewpoint(self, client: Any) -> Viewpoint:
         """Return where a tab looks from."""
         return viewpoint_of(client.camera, self._view.frame)
 
-    def begin(self, tool: str, client: Any) -> str:
-        """Show what belongs to a tool."""
+    def begin(self, client: Any) -> str:
+        """Show what belongs to the tool that is chosen."""
         self._corners = []
         self._view.show_points([])
         self._view.hide_box()
-        self._tell_page()
         if self._session.glance() is None:
-            self._panels.show_tool(LOOK)
-            self._tell_page()
+            self._panels.tool.value = LOOK
             raise InputError("Open a scene first.")
+        tool: str = self._panels.tool.value
         if tool == BOX3D:
             self._show_box(client)
         return HINTS[tool]
 
+    def resize_brush(self, client: Any, *, larger: bool) -> None:
+        """Let the brush be larger or smaller by a step."""
+        brush = self._panels.brush
+        low, high = brush.facts["limits"]
+        brush.value = round(min(max(brush.value * (_BRUSH_STEP if larger else 1 / _BRUSH_STEP), low), high))
+
     def heard(self, gesture: Gesture, client: Any) -> None:
         """Do what was meant by a gesture."""
-        if gesture.tool in (SMALLER, LARGER):
-            brush = self._panels.brush
-            size = brush.value * (_BRUSH_STEP if gesture.tool == LARGER else 1 / _BRUSH_STEP)
-            brush.value = round(min(max(size, brush.min), brush.max))
-            self._tell_page()
-            return
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
             CLICK: self._click,
             BOX: self._box,
@@ -153,9 +148,6 @@ class Tools:
 
         self._do(way, work, Event.MARKED)
 
-    def _tell_page(self) -> None:
-        self._channel.show(self._panels.tool.value, self._panels.brush.value)
-
     def _show_box(self, client: Any) -> None:
         """Show a box around the selection or, if nothing is selected, around what is in the middle of the picture."""
         now, scene = self._session.now, self._session.document.scene
@@ -173,7 +165,6 @@ class Tools:
             centre = np.array(point)
             size = np.full(3, _BOX_SHARE * float(np.linalg.norm(centre - view.camera.centre)))
         sides = point_of(size)
-        self._panels.box_size.value = sides
         self._view.show_box(point_of(centre), sides, now.up.direction)
 
     def _effect(self, asked: Effect | None) -> Effect:
@@ -223,11 +214,13 @@ class Tools:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
         said = self._session.do(edits.set_up, edits.normal_of(corners, point_of(view.camera.centre)))
-        self._panels.show_tool(LOOK)
-        self.begin(LOOK, None)
+        self._panels.tool.value = LOOK
+        self.begin(None)
         return said
 
-    def _apply_box(self, client: Any) -> None:
+    def apply_box(self, client: Any) -> None:
+        """Mark what is in the box in space."""
+
         def work() -> str:
             up = self._session.now.up.direction
             mark = self._view.box_mark(up, self._effect(None))

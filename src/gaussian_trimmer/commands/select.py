@@ -107,7 +107,7 @@ class Select:
             return self._run_of(self.trim).run(console, lambda: self._select(console))
         else:
             made = self._select(console)
-            console.print(f"Now: {self._next_command()}")
+            console.print(f"Now: {self._next_command(made.marks)}")
             counts = {"selected": int(np.count_nonzero(made.masks[THE_OBJECT])), "scene": len(made.scene)}
             self.results.printing.print_json({"selection": str(self.selection_path), "counts": counts})
         return 0
@@ -235,7 +235,10 @@ class Select:
         words = ["gaussian-trimmer", "select", *self.inputs.words(self.options), *changed_words(self.overview)]
         return [*words, "--trim", str(Path("trimmed") / self.inputs.name)]
 
-    def _next_command(self) -> str:
+    def _next_command(self, marks: Marks | None) -> str:
         scene, *options = self.inputs.words(self.options)
+        if marks is not None and marks.have_cuts:
+            file = str(self.selection_path.with_suffix(".json"))
+            return shlex.join(["gaussian-trimmer", "select", scene, "--marks", file, *options, "--trim", "trimmed"])
         selection = [*(["--labels"] if self.object_ids else []), str(self.selection_path)]
         return shlex.join(["gaussian-trimmer", "trim", scene, *selection, *options])

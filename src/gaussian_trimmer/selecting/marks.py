@@ -194,6 +194,11 @@ class Marks:
     cameras: Path | None = None
     """File or folder of the cameras of the pictures, which masks need."""
 
+    @property
+    def have_cuts(self) -> bool:
+        """Whether a mark is a stroke that cuts, which an array of Gaussians cannot hold."""
+        return any(isinstance(mark, Rows) and mark.cut is not None for mark in self.marks)
+
     def followed_by(self, further: Marks, cameras: Path | None = None) -> Marks:
         """These marks and then further ones, with what these depend on.
 

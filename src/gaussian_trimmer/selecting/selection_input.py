@@ -94,4 +94,6 @@ def read_selected_and_removed(
         return selection, np.zeros(len(scene), np.bool_), None
     if removed.any():
         say(f"{beside}: the {np.count_nonzero(removed):,} Gaussians that its marks removed stay out.")
+    if read_marks(beside).have_cuts:
+        say(f"An array holds no strokes, so those of {beside} cut nothing; 'select --marks {beside} --trim DIR' cuts.")
     return selection, removed, None
