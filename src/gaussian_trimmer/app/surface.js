@@ -43,7 +43,7 @@
     ["Keys", [[help]]],
   ];
   const HELD = [
-    ["Shift, Ctrl, both", "add, remove, keep only, whatever the mode"], ["Alt", "turn the view while a tool is chosen"],
+    ["Shift, Ctrl, both", "add, remove, keep only, regardless of the mode"], ["Alt", "turn the view while a tool is chosen"],
     ["W A S D, arrows", "move and turn"], ["Enter, Esc", "leave a field"],
   ];
 
