@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import app_pictures
@@ -21,10 +22,13 @@ from playwright.sync_api import sync_playwright
 
 from gaussian_trimmer.cli import main as run
 
-FOLDER = Path(__file__).parents[1] / "images"
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs" / "images"
+ROBOT = ROOT / "tests" / "fixtures" / "playbot" / "lod-meta.json"
+TABLE = ROOT / "benchmarks" / "data" / "tabletop"
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 SIZE = {"width": 1280, "height": 760}
-CELL, STEP, LINE = 320, 324, 26
+CELL, STEP, LINE, WIDTH = 320, 324, 26, 3 * 320
 CAPTIONS = ("rough selection", "trimmed object", "the scene without it")
 COLUMNS = (0, 4)
 """Sides that the first picture shows: one of the ring, and from low."""
@@ -37,15 +41,32 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         assert run(["demo", "--quiet", "--output", f"{folder}/demo"]) == 0
         first = front_picture(cv2.imread(f"{folder}/demo/before_after.png"))
-        cv2.imwrite(str(FOLDER / "before_after.jpg"), first, [cv2.IMWRITE_JPEG_QUALITY, 85])
+        _write("before_after.jpg", first)
         _draw_report(Path(folder) / "demo")
+        _draw_found(Path(folder))
     app_pictures.main()
 
 
-def front_picture(before_after: np.ndarray) -> np.ndarray:
+def _draw_found(folder: Path) -> None:
+    """Click on the robot of a file that others made, and find the objects of a table."""
+    robot = ["select", str(ROBOT), "--view-index", "5", "--click", "335", "290", "--output", f"{folder}/robot.npy"]
+    assert run([*robot, "--trim", f"{folder}/robot", "--quiet"]) == 0
+    _write("robot.jpg", front_picture(cv2.imread(f"{folder}/robot/before_after.png"), (2,)))
+    table = ["objects", str(TABLE / "scene.ply"), "--cameras", str(TABLE / "cameras.json"), "--quiet"]
+    assert run([*table, "--output", f"{folder}/found"]) == 0
+    _write("plan.jpg", cv2.imread(f"{folder}/found/plan.png"))
+
+
+def _write(name: str, picture: np.ndarray) -> None:
+    scale = min(1, WIDTH / picture.shape[1])
+    picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(FOLDER / name), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def front_picture(before_after: np.ndarray, columns: Sequence[int] = COLUMNS) -> np.ndarray:
     """Selection, object and scene side by side, large enough to be read on the front page."""
     rows = [before_after[2 * LINE + i * (CELL + LINE) :][:CELL] for i in range(len(CAPTIONS))]
-    cells = [np.vstack([row[:, STEP * column : STEP * column + CELL] for column in COLUMNS]) for row in rows]
+    cells = [np.vstack([row[:, STEP * column : STEP * column + CELL] for column in columns]) for row in rows]
     heads = [np.full((36, CELL, 3), 32, np.uint8) for _ in CAPTIONS]
     for head, caption in zip(heads, CAPTIONS, strict=True):
         cv2.putText(head, caption, (10, 25), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (235, 235, 235), 1, cv2.LINE_AA)

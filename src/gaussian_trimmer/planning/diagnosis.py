@@ -66,7 +66,7 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
     if share <= _MOST_OF_SCENE:
         return None
     if selection.all():
-        return "The whole file counts as the object. To cut one thing out of it, give a selection of that thing."
+        return "The object is the whole file, so nothing is left without it. To cut out a part, select that part."
     if _spread(scene.means[~selection]) > _spread(scene.means[selection]):
         return None
     return (
