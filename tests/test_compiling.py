@@ -50,10 +50,12 @@ def test_kernels_that_do_not_fit_on_the_disk_are_used_all_the_same(tmp_path):
     pytest.importorskip("resource", reason="needs limits on the size of files")
     code = (
         "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
-        "import numba\nfrom gaussian_trimmer.geometry.compiling import CACHE\n"
-        "made = [numba.njit(cache=CACHE)(f)(1) for f in (lambda x: x + 1, lambda x: x + 2)]\nprint(CACHE, made)"
+        "import numba\nfrom gaussian_trimmer.geometry.compiling import CACHE\nfrom elsewhere.more import more\n"
+        "made = [numba.njit(cache=CACHE)(f)(1) for f in (lambda x: x + 1, more)]\nprint(CACHE, made)"
     )
     (tmp_path / "code.py").write_text(code)
+    (tmp_path / "elsewhere").mkdir()  # another folder to keep kernels in
+    (tmp_path / "elsewhere" / "more.py").write_text("def more(x): return x + 2")
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     done = subprocess.run(
         [sys.executable, str(tmp_path / "code.py")], env=environment, capture_output=True, text=True, check=False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numba
@@ -21,22 +20,21 @@ def _can_cache() -> bool:
 
 
 def _go_on_without_room() -> None:
-    """Have Numba use a kernel that it cannot keep, say because the disk is full, rather than raise."""
+    """Have Numba use kernels that it cannot keep, say because the disk is full: that is said once, and given up."""
     save: Callable[..., None] = FunctionCache.save_overload
 
     def save_where_possible(kept: Any, signature: Any, compiled: Any) -> None:
         try:
             save(kept, signature, compiled)
         except OSError as error:
-            _say_once(str(kept.cache_path), error.strerror or str(error))
+            FunctionCache.save_overload = lambda *_: None  # type: ignore[method-assign, unused-ignore]
+            logging.getLogger(__name__).warning(
+                "Compiled kernels cannot be kept in '%s': %s. Every run compiles them again until that is mended.",
+                kept.cache_path,
+                error.strerror or str(error),
+            )
 
     FunctionCache.save_overload = save_where_possible  # type: ignore[method-assign, unused-ignore]
-
-
-@cache
-def _say_once(folder: str, why: str) -> None:
-    sentence = "Compiled kernels cannot be kept in '%s': %s. They are compiled again by every run until that is mended."
-    logging.getLogger(__name__).warning(sentence, folder, why)
 
 
 _go_on_without_room()
