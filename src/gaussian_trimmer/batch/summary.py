@@ -13,7 +13,7 @@ from gaussian_trimmer.batch.store import Outcome, Store
 from gaussian_trimmer.output.html.document import document, text
 
 CSV, HTML = "summary.csv", "summary.html"
-_COUNTS = ("selected", "object", "kept", "cut", "removed", "added")
+_COUNTS = ("selected", "object", "kept", "cut", "removed", "discarded", "added")
 COLUMNS = (
     *("name", "state", "look_first", "message", "scene_gaussians", *_COUNTS),
     *("views_accepted", "views", "up_confidence", "seconds", "scene", "selection", "fingerprint"),
