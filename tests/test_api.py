@@ -202,6 +202,8 @@ def test_a_path_is_refused_wherever_a_scene_is_taken(tmp_path):
     for call in calls:
         with pytest.raises(gt.InputError, match=r"scene is a str.*gaussian_trimmer\.read"):
             call("scene.ply")
+    with pytest.raises(gt.InputError, match=r"Gaussians.*gaussian_trimmer\.trim"):
+        gt.save(SCENE, tmp_path / "saved")
 
 
 def test_an_axis_is_an_up_vector_everywhere():

@@ -180,6 +180,7 @@ def test_a_thing_without_a_room_is_one_object():
     scene = room.box((0, 0), (0.8, 0.8, 1.0), room.RED, 1)
     found = find_objects(scene, up=(0, 0, 1))
     assert [one.sure for one in found] == [False] and "whole scene" in found.objects[0].why
+    assert "1 unsure" in repr(found) and len(repr(found)) < 100
     assert found.mask(1).mean() > 0.95
 
 

@@ -68,6 +68,10 @@ class FoundObjects:
     surface: VisibleSurface | None = None
     """What shows of the scene; None if it was looked at in tiles."""
 
+    def __repr__(self) -> str:
+        sure = sum(found.sure for found in self.objects)
+        return f"<FoundObjects: {sure} sure, {len(self.objects) - sure} unsure, of {len(self.scene):,} Gaussians>"
+
     def __len__(self) -> int:
         return len(self.objects)
 

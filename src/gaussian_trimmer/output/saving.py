@@ -47,6 +47,8 @@ def save(
         InputError: the folder holds something and `overwrite` is not set, it cannot be written to, no format has
             that name, or the format cannot hold the Gaussians.
     """
+    if not isinstance(result, TrimResult):
+        raise InputError(f"The result is a {type(result).__name__}; give what gaussian_trimmer.trim returns.")
     folder, suffix = Path(folder), suffix_of(format or "ply")
     names = result_files(suffix, several=len(result.objects) > 1, html=html)
     with atomic_folder(folder, RESULTS, names=names, overwrite=overwrite) as part:

@@ -114,8 +114,8 @@ def rough_objects(objects: Any, n: int) -> list[RoughObject]:
         return _objects_of_labels(objects, n)
     if not isinstance(objects, Mapping | Sequence) or isinstance(objects, str):
         raise InputError(
-            f"The objects are a {type(objects).__name__}; give selections by id or name, such as {{1: mask}}, or a "
-            "list of selections."
+            f"The objects are a {type(objects).__name__}; give selections by id or name, such as {{1: mask}} or "
+            "found.selections(), or a list of selections."
         )
     if not len(objects):
         raise InputError("There is no object to trim; give at least one id with its selection.")

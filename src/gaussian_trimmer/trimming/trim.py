@@ -96,8 +96,8 @@ def trim_objects(
     Args:
         scene: all N Gaussians.
         objects: the selections, each as `trim` takes it, by the objects' ids or names, or in a list. They may
-            overlap. What marks removed from one stays out of that one. Or the id of each Gaussian's object, integers
-            (N,), 0 for none, such as `find_objects(scene).labels`.
+            overlap; `find_objects(scene).selections()` gives those that are sure. What marks removed from one stays out
+            of that one. Or the id of each Gaussian's object, integers (N,), 0 for none.
         config: settings of all stages.
         renderer: a renderer, or the name of one.
         segmenter: a segmenter, or the name of one.
