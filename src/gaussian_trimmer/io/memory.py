@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 TRIM_BYTES_PER_SCENE_BYTE = 3.5
-"""What a trim takes at most for each byte of the scene as arrays; measured, see docs/scale.md."""
+"""What a trim takes at most for each byte of the scene as arrays; measured, see docs/batch.md."""
 _CONTAINER_LIMITS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
