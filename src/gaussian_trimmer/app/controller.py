@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +14,17 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits, files, panels
+from gaussian_trimmer.app.doubts import doubts
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
 from gaussian_trimmer.app.page import Action, Control
 from gaussian_trimmer.app.project import is_project
 from gaussian_trimmer.app.showing import Event
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import first_look, framed
+from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.selecting.marks import Point
 
 _STAGES_OF_FINDING = 19
@@ -34,6 +41,8 @@ class Controller:
         self._files, self._presenter, self._view = jobs.files, jobs.presenter, jobs.view
         self.tools = Tools(jobs.session, jobs.panels, jobs.view, jobs.do)
         jobs.page.drawn, jobs.page.changed_object = self.tools.heard, self.change_object
+        self._doubted: TrimResult | None = None
+        self._doubts: Iterator[tuple[str, Float64Array]] = iter(())
         self._connect()
         jobs.page.offer(self._actions())
 
@@ -115,6 +124,24 @@ class Controller:
             else:
                 self._look_at_object(client)
             return self.panels.status_text
+
+        self.jobs.do("Looking", work)
+
+    def look_at_doubt(self, client: Any) -> None:
+        """Let a tab look at what is to be doubted of the cut-out, at one thing after the other."""
+
+        def work() -> str:
+            now = self.session.now
+            result, renderer = files.fresh_result(now), now.document.renderer
+            if self._doubted is not result:
+                self._doubted, self._doubts = result, cycle(doubts(result, renderer))
+            said, away = next(self._doubts, ("Nothing is to be doubted.", None))
+            if away is not None:
+                centre = result.only.bounds.centre
+                pose = look_at(centre + away, centre, now.up.direction)
+                camera = replace(self.tools.viewpoint(client).camera, world_to_camera=pose)
+                self._view.look(client, *framed(result.object, camera))
+            return said
 
         self.jobs.do("Looking", work)
 
@@ -266,6 +293,7 @@ class Controller:
             Action("Clear", partial(self.step, "Clear"), "Delete, Ctrl+Shift+A"),
             Action("Cut out", self.cut_out, "T"),
             Action("Look at the object", self.focus, "F"),
+            Action("Look at the next doubt", self.look_at_doubt, "J"),
             Action("First view", partial(self.focus, whole=True), "Home, Shift+F"),
             *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", panels.PARTS, strict=True)),
             Action("Compare, while held", partial(self.compare, on=True), "Space", partial(self.compare, on=False)),

@@ -69,7 +69,7 @@
   const surface = (window.gaussianTrimmerPage = { page, say, changed: () => ((told = undefined), follow()), draw: () => {} });
   const sizes = new ResizeObserver(() => surface.changed());
   function follow() {
-    const text = document.querySelector("[data-state]")?.dataset.state;
+    const text = document.querySelector("[data-gaussian-trimmer]")?.dataset.gaussianTrimmer;
     const canvas = document.querySelector("canvas");
     if (!text || !canvas || (text === told && canvas === seen)) return;
     if (canvas !== seen) sizes.disconnect(), sizes.observe(canvas);
@@ -81,7 +81,7 @@
     draw(null);
   }
   const watch = new MutationObserver(follow);
-  watch.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-state"] });
+  watch.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-gaussian-trimmer"] });
   page.signal.addEventListener("abort", () => (watch.disconnect(), sizes.disconnect()));
 
   function draw(at) {

@@ -124,7 +124,7 @@ class Page:
             "controls": {name: {"value": each.value, **each.facts} for name, each in self.controls.items()},
             "keys": {name: [each.key, each.end is not None] for name, each in self.actions.items() if each.key},
         }
-        self._state.content = f"<span data-state='{html.escape(json.dumps(state))}'></span>"
+        self._state.content = f"<span data-gaussian-trimmer='{html.escape(json.dumps(state))}'></span>"
 
     def _hear(self, text: str, client: Any) -> None:
         """Do what a tab says; what it has said before is in the field again, since not every text arrives."""

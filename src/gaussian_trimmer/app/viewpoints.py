@@ -24,8 +24,9 @@ _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
-_FRAMED_SHARE, _ENDS = 0.8, (0.01, 0.99)
-"""Share of the picture's height, or width, that what is looked at fills; quantiles that are taken for its ends."""
+_FRAMED_SHARE, _RAISED_SHARE, _ENDS = 0.76, 0.04, (0.01, 0.99)
+"""Share of the picture's height, or width, that what is looked at fills; how far it is above the middle, as the tools
+are below; quantiles that are taken for its ends."""
 _BEFORE_SURFACE = 0.999
 """Depth of a near plane that hides what stands before a surface, relative to the surface's."""
 
@@ -90,8 +91,9 @@ def framed(gaussians: Gaussians, camera: Camera) -> tuple[Point, Point]:
     middle = np.quantile(local, _ENDS, axis=0).mean(axis=0)
     slopes = _FRAMED_SHARE * np.array([camera.width, camera.height]) / 2 / np.diag(camera.K)[:2]
     distances = (np.abs(local - middle)[:, :2] / slopes).max(axis=1) - (local - middle)[:, 2]
-    centre = camera.rotation.T @ middle
     distance = max(float(np.quantile(distances, _ENDS[1])), 1e-9)
+    lower = np.array([0, _RAISED_SHARE * camera.height / camera.K[1, 1] * distance, 0])
+    centre = camera.rotation.T @ (middle + lower)
     return point_of(centre - distance * camera.forward), point_of(centre)
 
 

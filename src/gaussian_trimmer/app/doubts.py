@@ -1,0 +1,36 @@
+"""Where a cut-out is to be doubted: sides that were not checked, the softest edge, a hole that is not filled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.result import TrimResult
+from gaussian_trimmer.rendering import Renderer
+
+_SOFT = (0.05, 0.5)
+"""Alpha of pixels that are the object's and hardly show it."""
+_RISE = 0.3
+"""How high a side is looked at from, relative to the distance."""
+
+
+def doubts(result: TrimResult, renderer: Renderer) -> list[tuple[str, Float64Array]]:
+    """Return what there is to doubt of a single object, in words, and the direction (3,) from the object to see it."""
+    part = result.only
+    found = [(view, view.view.camera.centre - part.bounds.centre) for view in part.views]
+    said = [(f"From here it could not be checked: {view.rejected}.", away) for view, away in found if view.rejected]
+    sides = checked_sides(part, result.cameras)
+    if sides.verdict(unseen := replace(sides, checked=~sides.checked).middle):
+        yaw = np.radians(unseen)
+        away = np.array([np.cos(yaw), np.sin(yaw), _RISE]) @ part.bounds.axes
+        said.append((f"The side seen least: {sides.verdict(unseen)}.", away))
+    alphas = [renderer.render(part.gaussians, view.view.camera).alpha for view, _ in found]
+    if alphas:
+        soft = [((alpha > _SOFT[0]) & (alpha < _SOFT[1])).mean() for alpha in alphas]
+        said.append(("The softest edge is seen from here.", found[int(np.argmax(soft))][1]))
+    if part.not_filled:
+        said.append((f"The hole is not filled: {part.not_filled}.", part.up.direction + _RISE * part.bounds.axes[0]))
+    return said
