@@ -14,6 +14,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.formats import ply
 from gaussian_trimmer.output.engines import ENGINES, placement_for, rotation_between, turned
+from gaussian_trimmer.output.hull import convex_hull
 from gaussian_trimmer.rendering.reference import ReferenceRenderer
 
 
@@ -66,6 +67,22 @@ def test_the_foot_is_at_the_origin_and_sizes_are_scaled_with_places():
     assert box["centre"][2] == pytest.approx(box["size"][2] / 2)
     centred = placement_for(moved, "z", origin="centre").apply(moved)
     np.testing.assert_allclose(centred.means.max(axis=0) + centred.means.min(axis=0), 0, atol=0.1)
+
+
+@pytest.mark.parametrize("depth", [1, 0])  # a ball, and a disc
+def test_a_hull_is_convex_closed_around_the_centres_and_faces_outwards(depth):
+    scene, rows = toy.ball_on_floor(n_floaters=0)
+    ball = scene.select(rows)
+    ball = ball.replace(means=ball.means * np.float32([1, 1, depth]))
+    corners, triangles = convex_hull(ball)
+    a, b, c = corners[triangles].swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    above = np.einsum("fk,fnk->fn", normals, corners[None] - a[:, None]) / np.linalg.norm(normals, axis=1)[:, None]
+    assert above.max() < 1e-3 and len(corners) <= 128
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    if depth:
+        assert np.einsum("fk,fk->f", a, np.cross(b, c)).sum() / 6 > 4  # a ball of radius 1 has 4.19
 
 
 def test_what_stands_as_it_is_wanted_is_not_touched():

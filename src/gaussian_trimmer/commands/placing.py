@@ -13,6 +13,7 @@ from gaussian_trimmer.gaussians import Float64Array, Gaussians, concatenate
 from gaussian_trimmer.io.writing import write_json
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.engines import ENGINES, EngineName, Origin, Placement, placement_for
+from gaussian_trimmer.output.hull import hull_as_obj
 from gaussian_trimmer.settings import Range
 
 if TYPE_CHECKING:  # conversions need no trimmer
@@ -55,13 +56,13 @@ class PlacingOptions:
         if not self.wished:
             return ()
         ending = self._ending(suffix)
-        return f"object{ending}", f"object_*{ending}", f"background{ending}", POSES
+        return f"object{ending}", f"object_*{ending}", f"background{ending}", "object*_hull.obj", POSES
 
     def write(self, result: TrimResult, folder: Path, suffix: str) -> list[str]:
         """Write objects and background of a trim into an existing folder; return the names of the files.
 
-        Each object has its own foot at the origin, the background that of all objects together, so that a single object
-        fits it; `poses.json` says where each file lies in the scene.
+        Each object has its own foot at the origin, and a convex hull; the background has the foot of all objects
+        together, so that a single object fits it; `poses.json` says where each file lies in the scene.
 
         Args:
             result: the trim.
@@ -78,8 +79,10 @@ class PlacingOptions:
         parts = [part for part in result.objects if len(part.gaussians)]
         for part in parts:
             place, name = self.placement(part.gaussians, up), f"{stems[part.id]}{ending}"
-            formats.write(place.apply(part.gaussians), folder / name)
-            poses[name] = place.as_json(part.gaussians)
+            placed, hull = place.apply(part.gaussians), f"{stems[part.id]}_hull.obj"
+            formats.write(placed, folder / name)
+            (folder / hull).write_text(hull_as_obj(placed), encoding="utf-8")
+            poses[name] = place.as_json(part.gaussians) | {"hull": hull}
         if parts and len(result.background):
             place = self.placement(concatenate([part.gaussians for part in parts]), up)
             formats.write(place.apply(result.background), folder / f"background{ending}")
