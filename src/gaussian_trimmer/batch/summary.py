@@ -20,9 +20,9 @@ COLUMNS = (
 )
 _MOST_PICTURES = 500
 _CSS = (
-    "body{margin:2em}table{border-collapse:collapse}"
-    "td,th{padding:.3em .8em;text-align:left;vertical-align:top;border-bottom:1px solid var(--line)}"
-    "img{width:320px;display:block}.failed{color:var(--bad)}.left{color:var(--faint)}"
+    "body{margin:1em auto;max-width:60rem;padding:0 1em}article{border-top:1px solid var(--line);padding:.5em 0}"
+    "h2{margin:.3em 0;overflow-wrap:anywhere}p{margin:.3em 0}img{max-width:100%;display:block}"
+    ".failed{color:var(--bad)}.left{color:var(--faint)}"
 )
 
 
@@ -94,8 +94,7 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
     counts = ", ".join(f"{states.count(state)} {state}" for state in ("done", "failed", "left") if state in states)
     lines = [
         f"<h1>{len(outcomes)} items: {counts}</h1>\n<p>The worst first: what failed, what was left as "
-        "it was selected, then by rejected views and by how much of the selection changed.</p>\n<table>\n"
-        "<tr><th>item</th><th>state</th><th>look first</th><th>Gaussians</th><th>views</th><th></th></tr>"
+        "it was selected, then by rejected views and by how much of the selection changed.</p>"
     ]
     shown = 0
     for outcome in outcomes:
@@ -105,23 +104,21 @@ def as_html(outcomes: Sequence[Outcome]) -> str:
             link = f"items/{quote(outcome.item.name)}/before_after.png"
             picture = f'<a href="{link}"><img loading="lazy" src="{link}" alt=""></a>'
         lines.append(_row(outcome, picture))
-    return document("Batch", "\n".join([*lines, "</table>"]), style=_CSS, stands_alone=False)
+    return document(f"{len(outcomes)} items: {counts}", "\n".join(lines), style=_CSS, stands_alone=False)
 
 
 def _row(outcome: Outcome, picture: str) -> str:
     counts = outcome.counts
     numbers = (
-        f"{counts.get('selected', 0):,} selected, {counts.get('object', 0):,} in the object<br>"
-        f"{counts.get('removed', 0):,} removed, {counts.get('added', 0):,} added"
+        f"<p>{counts.get('selected', 0):,} Gaussians selected, {counts.get('object', 0):,} in the object; "
+        f"{counts.get('removed', 0):,} removed, {counts.get('added', 0):,} added</p>"
         if counts
         else ""
     )
-    views = f"{outcome.views[0]} of {outcome.views[1]}" if outcome.views[1] else ""
-    words = text(outcome.message or outcome.refused)
+    views = f", views: {outcome.views[0]} of {outcome.views[1]}" if outcome.views[1] else ""
     return (
-        f'<tr class="{outcome.state}"><td>{text(outcome.item.name)}</td><td>{outcome.state}<br>{words}</td>'
-        f"<td>{look_first(outcome):.2f}</td>"
-        f"<td>{numbers}</td><td>{views}</td><td>{picture}</td></tr>"
+        f'<article class="{outcome.state}"><h2>{text(outcome.item.name)}</h2>{picture}<p>{outcome.state}, look first: '
+        f"{look_first(outcome):.2f}{views}. {text(outcome.message or outcome.refused)}</p>{numbers}</article>"
     )
 
 
