@@ -106,7 +106,7 @@ def gesture(app, tool, *places, effect=None):
 EVERYWHERE = (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)
 
 
-def test_a_step_of_growing_and_shrinking_is_a_share_of_the_size_whatever_the_density(app, tmp_path):
+def test_a_selection_grows_and_shrinks_by_what_is_seen_whatever_the_density(app, tmp_path):
     scene, ball = toy.ball_on_floor(floor_side=90)
     dense = scene.select(np.repeat(np.arange(len(scene)), np.where(ball, 3, 1)))
     dense = dense.replace(means=dense.means + np.random.default_rng(0).normal(0, 0.003, dense.means.shape).astype("f4"))
@@ -116,11 +116,18 @@ def test_a_step_of_growing_and_shrinking_is_a_share_of_the_size_whatever_the_den
     mark(app, disc)
     before = app.session.now.object.selected.mask
     for way, sign in (("Grow", 1), ("Shrink", -1)):
-        app.tools.change_selection(way, None)
+        app.tools.change_selection(way, tab(app))
         finish(app)
         after = app.session.now.object.selected.mask
         assert sign * (after.sum() - before.sum()) > 0.02 * before.sum()
         before = after
+    steps = []
+    for eye in ((0.0, -8.0, 4.0), (0.0, -16.0, 8.0)):
+        app.tools.change_selection("Grow", tab(app, eye))
+        finish(app)
+        steps.append(app.session.now.object.marks[-1].spacings)
+        act(app.step, "Undo")
+    assert steps[1] == pytest.approx(2 * steps[0], rel=0.15)
 
 
 def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, folder):

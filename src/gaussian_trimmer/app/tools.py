@@ -58,7 +58,7 @@ from gaussian_trimmer.selecting.marks import (
     point_of,
 )
 from gaussian_trimmer.selecting.row_packing import pack_rows
-from gaussian_trimmer.selecting.shapes import size_in_spacings
+from gaussian_trimmer.selecting.shapes import in_spacings
 from gaussian_trimmer.selecting.strokes import shows_under, under_stroke
 
 
@@ -70,8 +70,8 @@ class Do(Protocol):
 
 
 _SCREEN_MIDDLE = (0.5, 0.5)
-_GROWTH = 0.025
-"""How far a selection grows or shrinks, relative to its size."""
+_GROWN_PIXELS = 8
+"""How far a selection grows or shrinks, in pixels as it is seen."""
 _BOX_PADDING = 0.05
 """What the box in space is larger at first than the selection, at each side, relative to its longest side."""
 _BOX_SHARE = 0.4
@@ -142,8 +142,10 @@ class Tools:
                 return self._session.do(edits.invert)
             if way == "All":
                 return self._mark(Rows(pack_rows(self._shown_rows()), "all that is shown"))
-            now = self._session.now
-            step = _GROWTH * size_in_spacings(now.document.scene.means, now.object.selected.mask)
+            now, camera = self._session.now, self.viewpoint(client).camera
+            means, mask = now.document.scene.means, now.object.selected.mask
+            depth = float(np.median(np.abs(camera.to_camera(means[mask])[:, 2]))) if mask.any() else 0.0
+            step = in_spacings(_GROWN_PIXELS * depth / camera.K[1, 1], means, mask)
             return self._mark((Grow if way == "Grow" else Shrink)(step or 1.0))
 
         self._do(way, work, Event.MARKED)

@@ -12,8 +12,6 @@ from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.selecting.marks import Box3D, Coordinates, Plane, Sphere
 
 _MIN_GAUSSIANS = 2
-_ENDS = (0.99, 0.01)
-"""Quantiles of the centres along each axis that are taken for a selection's ends."""
 
 
 def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Array) -> BoolArray:
@@ -76,12 +74,10 @@ def _near(means: FloatArray, some: BoolArray, reach: float) -> BoolArray:
     return near
 
 
-def size_in_spacings(means: FloatArray, selection: BoolArray) -> float:
-    """Return the diagonal of a selection's box, strays aside, in median distances between its neighbours; 0 if none."""
+def in_spacings(length: float, means: FloatArray, selection: BoolArray) -> float:
+    """Return a length in median distances between neighbours of a selection; 0 if there are none."""
     spacing = _reach(means, selection, 1.0, "measured")
-    if spacing == 0:
-        return 0.0
-    return float(np.linalg.norm(np.subtract(*np.quantile(means[selection], _ENDS, axis=0)))) / spacing
+    return length / spacing if spacing > 0 else 0.0
 
 
 def _reach(means: FloatArray, selection: BoolArray, spacings: float, what: str) -> float:
