@@ -19,6 +19,7 @@ from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.finding.room_surfaces import find_room
 from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of
+from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
 
@@ -138,7 +139,7 @@ def test_a_model_whose_masks_take_both_makes_it_likelier_that_they_are_one(whole
         assert (change > 0.9) if whole else (change == 0)
 
 
-@pytest.mark.parametrize("change", ["order", "scale", "rotation"])
+@pytest.mark.parametrize("change", ["order", "scale", "rotation", "strays"])
 def test_the_same_gaussians_give_the_same_objects(change, found, furnished):
     scene, _ = furnished
     rng = np.random.default_rng(5)
@@ -147,11 +148,13 @@ def test_the_same_gaussians_give_the_same_objects(change, found, furnished):
     turned *= np.sign(np.linalg.det(turned))
     scale = 37.0 if change == "scale" else 1.0
     other, cameras = room.moved(scene, CAMERAS, turned, scale, np.array([1.0, -2.0, 3.0]) * scale)
-    again = find_objects(other.select(order), cameras=cameras)
+    strays = other.select(slice(5 if change == "strays" else 0))
+    strays = strays.replace(means=1e4 * strays.means)
+    again = find_objects(concatenate([other.select(order), strays]), cameras=cameras)
     assert sum(one.sure for one in again) == sum(one.sure for one in found)
     for one in found:
         if one.sure:
-            assert best(again, found.mask(one.id)[order])[1] > 0.97
+            assert best(again, np.append(found.mask(one.id)[order], np.zeros(len(strays), bool)))[1] > 0.97
             assert np.isclose(scale * one.size[2], again.objects[one.id - 1].size[2], rtol=0.1)
 
 
