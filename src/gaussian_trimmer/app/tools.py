@@ -144,7 +144,8 @@ class Tools:
                 return self._mark(Rows(pack_rows(self._shown_rows()), "all that is shown"))
             now, camera = self._session.now, self.viewpoint(client).camera
             means, mask = now.document.scene.means, now.object.selected.mask
-            depth = float(np.median(np.abs(camera.to_camera(means[mask])[:, 2]))) if mask.any() else 0.0
+            depths = np.abs(camera.to_camera(means[mask].astype(np.float64))[:, 2])
+            depth = float(np.median(depths)) if mask.any() else 0.0
             step = in_spacings(_GROWN_PIXELS * depth / camera.K[1, 1], means, mask)
             return self._mark((Grow if way == "Grow" else Shrink)(step or 1.0))
 
