@@ -412,6 +412,17 @@ def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_
     assert 0 < running.session.now.object.n_selected < before.object.n_selected  # a plain rectangle
 
 
+def test_a_click_on_another_objects_thing_goes_on_with_that_object(app):
+    mark(app, BALL)
+    do(app, "New object")
+    before = app.session.now
+    gesture(app, controls.CLICK, (0.5, 0.5))
+    assert app.session.now.object.id == 1 and app.session.now.objects == before.objects
+    act(app.change_object, 2, "active", True)
+    gesture(app, controls.CLICK, (0.5, 0.5), effect="add")  # it is meant
+    assert app.session.now.object.id == 2 and app.session.now.object.n_selected
+
+
 def test_all_that_is_shown_is_selected(app):
     app.tools.change_selection("All", None)
     finish(app)

@@ -60,6 +60,8 @@ from gaussian_trimmer.selecting.marks import (
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import in_spacings
 from gaussian_trimmer.selecting.strokes import shows_under, under_stroke
+from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view
+from gaussian_trimmer.views import HALF
 
 
 class Do(Protocol):
@@ -174,11 +176,26 @@ class Tools:
         return asked or EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
-        """Mark what was clicked on."""
+        """Mark what was clicked on; without a key or another mode, go on with the object that has it."""
         place, effect = gesture.places[0], self._effect(gesture.effect)
         self._surface_point(view, place)
+        other = self._other_at(view, place)
+        if other is not None and gesture.effect is None and effect == "add":
+            return self._session.do(edits.activate, other, joined=True)
         x, y = pixel_at(view, place)
         return self._mark(Click(x, y, self._past_hidden(view, [place]), effect))
+
+    def _other_at(self, view: Viewpoint, place: Place) -> int | None:
+        """Return the number of another object that has most of what shows at a place; None if none has."""
+        now, small = self._session.now, small_view(view.camera)
+        pixel = np.array([pixel_at(Viewpoint(small), place)])
+        rows, weights = now.document.renderer.top_contributors(self._shown(), small, pixel, CONTRIBUTORS)
+        ours = np.flatnonzero(self._shown_rows())[rows[0][weights[0] > 0]]
+        weights = weights[0][weights[0] > 0]
+        for part in now.objects:
+            if part is not now.object and weights[(part.mask & ~now.object.mask)[ours]].sum() > HALF * weights.sum():
+                return part.id
+        return None
 
     def _box(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark the thing in a box while nothing is selected; otherwise, or where none is found, what shows in it."""
