@@ -139,6 +139,7 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     x, y = tab.place(lighthouse)
     tab.page.mouse.move(x, y)
     assert float(tab.page.locator("#gesture-overlay circle").first.get_attribute("r")) == panels.brush.value
+    assert tab.page.locator("#gesture-overlay text").text_content() == "+"
     tab.page.keyboard.down("Control")
     drag(tab, (x - 30, y), (x + 30, y))
     tab.page.keyboard.up("Control")

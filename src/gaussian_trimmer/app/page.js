@@ -30,6 +30,9 @@
     shape("circle", { fill: "none", stroke: "#000", "stroke-width": 3, "stroke-opacity": 0.6 }),
     shape("circle", { fill: "none", stroke: "#fff", "stroke-width": 1.5 }),
   ];
+  // Beside the pointer: whether what is marked is added, removed or kept.
+  const SIGNS = { shift: "+", ctrl: "\u2212", both: "\u2229", Add: "+", Remove: "\u2212", "Keep only": "\u2229" };
+  const sign = shape("text", { fill: "#fff", style: "font:600 18px sans-serif;paint-order:stroke;stroke:#000;stroke-width:3px" });
   document.getElementById("gesture-overlay")?.remove();
   document.body.append(overlay);
   page.signal.addEventListener("abort", () => overlay.remove());
@@ -60,9 +63,10 @@
     const step = Math.max(1, Math.ceil(places.length / MOST_PLACES));
     const chosen = places.filter((_, i) => i % step === 0 || i === places.length - 1);
     const shares = chosen.map(([x, y]) => [(x - canvas.left) / canvas.width, (y - canvas.top) / canvas.height]);
-    const command = event.ctrlKey || event.metaKey;
-    say({ tool, places: shares, keys: command && event.shiftKey ? "both" : command ? "ctrl" : event.shiftKey ? "shift" : "" });
+    say({ tool, places: shares, keys: keysOf(event) });
   }
+  const keysOf = ({ ctrlKey, metaKey, shiftKey }) =>
+    ctrlKey || metaKey ? (shiftKey ? "both" : "ctrl") : shiftKey ? "shift" : "";
 
   // Follow what the program tells, and where the picture is.
   let told, seen;
@@ -86,6 +90,7 @@
 
   function draw(at) {
     const { tool, radius } = state;
+    sign.textContent = "";
     const corners = tool === "Box" && active ? boxOf(drawn) : active === "Polygon" && at ? [...drawn, at] : drawn;
     const text = corners.map((place) => place.join(",")).join(" ");
     for (const outline of [outer, inner]) outline.setAttribute("points", tool === "Brush" ? "" : text);
@@ -129,7 +134,11 @@
     if (active === "Box") drawn[1] = at;
     else if (active && active !== "Polygon" && apart(at, drawn.at(-1)) > 1.5) drawn.push(at);
     if (active && active !== "Polygon") event.stopImmediatePropagation();
-    draw(event.target instanceof HTMLCanvasElement || active ? at : null);
+    const over = event.target instanceof HTMLCanvasElement || active;
+    draw(over ? at : null);
+    if (tool === "Look" || !over || event.altKey) return;
+    sign.textContent = SIGNS[keysOf(event) || state.controls.Mode.value];
+    sign.setAttribute("x", at[0] + 14), sign.setAttribute("y", at[1] - 10);
   });
 
   listen("pointerup", (event) => {
