@@ -337,4 +337,6 @@ def test_the_page_says_that_the_program_has_ended(browser, tmp_path):
     with serving(None, None, port=0, state=tmp_path) as app:
         tab = Tab(browser, app, *SMALL)
         tab.wait("Cut one object out")
+        assert not tab.page.locator("#gt-panel.lost").count()
     tab.wait("The program has ended")
+    tab.page.locator("#gt-panel.lost").wait_for()

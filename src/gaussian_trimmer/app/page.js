@@ -86,7 +86,11 @@
   }
   const watch = new MutationObserver(follow);
   watch.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["data-gaussian-trimmer"] });
-  page.signal.addEventListener("abort", () => (watch.disconnect(), sizes.disconnect()));
+  const looking = setInterval(() => { // viser lets nobody press its controls while it is not connected
+    const lost = getComputedStyle(field() ?? document.body).pointerEvents === "none";
+    document.querySelectorAll("#gt-picture, #gt-panel").forEach((part) => part.classList.toggle("lost", lost));
+  }, 1000);
+  page.signal.addEventListener("abort", () => (watch.disconnect(), sizes.disconnect(), clearInterval(looking)));
 
   function draw(at) {
     const { tool, radius } = state;

@@ -101,7 +101,6 @@ def _start(port: int, key: str) -> Any:
         raise InputError(f"The app needs viser: {INSTALL}.") from error
 
     with guarding_viser(key) as guards, redirect_stdout(io.StringIO()):  # viser's own greeting says nothing new
-        # Without a label, the panel says in its place whether the page is connected.
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if not guards:
         server.stop()
