@@ -1,11 +1,14 @@
 """Captures that are walked through: storey, tiles, what tiles agree on, and a furnished room below its ceiling."""
 
+from types import SimpleNamespace
+
 import made_room as room
 import numpy as np
 import pytest
 import toy
 
-from gaussian_trimmer.finding import find
+from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding import at_point, find
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.judging import Verdict
 from gaussian_trimmer.finding.tiles import plan_tiles
@@ -13,6 +16,8 @@ from gaussian_trimmer.finding.visible_surface import NothingShowsError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.storey import find_storey
 from gaussian_trimmer.planning.up_vector import up_from_layers
+from gaussian_trimmer.selecting import interpretation
+from gaussian_trimmer.selecting.marks import Click, Grow, Marks, Viewpoint
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -130,6 +135,46 @@ def test_furniture_is_found_below_its_ceiling(monkeypatch):
         assert max(toy.jaccard(found.mask(one), part == number) for one in sure) > 0.8
     assert not (found.labels[part == 1] > 0).any()  # the ceiling
     assert not found.looked_at[part == 1].any()
+
+
+@pytest.fixture
+def clicks(monkeypatch):
+    """Clicks in a furnished room that counts as a large capture: the scene, its parts, and what understands them."""
+    scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
+    monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
+    monkeypatch.setattr(at_point, "_COUNTS", (8000, 5000))
+    view = Viewpoint(toy.camera_at((1, -2.2, 1.8), (1, 1, 0.4), 240))
+    return scene, part, interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0))), Click(120, 120, view)
+
+
+def test_a_click_in_a_large_capture_takes_what_the_finder_sees_there(clicks):
+    scene, part, interpreter, click = clicks
+    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    assert toy.jaccard(state.mask, part == 3) > 0.8
+    assert state.interpretations == (interpretation.INTERPRETATIONS["piece"],)
+
+
+def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
+    scene, part, interpreter, click = clicks
+    upper = (part == 3) & (scene.means[:, 2] > 0.3)
+    thing, larger, smaller = map(np.flatnonzero, (part == 3, part >= 2, upper))
+    interpreter._things = SimpleNamespace(at=lambda point, seen: [thing, larger, smaller])
+    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    for rows in (larger, smaller):
+        state = interpreter.apply(state, click)
+        assert np.flatnonzero(state.mask).tolist() == rows.tolist()
+        assert state.interpretations[-1] == interpretation.INTERPRETATIONS["size"]
+    with pytest.raises(InputError):
+        interpreter.apply(state, click)
+
+
+def test_other_sizes_are_forgotten_after_another_mark(clicks):
+    scene, part, interpreter, click = clicks
+    interpreter._things = SimpleNamespace(at=lambda point, seen: [np.flatnonzero(part == 3), np.flatnonzero(part >= 2)])
+    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    state = interpreter.apply(state, Grow(1.0))
+    with pytest.raises(InputError):
+        interpreter.apply(state, click)
 
 
 def test_a_model_that_is_not_thread_safe_is_asked_by_one_thread(monkeypatch):

@@ -81,6 +81,26 @@ def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
     return found
 
 
+def most_agreed_on(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
+    """Order candidates by how many are alike, smaller ones first among equals; one of those that are alike is kept.
+
+    Args:
+        candidates: of tiles around one place.
+        size: number of Gaussians of the scene, N.
+    """
+    if not candidates:
+        return []
+    alike = _alike(_common(candidates, size))
+    counts = np.asarray(alike.sum(axis=1)).ravel()
+    lengths = np.array([len(candidate.rows) for candidate in candidates])
+    left, kept = np.ones(len(candidates), np.bool_), []
+    for place in np.lexsort((lengths, -counts)).tolist():
+        if left[place]:
+            kept.append(candidates[place])
+            left[alike[place].indices] = False
+    return kept
+
+
 def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float) -> Candidate:
     """Doubt what few tiles agree on, what is cut off, and what is too small to tell."""
     doubts = []

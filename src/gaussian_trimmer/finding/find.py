@@ -16,7 +16,7 @@ from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, Verdi
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
-from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile, plan_tiles
+from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, LARGEST_LOOK, Tile, plan_tiles
 from gaussian_trimmer.finding.visible_surface import (
     Look,
     MeasuredSurface,
@@ -39,8 +39,6 @@ from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.model_masks import PromptableModel
 from gaussian_trimmer.trimming.clock import Clock
 
-LARGEST_LOOK = 200_000
-"""Captures of more Gaussians are looked at in tiles."""
 LEVELS = (3.0, 2.0, 1.0)
 """Log-odds that regions of a tile which touch must have to be joined, ever more easily."""
 _HIDDEN_REACH = 0.05
@@ -89,11 +87,9 @@ def find_objects(
     check_gaussians(scene)
     check_places(scene)
     found_up = find_up(scene, cameras, up)
-    looks = _Looks(found_up.direction, config, renderer, segmenter)
+    looks = Looks(found_up.direction, config, renderer, segmenter)
     if len(scene) > LARGEST_LOOK:
-        # In a tile what is named at all may be sure; its Gaussians tell how large it is.
-        close = replace(config, min_shown=MIN_SHARE_AT_ALL * config.min_shown)
-        return _find_in_tiles(scene, found_up, replace(looks, config=close), clock)
+        return _find_in_tiles(scene, found_up, looks.close(), clock)
     with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
@@ -113,13 +109,17 @@ def find_objects(
 
 
 @dataclass(frozen=True, eq=False)
-class _Looks:
+class Looks:
     """How scenes and tiles are looked at."""
 
     up: Float64Array
     config: FindConfig
     renderer: Renderer
-    segmenter: PromptableModel | None
+    segmenter: PromptableModel | None = None
+
+    def close(self) -> Looks:
+        """The same at tiles, where what is named at all may be sure; its Gaussians tell how large it is."""
+        return replace(self, config=replace(self.config, min_shown=MIN_SHARE_AT_ALL * self.config.min_shown))
 
     def judged(
         self, scene: Gaussians, surface: VisibleSurface, views: Sequence[Viewpoint], room: Room, levels: Sequence[float]
@@ -175,7 +175,7 @@ class _Looks:
         return found
 
 
-def _find_in_tiles(scene: Gaussians, up: UpVector, looks: _Looks, clock: Clock) -> FoundObjects:
+def _find_in_tiles(scene: Gaussians, up: UpVector, looks: Looks, clock: Clock) -> FoundObjects:
     """Find the objects of a large capture, tile by tile.
 
     Args:

@@ -9,6 +9,8 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 
+LARGEST_LOOK = 200_000
+"""Captures of more Gaussians are looked at in tiles."""
 GAUSSIANS_IN_A_TILE = (200_000, 60_000, 18_000)
 """How many Gaussians the tiles of each size hold in the mean: a densely captured bookcase has as many as a whole table
 with its chairs elsewhere, so that things are whole in tiles of one size and large enough to be seen in another."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from gaussian_trimmer.camera_files import read_camera_set
 from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
+from gaussian_trimmer.finding.tiles import LARGEST_LOOK
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
@@ -51,6 +53,9 @@ from gaussian_trimmer.selecting.viewed_scene import ViewedScene, look_at_pixel
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.views import HALF
 
+if TYPE_CHECKING:
+    from gaussian_trimmer.finding.at_point import ThingsAtPoints
+
 _DISJOINT_SHARE = 0.1
 """A thing of which a smaller share than this is selected is added as a whole."""
 _SELECTED_SHARE = 0.5
@@ -64,6 +69,7 @@ INTERPRETATIONS = {
     "alone": "all that is seen there, with nothing beside it",
     "part": "the part in the box, its back included",
     "around": "the region around the click, as nothing there stands on a surface; correct it by clicks, or draw a box",
+    "size": "the next larger or smaller thing there, as the click was made again",
     "region": "the region around the click, by which the boundary moved",
     "frame": "all that is selected in the box",
 }
@@ -84,6 +90,8 @@ class SelectionState:
     """How each mark was understood."""
     cuts: tuple[StrokeCut, ...] = ()
     """Strokes at which a trim cuts."""
+    other_sizes: tuple[SelectionState, ...] = ()
+    """What the last click means if it is made again, and again: the next larger thing, the next smaller one, ..."""
 
     @classmethod
     def nothing(cls, n: int) -> SelectionState:
@@ -124,6 +132,11 @@ class MarkInterpreter:
         self._scene, self._up, self._cameras, self._model = scene, np.array(marks.up), cameras, model
         self._renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
+        self._things: ThingsAtPoints | None = None
+        if len(scene) > LARGEST_LOOK:
+            from gaussian_trimmer.finding.at_point import ThingsAtPoints  # takes a second to import
+
+            self._things = ThingsAtPoints(scene, self._up, self._renderer)
 
     def apply(self, before: SelectionState, mark: Mark) -> SelectionState:
         """The selection after one more mark, whose view is resolved; nothing may remain selected.
@@ -136,6 +149,8 @@ class MarkInterpreter:
             raise InputError(
                 f"Mark {number} changes a selection, but nothing is selected before it; begin with others."
             )
+        if not isinstance(mark, Click):
+            before = replace(before, other_sizes=())
         after, interpretation = self._applied(before, mark, number)
         return replace(after, interpretations=(*before.interpretations, interpretation))
 
@@ -171,7 +186,18 @@ class MarkInterpreter:
 
     def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)
-        if not state.mask.any() or mark.effect == "intersect":
+        first = not state.mask.any() or mark.effect == "intersect"
+        if self._things is not None and not (first and self._model):
+            target = look_at_pixel(view, mark.x, mark.y)
+            seen = np.zeros(len(state.mask), np.float32)
+            seen[rows] = target.seeds
+            if state.other_sizes and mark.effect == "add" and 2 * seen[state.mask].sum() > seen.sum():
+                return replace(state.other_sizes[0], other_sizes=state.other_sizes[1:]), INTERPRETATIONS["size"]
+            things = [mask_of_rows(found, len(seen)) for found in self._things.at(target.point, seen)]
+            if things and (first or _is_meant_whole(things[0], state.mask, mark.effect)):
+                sizes = [replace(state, other_sizes=()).combined(thing, mark.effect) for thing in things]
+                return replace(sizes[0], other_sizes=tuple(sizes[1:])), INTERPRETATIONS["piece"]
+        if first:
             pick = self._interpreted(view, (mark.x, mark.y))
             if pick.kind == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
                 view, rows = replace(view, gaussians=self._scene), np.arange(len(state.mask))

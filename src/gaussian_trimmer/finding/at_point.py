@@ -1,0 +1,76 @@
+"""What stands at one point of a large capture: the finder's look at the tiles around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, zip_longest
+
+import numpy as np
+
+from gaussian_trimmer.cameras import up_frame
+from gaussian_trimmer.finding.agreement import most_agreed_on
+from gaussian_trimmer.finding.find import Looks
+from gaussian_trimmer.finding.judging import FindConfig
+from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile
+from gaussian_trimmer.finding.visible_surface import measure
+from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
+from gaussian_trimmer.planning.storey import Storey, find_storey
+from gaussian_trimmer.rendering import Renderer
+
+_COUNTS = GAUSSIANS_IN_A_TILE[1:]
+"""Gaussians in the tiles around a point: the smaller ones of the finder, for what a click means is seen nearby."""
+_MIN_SEEN = 0.5
+"""Share of what is seen at the point that is of an object there, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThingsAtPoints:
+    """Finds what stands at points of a capture of N Gaussians; what is the same for all points is found once."""
+
+    scene: Gaussians
+    up: Float64Array
+    """The up vector, (3,)."""
+    renderer: Renderer
+
+    def at(self, point: Float64Array, seen: FloatArray) -> list[IntArray]:
+        """Return the objects at a point, the rows of each, ascending.
+
+        The first is the one that the looks agree on most, then come the next larger one, the next smaller one, and so
+        on.
+
+        Args:
+            point: a point on what is meant, (3,).
+            seen: weight of each Gaussian in what is seen there, (N,).
+        """
+        plan, heights, storey = self._plan
+        height, top = float(self.up @ point), storey.head_height
+        if storey.ceiling is not None:
+            top = (height + storey.ceiling) / 2
+        below = heights < top
+        if height >= top or not below.any():
+            return []
+        middle = up_frame(self.up)[:2] @ point
+        distance = np.where(below, np.abs(plan - middle).max(axis=1), np.inf)
+        counts = [min(n, int(below.sum()) - 1) for n in _COUNTS]
+        reach = [float(np.partition(distance, n)[n]) for n in counts]
+        rows = np.flatnonzero(distance <= max(reach))
+        near, looks = self.scene.select(rows), Looks(self.up, FindConfig(), self.renderer).close()
+        tiles = [Tile(middle - r, 2 * r, np.flatnonzero(distance[rows] <= r)) for r in reach]
+        looked = [(tile, look) for tile in tiles if (look := looks.tile(near, tile)) is not None]
+        if not looked:
+            return []
+        measured, weight = measure(near, [look for _, look in looked]), seen[rows] / max(float(seen.sum()), 1e-9)
+        found = [one for tile, look in looked for one in looks.candidates(near, tile, look, measured, top)]
+        found = [one for one in found if weight[one.rows].sum() > _MIN_SEEN]
+        first, *others = [rows[one.rows] for one in most_agreed_on(found, len(rows))] or [rows[:0]]
+        larger = sorted((one for one in others if len(one) > len(first)), key=len)
+        smaller = sorted((one for one in others if len(one) <= len(first)), key=len, reverse=True)
+        in_turn = chain.from_iterable(zip_longest(larger, smaller))
+        return [one for one in (first, *in_turn) if one is not None and len(one)]
+
+    @cached_property
+    def _plan(self) -> tuple[Float64Array, Float64Array, Storey]:
+        """Horizontal coordinates, (N, 2), and heights, (N,), and where floor and ceiling are."""
+        means = self.scene.means.astype(np.float64)
+        return means @ up_frame(self.up)[:2].T, means @ self.up, find_storey(self.scene, self.up)
