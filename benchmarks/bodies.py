@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from gaussian_trimmer.gaussians import Float64Array
 
 RELIEF_SPACING = 0.5
 """Of a ground with relief, relative to that of others, since its slopes are steep."""
+
+MIRRORED_LIGHT = 0.7
 
 Texture = Callable[[Float64Array], Float64Array]
 """Colours (n, 3) of points (n, 3)."""
@@ -30,6 +32,7 @@ class Part:
     """Rotation from its own axes to the world's."""
     relief: Callable[[Float64Array], Float64Array] | None = None
     """Heights (n,) of a ground at positions (n, 2), in place of a shape."""
+    opacity: float = 0.95
 
     def sample(self, spacing: float, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
         """Points of the surface about evenly `spacing` apart, and their normals, (n, 3) each."""
@@ -43,6 +46,16 @@ class Part:
         """Distances of points from the box around it, (n,)."""
         local = (points - self.centre) @ self.turn
         return np.asarray(np.linalg.norm(np.maximum(abs(local) - np.array(self.size) / 2, 0), axis=1))
+
+
+def mirrored(part: Part) -> Part:
+    """What a glossy surface z = 0 shows of a body: itself upside down, darker."""
+    down = np.array([1.0, 1.0, -1.0])
+    x, y, z = part.centre
+    turn = down[:, None] * part.turn * down
+    return replace(
+        part, centre=(x, y, -z), turn=turn, texture=lambda points: MIRRORED_LIGHT * part.texture(points * down)
+    )
 
 
 def _grid(width: float, height: float, spacing: float) -> Float64Array:

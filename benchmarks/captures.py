@@ -3,6 +3,7 @@
     python benchmarks/captures.py refit SCENE OUTPUT --count 8000 [--haze 0.05]
     python benchmarks/captures.py rooms OUTPUT --counts 25000 25000 9000
     python benchmarks/captures.py rooms OUTPUT --rooms gravel lawn --counts 40000 40000
+    python benchmarks/captures.py rooms OUTPUT --rooms glossy turntable --counts 8000 15000 --haze 0.05
 
 `refit` takes a benchmark scene (see benchmark_scenes.py) and lets fewer, larger Gaussians learn the pictures that the
 scene itself shows at its cameras (refits.py); masks, pictures and cameras stay those of the scene. `rooms` does so with
@@ -72,10 +73,20 @@ class FitOptions:
     """How flawed the pictures are, relative to common photographs."""
     seed: int = 0
 
-    def learn(self, scene: Gaussians, cameras: Sequence[Camera], count: int, buried: Gaussians | None) -> Gaussians:
-        """A scene of at most `count` Gaussians that shows what another shows; `buried` ones are some of them."""
+    def learn(
+        self,
+        scene: Gaussians,
+        cameras: Sequence[Camera],
+        count: int,
+        buried: Gaussians | None = None,
+        seen_from: Callable[[Camera], Gaussians] | None = None,
+    ) -> Gaussians:
+        """A scene of at most `count` Gaussians that shows what another shows; `buried` ones are some of them.
+
+        `seen_from` gives what each camera saw; not given: the scene.
+        """
         rng = np.random.default_rng(self.seed)
-        full = photograph(scene, cameras, self.flaws, rng)
+        full = photograph(seen_from or (lambda _: scene), cameras, self.flaws, rng)
         views = [shrunk(view, self.scale) for view in full]
         n_haze, inside = round(self.haze / (1 + self.haze) * count), [buried] if buried is not None else []
         chosen = thinned(scene, views, count - n_haze - sum(map(len, inside)), rng)
@@ -104,7 +115,7 @@ class Refit:
         scene, start = open_scene(self.scene), perf_counter()
         name = self.name or f"{scene.name}_{self.count / 1000:g}k{'_hazy' if self.options.haze else ''}"
         cameras = scene.training_cameras
-        learnt = self.options.learn(scene.gaussians, cameras, self.count, None)
+        learnt = self.options.learn(scene.gaussians, cameras, self.count)
         views = [*cameras, *(camera for camera, _ in scene.test_frames)]
         masks = {thing: {v.name: _bytes(scene.coverage(thing, v.name)) for v in views} for thing in scene.objects}
         near = [camera for camera, far in scene.test_frames if not far]
@@ -121,7 +132,7 @@ class Rooms:
     output: Annotated[Positional[Path], arg(metavar="OUTPUT")]
     """Folder for the captures' folders."""
     rooms: tuple[str, ...] = ("a", "b", "c")
-    """Which rooms; gravel and lawn are grounds with relief and things on them."""
+    """Which rooms; gravel and lawn are grounds with relief; things stand on a glossy table, or on a turntable."""
     counts: tuple[int, ...] = (25_000, 25_000, 9_000)
     """Number of Gaussians of each."""
     suffix: str = ""
@@ -141,11 +152,11 @@ class Rooms:
     def _make(self, letter: str, count: int, folder: Path) -> None:
         start, room = perf_counter(), make_room(letter, self.coarseness, self.picture_scale)
         buried = inside(room, round(BURIED_SHARE * count), np.random.default_rng(self.options.seed))
-        learnt = self.options.learn(room.gaussians, room.training, count, buried)
+        learnt = self.options.learn(room.gaussians, room.training, count, buried, room.seen_from)
         masks: dict[str, dict[str, ByteArray]] = {name: {} for name in room.names}
         pictures = {}
         for camera in (*room.training, *room.test):
-            drawing, shares = draw_with(room.gaussians, camera, room.labels)
+            drawing, shares = draw_with(room.seen_from(camera), camera, room.labels)
             pictures[camera.name] = _bytes(drawing.image[:3].transpose(1, 2, 0))
             for name, share in zip(room.names, shares, strict=True):
                 masks[name][camera.name] = _bytes(share)
@@ -158,7 +169,7 @@ class Rooms:
             rest = make_room(letter, self.coarseness, self.picture_scale, without=name)
             (folder / "removed" / name).mkdir(parents=True)
             for camera in room.test:
-                picture = _bytes(draw(rest.gaussians, camera).image[:3].transpose(1, 2, 0))
+                picture = _bytes(draw(rest.seen_from(camera), camera).image[:3].transpose(1, 2, 0))
                 cv2.imwrite(str(folder / "removed" / name / camera.name), picture[..., ::-1])
         print(_summary(folder, learnt, room.test, tests, perf_counter() - start))
 

@@ -6,7 +6,7 @@ training of a capture, with the rates of 3D Gaussian Splatting, and its Gaussian
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -58,13 +58,15 @@ class View:
     """Colour, premultiplied by alpha, and alpha, (4, H, W)."""
 
 
-def photograph(scene: Gaussians, cameras: Sequence[Camera], flaws: float, rng: np.random.Generator) -> list[View]:
-    """Pictures of a scene, as flawed as photographs are: exposure, white balance, noise, and poses somewhat off."""
+def photograph(
+    seen_from: Callable[[Camera], Gaussians], cameras: Sequence[Camera], flaws: float, rng: np.random.Generator
+) -> list[View]:
+    """Pictures of what each camera saw, as flawed as photographs are: exposure, balance, noise, poses somewhat off."""
     views = []
     for camera in cameras:
         K = camera.K.copy()
         K[:2, 2] += flaws * POSE_PIXELS * rng.normal(size=2)
-        picture = draw(scene, replace(camera, K=K)).image.copy()
+        picture = draw(seen_from(camera), replace(camera, K=K)).image.copy()
         gains = np.exp(flaws * (EXPOSURE * rng.normal() + BALANCE * rng.normal(size=3)))
         picture[:3] *= gains[:, None, None]
         picture[:3] += flaws * NOISE * rng.normal(size=picture[:3].shape)

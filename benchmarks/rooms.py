@@ -1,4 +1,6 @@
-"""Rooms with things at their walls, and things on grounds with relief, covered with small flat Gaussians.
+"""Rooms with things at their walls, and things on grounds with relief, on a glossy table and on a turntable.
+
+All surfaces are covered with small flat Gaussians.
 
 A room's back wall is y = 0, the floor z = 0, and the cameras stand on an arc before the wall; lengths are in metres.
 Light is a shade by the direction of a surface, and a soft shadow around things on walls and floor.
@@ -10,11 +12,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from bodies import Part, Texture, checks, grain, painting, plain
+from bodies import Part, Texture, checks, grain, mirrored, painting, plain
 from scipy.spatial import cKDTree
 
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
-from gaussian_trimmer.gaussians import SH_C0, Float64Array, FloatArray, Gaussians, logit, quaternions_of
+from gaussian_trimmer.gaussians import (
+    SH_C0,
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    Gaussians,
+    logit,
+    quaternions_of,
+    rotation_matrices,
+)
 
 WIDTH, HEIGHT = 504, 378
 FOV_RADIANS = np.radians(66)
@@ -22,8 +33,10 @@ ROOM_SPACING, THING_SPACING = 0.018, 0.012
 FLATNESS = 0.1
 LIGHT = np.array([0.35, 0.8, 0.5]) / np.linalg.norm([0.35, 0.8, 0.5])
 SHADOW_DEPTH, SHADOW_REACH = 0.5, 0.07
-OPACITY = 0.95
 UP = np.array([0.0, 0.0, 1.0])
+TURNED_ABOUT = np.array([0.0, 0.3, 0.0])
+"""Where the cameras look, and about which a turntable turns."""
+TURNTABLE_RADIUS = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +51,20 @@ class Room:
     names: tuple[str, ...]
     training: list[Camera]
     test: list[Camera]
+    standing: BoolArray
+    """Gaussians that do not turn with the things on a turntable, (N,)."""
+
+    def seen_from(self, camera: Camera) -> Gaussians:
+        """The scene as a camera found it: what does not turn is where the first camera saw it, relative to itself."""
+        if not self.standing.any():
+            return self.gaussians
+        angle, first = (np.arctan2(c.centre[1] - TURNED_ABOUT[1], c.centre[0]) for c in (camera, self.training[0]))
+        c, s = np.cos(angle - first), np.sin(angle - first)
+        turn, rest = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), self.standing
+        means, quaternions = self.gaussians.means.copy(), self.gaussians.quaternions.copy()
+        means[rest] = (means[rest] - TURNED_ABOUT) @ turn.T + TURNED_ABOUT
+        quaternions[rest] = quaternions_of(turn @ rotation_matrices(quaternions[rest]))
+        return self.gaussians.replace(means=means, quaternions=quaternions)
 
 
 def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, without: str | None = None) -> Room:
@@ -50,8 +77,10 @@ def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, 
     things = {name: parts for name, parts in things.items() if name != without}
     bodies = [(part, ROOM_SPACING, -1) for part in shell]
     bodies += [(part, THING_SPACING, i) for i, parts in enumerate(things.values()) for part in parts]
+    if letter == "glossy":
+        bodies += [(mirrored(part), THING_SPACING, -1) for parts in things.values() for part in parts]
     solid = [part for parts in things.values() for part in parts]
-    points, normals, colours, spacings, owners = [], [], [], [], []
+    points, normals, colours, spacings, owners, opacities = [], [], [], [], [], []
     for part, spacing, owner in bodies:
         where, facing = part.sample(coarseness * spacing, rng)
         shade = 0.72 + 0.28 * np.maximum(facing @ LIGHT, 0)
@@ -63,11 +92,15 @@ def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, 
         colours.append(part.texture(where) * shade[:, None])
         spacings.append(np.full(len(where), coarseness * spacing))
         owners.append(np.full(len(where), owner))
+        opacities.append(np.full(len(where), part.opacity))
     facing, owner_of = np.concatenate(normals), np.concatenate(owners)
     gaussians = _discs(np.concatenate(points), facing, np.concatenate(colours), np.concatenate(spacings))
+    gaussians = gaussians.replace(opacity_logits=logit(np.concatenate(opacities)))
     labels = (owner_of[:, None] == np.arange(len(things))).astype(np.float32)
     training, test = ([camera.resized(picture_scale) for camera in cameras] for cameras in _cameras(*arc, rng))
-    return Room(gaussians, facing, labels, tuple(things), training, test)
+    far = np.linalg.norm(gaussians.means[:, :2] - TURNED_ABOUT[:2], axis=1) > TURNTABLE_RADIUS
+    standing = far if letter == "turntable" else np.zeros(len(gaussians), np.bool_)
+    return Room(gaussians, facing, labels, tuple(things), training, test, standing)
 
 
 def _discs(points: Float64Array, normals: Float64Array, colours: Float64Array, spacings: Float64Array) -> Gaussians:
@@ -75,7 +108,7 @@ def _discs(points: Float64Array, normals: Float64Array, colours: Float64Array, s
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     frames = np.stack([across, np.cross(normals, across), normals], axis=2)
     scales = 0.65 * spacings[:, None] * [1, 1, FLATNESS]
-    logits = np.full(len(points), logit(np.array(OPACITY)))
+    logits = np.zeros(len(points))
     sh_dc = (np.clip(colours, 0, 1) - 0.5) / SH_C0
     rest = np.zeros((len(points), 3, 0))
     return Gaussians(points, np.log(scales), quaternions_of(frames), logits, sh_dc, rest)  # type: ignore[arg-type]
@@ -301,6 +334,41 @@ def _lawn(rng: np.random.Generator) -> Plan:
     return _on_relief(_ground(blades, 0.42, 0.62, 0.24))
 
 
+def _tea_things() -> dict[str, list[Part]]:
+    """A large teapot, a mug and a tin about (0, 0.3)."""
+    glaze, blue = plain(0.78, 0.75, 0.68), plain(0.2, 0.32, 0.5)
+    slanted = np.array([[0.64, 0, 0.77], [0, 1, 0], [-0.77, 0, 0.64]])
+    teapot = [
+        Part((-0.25, 0.2, 0.29), (0.7, 0.7, 0.58), glaze, "ball"),
+        Part((-0.25, 0.2, 0.02), (0.4, 0.4, 0.04), glaze, "cylinder"),
+        Part((-0.25, 0.2, 0.61), (0.11, 0.11, 0.11), glaze, "ball"),
+        Part((0.17, 0.2, 0.38), (0.1, 0.1, 0.36), glaze, "cylinder", slanted),
+        Part((-0.67, 0.2, 0.31), (0.06, 0.06, 0.36), glaze, "cylinder"),
+        *(Part((-0.61, 0.2, z), (0.16, 0.06, 0.06), glaze) for z in (0.16, 0.46)),
+    ]
+    mug = [
+        Part((0.5, 0.55, 0.2), (0.34, 0.34, 0.4), blue, "cylinder"),
+        Part((0.72, 0.55, 0.2), (0.12, 0.05, 0.22), blue),
+    ]
+    tin = checks((0.7, 0.2, 0.15), (0.8, 0.72, 0.5), 0.12, (2,))
+    return {"teapot": teapot, "mug": mug, "tin": [Part((0.3, -0.3, 0.24), (0.44, 0.3, 0.48), tin)]}
+
+
+def _glossy(rng: np.random.Generator) -> Plan:
+    """Tea things on a dark glossy table, which mirrors them."""
+    table = Part((0, 0.3, 0), (2.4, 2.4, 0), plain(0.09, 0.07, 0.06), opacity=0.35)
+    return [table, Part((0, 0.3, -0.7), (2.4, 2.4, 0), plain(0.05, 0.04, 0.04))], _tea_things(), (-172, 172, 0.0)
+
+
+def _turntable(rng: np.random.Generator) -> Plan:
+    """Tea things on a disc that turns before a camera that does not, in a room with pictures on its walls."""
+    disc = Part((0, 0.3, -0.01), (2.2, 2.2, 0.02), plain(0.55, 0.53, 0.5), "cylinder")
+    floor = Part((0, 0.3, -0.5), (7, 7, 0), grain(0.4, 0.3, 0.22, boards=0.2))
+    walls = [Part((x, 0.3, 0.9), (0, 7, 2.8), painting(abs(x) > 0)) for x in (-3.5, 3.5)]
+    walls += [Part((0, y, 0.9), (7, 0, 2.8), painting(2)) for y in (-3.2, 3.8)]
+    return [disc, floor, *walls], _tea_things(), (-172, 172, 0.0)
+
+
 ROOMS: dict[str, Callable[[np.random.Generator], Plan]] = {
     "a": _room_a,
     "b": _room_b,
@@ -308,4 +376,6 @@ ROOMS: dict[str, Callable[[np.random.Generator], Plan]] = {
     "furnished": _furnished,
     "gravel": _gravel,
     "lawn": _lawn,
+    "glossy": _glossy,
+    "turntable": _turntable,
 }

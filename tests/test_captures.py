@@ -41,7 +41,7 @@ def test_a_scene_is_seen_by_fewer_gaussians_and_haze(root, capsys):
 
 def test_fitting_brings_a_scene_closer_to_the_pictures():
     room, rng = make_room("c", 8.0, 0.2), np.random.default_rng(0)
-    views = photograph(room.gaussians, room.training[::8], 0.0, rng)
+    views = photograph(room.seen_from, room.training[::8], 0.0, rng)
     few = thinned(room.gaussians, views, 200, rng)
     before, after = (
         np.mean([psnr(draw(g, v.camera), v.picture[:3]) for v in views]) for g in (few, fit(few, views, 30, rng))
