@@ -99,22 +99,6 @@ def test_fragments_of_the_object_join_it():
     assert result.count(RowLabel.REMOVED) == 0
 
 
-def test_the_foot_of_a_plinth_in_the_floor_s_colour_stays():
-    rng = np.random.default_rng(0)
-    turn, height = rng.uniform(0, 2 * np.pi, 2200), rng.uniform(0, 1, 2200)
-    side, spread = np.sqrt(rng.uniform(0, 1, 900)), rng.uniform(0, 2 * np.pi, 900)
-    wall = toy.gaussians(
-        np.column_stack([np.cos(turn), np.sin(turn), height]), 0.07, np.where(height[:, None] < 0.2, toy.WHITE, toy.RED)
-    )
-    top = toy.gaussians(np.column_stack([side * np.cos(spread), side * np.sin(spread), np.ones(900)]), 0.07, toy.RED)
-    grid = (np.arange(36) + 0.5) / 36 * 6 - 3
-    floor = np.stack(np.meshgrid(grid, grid, [-0.02], indexing="ij"), -1)
-    scene = concatenate([wall, top, toy.gaussians(floor, (0.11, 0.11, 0.02), toy.WHITE)])
-    result = trim(scene, np.arange(len(scene)) < 3100, config=replace(CONFIG, background="filled"))
-    foot = np.flatnonzero((height > 0.1) & (height < 0.2))
-    assert result.object_mask[foot].mean() > 0.9  # of what is higher than the floor's layer is thick
-
-
 class Holes:
     """A segmenter of silhouettes with a hole of a few pixels around each of some points."""
 

@@ -10,7 +10,7 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntAr
 from gaussian_trimmer.removal.hanging import find_hanging
 from gaussian_trimmer.removal.hidden import find_hidden
 from gaussian_trimmer.removal.inpainting import inpaint_surfaces
-from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, above_all, find_surfaces
+from gaussian_trimmer.removal.surfaces import find_surfaces
 from gaussian_trimmer.removal.views import RemovalViews
 
 NO_SURFACE = "there is no flat surface under or behind the object"
@@ -29,8 +29,6 @@ class Removal:
     """New Gaussians, which continue the surfaces that the object stood on or leaned against."""
     replaced: BoolArray
     """Gaussians that these take the place of, (N,)."""
-    above: BoolArray
-    """Gaussians above the surfaces, (N,)."""
     relight_factor: Float64Array
     """How many times brighter each Gaussian is without the object's shadow, at least 1, (N,)."""
     not_filled: str | None
@@ -60,8 +58,7 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
     not_filled = None if found or not fill else NOT_SEEN if surfaces else NO_SURFACE
     n = len(views.gaussians)
     inpainted, replaced, factor = found or (views.gaussians.select(slice(0)), np.zeros(n, np.bool_), np.ones(n))
-    above = above_all(surfaces, views.gaussians.means, THICKNESS_RADII)
-    return Removal(interior, fragments, inpainted, replaced, above, factor, not_filled, _what_stays(things))
+    return Removal(interior, fragments, inpainted, replaced, factor, not_filled, _what_stays(things))
 
 
 def _what_stays(things: IntArray) -> tuple[str, ...]:

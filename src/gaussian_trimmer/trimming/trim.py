@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.decomposition.halo import prune_halo
 from gaussian_trimmer.gaussians import Gaussians, LabelArray
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
@@ -189,13 +188,6 @@ def _remove(setup: Setup, owner: LabelArray, decision: Decision, number: int) ->
     removal = remove(views, fill=setup.config.background == "filled", with_standing=setup.config.with_what_stands_on_it)
     if removal.not_filled:
         LOG.info("not filled: %s", removal.not_filled)
-    # What was selected and the scene without the object has not is the object's, where the scene shows it so.
-    fragments, left = removal.fragments_of_object, removal.occluded_interior | removal.replaced
-    left &= removal.above & crop.selected & ~crop.excluded & (of_crop == 0) & ~fragments
-    if decision.outline is not None and left.any():
-        parts = replace(decision.parts, members=(of_crop == number) | fragments | left)
-        parts = prune_halo(crop.local, parts, decision.outline, setup.config.evidence.min_in_place)
-        removal = replace(removal, fragments_of_object=fragments | (left & parts.members))
     return removal
 
 
