@@ -296,7 +296,8 @@ def _session() -> Session:
         formats.write(SCENE, Path(folder) / "a.ply")
         session.open(Path(folder) / "a.ply")
     session.do(edits.mark, Sphere((0.0, 0.0, 0.0), 5.0), Box3D((1.0, -5.0, -5.0), (5.0, 5.0, 5.0), effect="remove"))
-    session.do(edits.describe, 1, "mug", (1, 2, 3))
+    session.do(edits.describe, 1, "name", "mug")
+    session.do(edits.describe, 1, "colour", "#010203")
     return session
 
 
