@@ -1,7 +1,7 @@
 """Decide which Gaussians belong to one object: from the plan of the views to the cut at its boundary.
 
-Which rows are the object's is, in turn: a selection of the crop, a probability of each of its Gaussians, masks in views,
-and the members of a `Decomposition`. `resolve_overlaps` makes owners in the scene of the members of all objects,
+Which rows are the object's is, in turn: a selection of the crop, a probability of each of its Gaussians, masks in
+views, and the members of a `Decomposition`. `resolve_overlaps` makes owners in the scene of the members of all objects,
 `assemble_object` the object of those that are its own.
 """
 
