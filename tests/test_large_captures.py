@@ -1,5 +1,6 @@
 """Captures that are walked through: storey, tiles, what tiles agree on, and a furnished room below its ceiling."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import made_room as room
@@ -166,6 +167,17 @@ def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
         assert state.interpretations[-1] == interpretation.INTERPRETATIONS["size"]
     with pytest.raises(InputError):
         interpreter.apply(state, click)
+
+
+def test_other_sizes_are_forgotten_after_a_click_that_corrects(clicks):
+    scene, part, interpreter, click = clicks
+    interpreter._things = SimpleNamespace(at=lambda point, seen: [np.flatnonzero(part == 3), np.flatnonzero(part >= 2)])
+    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    interpreter._things = SimpleNamespace(at=lambda point, seen: [])
+    corrected = interpreter.apply(state, replace(click, effect="remove"))
+    assert state.other_sizes
+    assert not corrected.other_sizes
+    assert corrected.before_click is None
 
 
 def test_other_sizes_are_forgotten_after_another_mark(clicks):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -90,8 +91,10 @@ class SelectionState:
     """How each mark was understood."""
     cuts: tuple[StrokeCut, ...] = ()
     """Strokes at which a trim cuts."""
-    other_sizes: tuple[SelectionState, ...] = ()
-    """What the last click means if it is made again, and again: the next larger thing, the next smaller one, ..."""
+    other_sizes: tuple[IntArray, ...] = ()
+    """Rows of what the last click means if it is made again, and again: the next larger thing, the next smaller one."""
+    before_click: SelectionState | None = None
+    """What was selected before that click; None if it has no other sizes."""
 
     @classmethod
     def nothing(cls, n: int) -> SelectionState:
@@ -149,9 +152,9 @@ class MarkInterpreter:
             raise InputError(
                 f"Mark {number} changes a selection, but nothing is selected before it; begin with others."
             )
-        if not isinstance(mark, Click):
-            before = replace(before, other_sizes=())
         after, interpretation = self._applied(before, mark, number)
+        if not isinstance(mark, Click):
+            after = replace(after, other_sizes=(), before_click=None)
         return replace(after, interpretations=(*before.interpretations, interpretation))
 
     def _applied(self, state: SelectionState, mark: Mark, number: int) -> tuple[SelectionState, str]:
@@ -186,17 +189,18 @@ class MarkInterpreter:
 
     def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)
+        sizes, before = state.other_sizes, state.before_click
+        state = replace(state, other_sizes=(), before_click=None)
         first = not state.mask.any() or mark.effect == "intersect"
         if self._things is not None and not (first and self._model):
             target = look_at_pixel(view, mark.x, mark.y)
             seen = np.zeros(len(state.mask), np.float32)
             seen[rows] = target.seeds
-            if state.other_sizes and mark.effect == "add" and 2 * seen[state.mask].sum() > seen.sum():
-                return replace(state.other_sizes[0], other_sizes=state.other_sizes[1:]), INTERPRETATIONS["size"]
-            things = [mask_of_rows(found, len(seen)) for found in self._things.at(target.point, seen)]
-            if things and (first or _is_meant_whole(things[0], state.mask, mark.effect)):
-                sizes = [replace(state, other_sizes=()).combined(thing, mark.effect) for thing in things]
-                return replace(sizes[0], other_sizes=tuple(sizes[1:])), INTERPRETATIONS["piece"]
+            if before and sizes and mark.effect == "add" and 2 * seen[state.mask].sum() > seen.sum():
+                return _sized(before, sizes, mark.effect), INTERPRETATIONS["size"]
+            things = self._things.at(target.point, seen)
+            if things and (first or _is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, mark.effect)):
+                return _sized(state, things, mark.effect), INTERPRETATIONS["piece"]
         if first:
             pick = self._interpreted(view, (mark.x, mark.y))
             if pick.kind == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
@@ -303,6 +307,12 @@ def apply_marks(
             "No Gaussian is selected after the last mark; check that the cameras, masks and views belong to this scene."
         )
     return state
+
+
+def _sized(before: SelectionState, sizes: Sequence[IntArray], effect: Effect) -> SelectionState:
+    """The state with the first of some things, by their rows; the others come if the click is made again."""
+    after = before.combined(mask_of_rows(sizes[0], len(before.mask)), effect)
+    return replace(after, other_sizes=tuple(sizes[1:]), before_click=before)
 
 
 def _is_meant_whole(piece: BoolArray, selected: BoolArray, effect: Effect) -> bool:
