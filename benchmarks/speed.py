@@ -2,6 +2,7 @@
 
     python benchmarks/speed.py [--against COMMIT] [--data ROOT --objects NAME ...] [--runs 5] [--first-run]
     python benchmarks/speed.py --sections stages kernel threads host [--scene SCENE.ply --selection FILE]
+    python benchmarks/speed.py --sections captures --capture FILE --at X Y Z --reach R --up X Y Z [--against COMMIT]
 
 Whatever is measured runs in a process of its own, one after another, so that nothing is inherited: neither compiled
 code, nor caches, nor memory. The method is described in docs/speed.md.
@@ -22,6 +23,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 import waits
+import whole_captures
 from measures import Case, Record, cuda_device, in_new_process, measure_host, measure_kernel, measure_trim, run_command
 from rich.console import Console
 from rich.table import Table
@@ -35,7 +37,7 @@ from gaussian_trimmer.rendering import RENDERER_CHOICES
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS
 from gaussian_trimmer.selection_files import load_selection
 
-Section = Literal["waits", "stages", "kernel", "threads", "sizes", "host"]
+Section = Literal["waits", "captures", "stages", "kernel", "threads", "sizes", "host"]
 
 
 @dataclass(frozen=True)
@@ -51,15 +53,23 @@ class Arguments:
     objects: tuple[str, ...] = ("mug", "robot")
     """`waits`: a small and a large object of it."""
     against: str = ""
-    """`waits`: a commit with which this version is compared in pairs."""
+    """`waits`, `captures`: a commit with which this version is compared in pairs."""
     first_run: bool = False
     """`waits`: also measure the first run after an installation, in which kernels are compiled."""
+    capture: Path = sample.SCENE
+    """`captures`: splat file of a whole capture."""
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """`captures`: middle of a thing in it."""
+    reach: float = 0.5
+    """`captures`: half the size of the thing, in scene units."""
+    copies: tuple[int, ...] = whole_captures.SIZES
+    """`captures`: numbers of Gaussians of copies of the capture side by side."""
     scene: Path = sample.SCENE
     """Other sections: splat file of the scene."""
     selection: Path = sample.SELECTION
     """Other sections: rough selection of one object in it."""
     up: tuple[float, float, float] | None = None
-    """Other sections: up vector of the scene; not given: found, which takes time too."""
+    """`captures`, other sections: up vector of the scene; not given: found, which takes time too."""
     sizes: tuple[int, ...] = (80_000, 1_000_000, 3_000_000)
     """`sizes`: numbers of Gaussians of enlarged scenes."""
     pixels: tuple[int, ...] = (PlanConfig.size,)
@@ -93,6 +103,16 @@ def waits_section(arguments: Arguments) -> list[Record]:
     chosen = arguments.data, arguments.objects, arguments.runs, arguments.against, left_out
     records = []
     for record in waits.measure(*chosen):
+        print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
+        records.append(record)
+    return records
+
+
+def captures_section(arguments: Arguments) -> list[Record]:
+    up = arguments.up or (0.0, 0.0, 1.0)
+    chosen = arguments.capture, arguments.at, arguments.reach, up, arguments.copies, arguments.runs, arguments.against
+    records = []
+    for record in whole_captures.measure(*chosen):
         print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
         records.append(record)
     return records
@@ -136,6 +156,7 @@ def host_section(arguments: Arguments) -> list[Record]:
 
 SECTIONS: dict[str, Callable[[Arguments], list[Record]]] = {
     "waits": waits_section,
+    "captures": captures_section,
     "stages": stages_section,
     "kernel": kernel_section,
     "threads": threads_section,
@@ -190,10 +211,10 @@ def _version(package: str) -> str:
 
 def _table(section: str, records: Sequence[Record]) -> Table:
     """A row for each wait; in other sections a column for each record, and a row for each figure."""
-    if section == "waits":
+    if section in ("waits", "captures"):
         table = Table(*records[0], title="seconds, and the median ratio of pairs")
         for record in records:
-            table.add_row(*(_cell(name, value) for name, value in record.items()))
+            table.add_row(*(_cell(name, record.get(name, "")) for name in records[0]))
     else:
         table = Table(title=section, show_header=False)
         for name in dict.fromkeys(name for record in records for name in record):

@@ -15,14 +15,19 @@ FULL_SH = 15
 
 
 def tiled(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, BoolArray]:
-    """A scene of n Gaussians with SH degree 3: the scene, and copies of it beside it, none of which is the object.
+    """A scene of n Gaussians with SH degree 3: the scene, and copies of it beside it, none of which is the object."""
+    return copied(_with_full_sh(scene), selection, n)
+
+
+def copied(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, BoolArray]:
+    """A scene of n Gaussians: the scene, and copies of it beside it; the selection is of the first alone.
 
     Copies stand half an extent apart, so nothing changes near the object. Rows of the copies follow each row of the
     original, as the rows of an object are spread over the file of any large scene. The last copies lack rows.
     """
     tiles = -(-n // len(scene))
-    if tiles == 1:
-        return _with_full_sh(scene), selection
+    if tiles <= 1:
+        return scene, selection
     across = int(np.ceil(np.sqrt(tiles)))
     row, tile = np.divmod(np.arange(tiles * len(scene)), tiles)
     surplus = np.random.default_rng(0).choice(np.flatnonzero(tile > 0), len(row) - n, replace=False)
@@ -31,7 +36,7 @@ def tiled(scene: Gaussians, selection: BoolArray, n: int) -> tuple[Gaussians, Bo
     first, second = np.argsort(extents)[:0:-1]
     shift = np.zeros((n, 3), np.float32)
     shift[:, first], shift[:, second] = 1.5 * extents[first] * (tile % across), 1.5 * extents[second] * (tile // across)
-    made = _with_full_sh(scene).select(row)
+    made = scene.select(row)
     return made.replace(means=made.means + shift), selection[row] & (tile == 0)
 
 

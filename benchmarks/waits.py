@@ -205,7 +205,7 @@ def measure(
     root: Path, objects: Sequence[str], runs: int, against: str, left_out: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
     """A record for each task: medians in seconds of this version and the other, and of the ratios of pairs."""
-    with tempfile.TemporaryDirectory(prefix="waits-") as folder, _sources_of(against) as before:
+    with tempfile.TemporaryDirectory(prefix="waits-") as folder, sources_of(against) as before:
         versions = {"before": before, "now": SOURCES} if before else {"now": SOURCES}
         for sources in versions.values():  # compiles the kernels, and those of large objects
             for task in ("command", "click"):
@@ -228,7 +228,7 @@ def measure(
 
 
 @contextmanager
-def _sources_of(commit: str) -> Iterator[Path | None]:
+def sources_of(commit: str) -> Iterator[Path | None]:
     """A folder with the sources of a commit; None for no commit."""
     if not commit:
         yield None

@@ -19,7 +19,7 @@ from gaussian_trimmer import sample
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, coverage_target
 from gaussian_trimmer.decomposition.split_rules import split_plane
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians, logit
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, concatenate, logit
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.output.pictures import (
     BACKDROP,
@@ -74,8 +74,8 @@ def _map(result: TrimResult) -> FloatArray:
     reach = 1.2 * np.linalg.norm(centres - result.bounds.centre, axis=1).max()
     picture = np.ones((SIDE, SIDE, 3), np.float32)
 
-    def at(points: FloatArray) -> np.ndarray:
-        offset = np.asarray(points) - result.bounds.centre
+    def at(points: FloatArray | Float64Array) -> np.ndarray:
+        offset = np.asarray(points, np.float64) - result.bounds.centre
         plane = np.stack([offset @ across, -(offset @ along)], -1)
         return np.asarray(np.round(SIDE * (0.5 + plane / (2 * reach))), np.int64)
 
@@ -116,7 +116,7 @@ def _segmentation(result: TrimResult) -> Picture:
 
 def _evidence(result: TrimResult) -> Picture:
     """What became of each Gaussian: kept, removed or added."""
-    colours = np.tile(np.float32(OTHER), (len(result.scene), 1))
+    colours = np.tile(np.array(OTHER, np.float32), (len(result.scene), 1))
     for label, colour in ((RowLabel.KEPT, KEPT), (RowLabel.ADDED, ADDED)):
         colours[result.only.source_index[result.only.label == label]] = colour
     colours[result.background_source[result.background_label == RowLabel.REMOVED]] = REMOVED
@@ -143,17 +143,19 @@ def _close_up(camera: Camera, bounds: Bounds) -> Camera:
 def _splitting() -> Picture:
     """One Gaussian, and its children on both sides of a plane, each rendered alone, and both together."""
     parent = Gaussians(
-        np.zeros((1, 3), np.float32), np.log(np.float32([[0.36, 0.12, 0.12]])),
-        np.float32([[np.cos(0.25), 0, 0, np.sin(0.25)]]), logit(np.array([0.95])).astype(np.float32),
-        np.float32([[0.2, 0.6, 1.4]]), np.zeros((1, 3, 0), np.float32),
-    )  # fmt: skip
+        means=np.zeros((1, 3), np.float32),
+        log_scales=np.log(np.array([[0.36, 0.12, 0.12]], np.float32)),
+        quaternions=np.array([[np.cos(0.25), 0, 0, np.sin(0.25)]], np.float32),
+        opacity_logits=logit(np.array([0.95])).astype(np.float32),
+        sh_dc=np.array([[0.2, 0.6, 1.4]], np.float32),
+        sh_rest=np.zeros((1, 3, 0), np.float32),
+    )
     inside, outside = split_plane(parent, np.array([[1.0, 0.0, 0.0]]), np.array([0.1]))
     eye = np.array([0.0, 0.0, -2.4])
     camera = Camera(
         look_at(eye, np.zeros(3), np.array([0.0, -1, 0])), intrinsics(np.radians(45), SIDE, SIDE), SIDE, SIDE
     )
-    both = Gaussians(*(np.concatenate([getattr(c, f) for c in (inside, outside)]) for f in (
-        "means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")))  # fmt: skip
+    both = concatenate([inside, outside])
     named = [("parent", parent), ("inside child", inside), ("outside child", outside), ("both children", both)]
     cells = [(name, get_renderer("reference").render(g, camera, BACKDROP).rgb) for name, g in named]
     return row_of_pictures(cells)
@@ -165,9 +167,9 @@ def _refinement(scene: Gaussians, rough: BoolArray, config: gt.TrimConfig) -> Pi
     before = gt.trim(scene, rough, cameras=cameras, config=replace(config, refine="off"))
     after = gt.trim(scene, rough, cameras=cameras, config=config)
     camera = before.views[0].view.camera.resized(SIDE / before.views[0].view.camera.width)
-    (sight,) = OutlineViews([camera], None, before.bounds.radius).look(before.object, before.background)
-    aim = coverage_target(sight)
-    shown = [sight.alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
+    (rendered,) = OutlineViews([camera], None, before.bounds.radius).render(before.object, before.background)
+    aim = coverage_target(rendered)
+    shown = [rendered.alone.image[3], aim.picture[3], draw(after.object, camera).image[3]]
     return row_of_pictures([(name, _grey(a)) for name, a in zip(("before", "aim", "after"), shown, strict=True)])
 
 

@@ -194,6 +194,8 @@ def rounds(chosen: dict[str, Work], folder: Path, numbers: range, seed: int) -> 
                 done[f"{name} not played: no cluster"] += 1
                 continue
             yield f"--seed {seed} --round {number}, {name}: {error}"
+        if (number + 1) % 25 == 0:
+            print(f"{number + 1} rounds", flush=True)
     print("\n".join(f"{count:5} {name}" for name, count in sorted(done.items())))
 
 
