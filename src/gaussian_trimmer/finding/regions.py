@@ -10,16 +10,18 @@ that stand do, the likeliest first, as long as they are rather one thing than tw
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
+import numba
 import numpy as np
 
 from gaussian_trimmer.finding.contacts import Colours, Contacts, one_thing
 from gaussian_trimmer.finding.room_surfaces import Room
 from gaussian_trimmer.finding.visible_surface import VisibleSurface
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.geometry.compiling import CACHE
 from gaussian_trimmer.geometry.components import connected_pairs
 
+_jit = numba.njit(cache=CACHE, nogil=True)
 MIN_AREA = 0.01
 """Smallest area of a thing, in square units."""
 _MIN_FOOT = 1e-4
@@ -48,54 +50,48 @@ class _Partition:
         contact, middle = surface.contact[inner], surface.points[surface.edges[inner]].mean(axis=1)
         self.regions = np.arange(len(free))
         """Number of the region of each Gaussian, (S,)."""
-        self.areas, self.feet = surface.areas, surface.areas * feet
-        """Area of each region, and of its feet, in square units, (R,)."""
-        self.pairs = surface.edges[inner]
+        self.sizes = np.stack([surface.areas, surface.areas * feet], axis=1)
+        """Area of each region, and of its feet, in square units, (R, 2)."""
+        self.pairs = np.ascontiguousarray(surface.edges[inner], np.int64)
         """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
-        moments = np.vstack([np.ones(len(middle)), middle.T, np.einsum("pi,pi->p", middle, middle)])
-        self._links = np.vstack([contact * surface.affinity[inner], contact * moments])
-        """Strength of each link, in units; length of its contact; that times its middle, and the square, (6, P)."""
+        moments = np.column_stack([np.ones(len(middle)), middle, np.einsum("pi,pi->p", middle, middle)])
+        self.links = np.column_stack([contact * surface.affinity[inner], contact[:, None] * moments])
+        """Strength of each link, in units; length of its contact; that times its middle, and the square, (P, 6)."""
         self._renumber(self.regions)
-
-    @property
-    def weight(self) -> Float64Array:
-        """Strength of each link, in units, (P,)."""
-        return np.asarray(self._links[0])
 
     @property
     def size(self) -> Float64Array:
         """Root of the area of the smaller region of each link, in units, (P,)."""
-        return np.asarray(np.sqrt(self.areas[self.pairs].min(axis=1)))
+        return np.asarray(np.sqrt(self.sizes[:, 0][self.pairs].min(axis=1)))
 
     def spread(self, asked: IntArray) -> Float64Array:
         """Standard deviation of the places along some contacts, in units, (A,)."""
-        moments = self._links[2:, asked] / np.maximum(self._links[1, asked], 1e-30)
-        return np.asarray(np.sqrt(np.maximum(moments[3] - np.square(moments[:3]).sum(axis=0), 0)))
+        moments = self.links[asked, 2:] / np.maximum(self.links[asked, 1:2], 1e-30)
+        return np.asarray(np.sqrt(np.maximum(moments[:, 3] - np.square(moments[:, :3]).sum(axis=1), 0)))
 
-    def grow(self, joins: Callable[[_Partition], Float64Array]) -> IntArray:
-        """Join neighbours that are each other's strongest link, until there are none; return the regions, (S,).
+    def settle(self, least: Sequence[float]) -> None:
+        """Join what does not stand by itself, until only links between regions that do, and the weakest, are left.
 
         Args:
-            joins: the strength of each link, zero for regions that may not join, (P,).
+            least: the area, and that of its feet, in square units, that a region which stands by itself exceeds.
         """
         while len(self.pairs):
-            strength = joins(self)
-            mutual = _mutual(self.pairs, strength, len(self.areas))
-            if not mutual.any():
+            strength = _certain_links(self.pairs, self.links, self.sizes, np.array(least, np.float64), _MIN_LINK)
+            if not self.join(strength):
                 break
-            numbers = connected_pairs(len(self.areas), self.pairs[mutual])
+
+    def join(self, strength: Float64Array) -> bool:
+        """Join the regions of links (P,) that are the strongest ones of both, above zero; tell if there are any."""
+        mutual = _mutual(self.pairs, strength, len(self.sizes))
+        if mutual.any():
+            numbers = connected_pairs(len(self.sizes), self.pairs[mutual])
             self.regions = numbers[self.regions]
             self._renumber(numbers)
-        return self.regions
+        return bool(mutual.any())
 
     def _renumber(self, numbers: IntArray) -> None:
         """Give the regions new numbers (R,); the links within one are gone, and those of the same two are summed."""
-        ends = np.sort(numbers[self.pairs], axis=1)
-        across = ends[:, 0] != ends[:, 1]
-        keys, place = np.unique((ends[across, 0] << 32) | ends[across, 1], return_inverse=True)
-        self.pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1)
-        self._links = np.array([np.bincount(place, one[across], len(keys)) for one in self._links])
-        self.areas, self.feet = np.array([np.bincount(numbers, one) for one in (self.areas, self.feet)], np.float64)
+        self.pairs, self.links, self.sizes = _merged(numbers, self.pairs, self.links, self.sizes)
 
 
 def find_regions(
@@ -117,17 +113,12 @@ def find_regions(
     """
     free, colours = ~room.own, Colours(surface)
     by_itself = not room.has_floor and surface.filled > FILLED
+    stands = (_MIN_AREA_BY_ITSELF, -1.0) if by_itself else (MIN_AREA, _MIN_FOOT)
+    partition, found = _Partition(surface, free, room.feet), list[IntArray]()
 
-    def joins(partition: _Partition, level: float) -> Float64Array:
-        stands = (partition.feet > _MIN_FOOT) & (partition.areas > MIN_AREA)
-        if by_itself:
-            stands = partition.areas > _MIN_AREA_BY_ITSELF
-        size, pairs = partition.size, partition.pairs
-        linked, both = partition.weight >= size * _MIN_LINK, stands[pairs].all(axis=1)
-        certain = linked & ~both
-        if certain.any():
-            return np.where(certain, partition.weight / size, 0.0)
-        asked, likely = np.flatnonzero(linked), np.zeros(len(pairs))
+    def likely(level: float) -> Float64Array:
+        pairs, size, likely = partition.pairs, partition.size, np.zeros(len(partition.pairs))
+        asked = np.flatnonzero(partition.links[:, 0] >= size * _MIN_LINK)
         contacts = Contacts(
             partition.regions,
             pairs[asked],
@@ -138,9 +129,12 @@ def find_regions(
         likely[asked] = _OTHER_COLOURS - contacts.accuracy if by_itself else odds(contacts) - level
         return np.maximum(likely, 0.0)
 
-    partition = _Partition(surface, free, room.feet)
-    found = [partition.grow(partial(joins, level=level)) for level in levels]
-    return [_with_borders(surface, room, np.where(free, regions, -1)) for regions in found]
+    for level in levels:
+        partition.settle(stands)
+        while len(partition.pairs) and partition.join(likely(level)):
+            partition.settle(stands)
+        found.append(_with_borders(surface, room, np.where(free, partition.regions, -1)))
+    return found
 
 
 def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
@@ -150,11 +144,9 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     """
     total = float(surface.areas[part].sum())
 
-    def joins(partition: _Partition) -> Float64Array:
-        large = (partition.areas > _LARGE_PART * total)[partition.pairs].all(axis=1)
-        return np.where(large, 0.0, partition.weight / partition.size)
-
-    regions = _Partition(surface, part, part).grow(joins)
+    partition = _Partition(surface, part, part)
+    partition.settle((_LARGE_PART * total, -1.0))
+    regions = partition.regions
     areas = np.bincount(regions[part], surface.areas[part])
     large = np.flatnonzero(areas > _LARGE_PART * total)
     large = large[np.argsort(-areas[large])]
@@ -163,12 +155,62 @@ def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
     return np.where(part, parts[np.minimum(regions, len(parts) - 1)], -1)
 
 
-def _mutual(pairs: IntArray, strength: Float64Array, count: int) -> BoolArray:
-    """Which links are the strongest ones of both of their regions, of so many, and not zero, (P,)."""
-    strongest = np.zeros(count)
-    for end in pairs.T:
-        np.maximum.at(strongest, end, strength)
-    return np.asarray((strength > 0) & (strength >= strongest[pairs].max(axis=1)))
+@_jit
+def _certain_links(pairs, links, sizes, least, weakest):  # type: ignore[no-untyped-def]
+    """Return the strength of links of regions of which one does not stand by itself, relative to the smaller, (P,)."""
+    stands, strength = (sizes > least).sum(axis=1) == 2, np.zeros(len(pairs))
+    for pair in range(len(pairs)):
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        size = np.sqrt(min(sizes[a, 0], sizes[b, 0]))
+        if not (stands[a] and stands[b]) and links[pair, 0] >= weakest * size:
+            strength[pair] = links[pair, 0] / max(size, 1e-30)
+    return strength
+
+
+@_jit
+def _mutual(pairs, strength, count):  # type: ignore[no-untyped-def]
+    """Tell which links are the strongest ones of both of their regions, of so many, and not zero, (P,)."""
+    strongest, mutual = np.zeros(count), np.zeros(len(pairs), np.bool_)
+    for pair in range(len(pairs)):
+        for side in range(2):
+            strongest[pairs[pair, side]] = max(strongest[pairs[pair, side]], strength[pair])
+    for pair in range(len(pairs)):
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        mutual[pair] = strength[pair] > 0 and strength[pair] >= max(strongest[a], strongest[b])
+    return mutual
+
+
+@_jit
+def _merged(numbers, pairs, links, sizes):  # type: ignore[no-untyped-def]
+    """Return pairs, links and sizes of regions by their new numbers (R,): links of the same two are summed."""
+    count = numbers.max() + 1
+    merged_sizes, starts = np.zeros((count, 2)), np.zeros(count + 1, np.int64)
+    for region in range(len(numbers)):
+        for column in range(2):
+            merged_sizes[numbers[region], column] += sizes[region, column]
+    for pair in range(len(pairs)):
+        a, b = numbers[pairs[pair, 0]], numbers[pairs[pair, 1]]
+        starts[min(a, b) + 1] += a != b
+    starts = np.cumsum(starts)
+    order, filled = np.empty(starts[-1], np.int64), starts[:-1].copy()
+    for pair in range(len(pairs)):
+        a, b = numbers[pairs[pair, 0]], numbers[pairs[pair, 1]]
+        if a != b:
+            order[filled[min(a, b)]] = pair
+            filled[min(a, b)] += 1
+    found, place = 0, np.full(count, -1)  # place of the link from the region at hand to each other one
+    merged_pairs, merged_links = np.empty((len(order), 2), np.int64), np.zeros((len(order), links.shape[1]))
+    for region in range(count):
+        first = found
+        for pair in order[starts[region] : starts[region + 1]]:
+            other = max(numbers[pairs[pair, 0]], numbers[pairs[pair, 1]])
+            if place[other] < first:
+                place[other] = found
+                merged_pairs[found, 0], merged_pairs[found, 1] = region, other
+                found += 1
+            for column in range(links.shape[1]):
+                merged_links[place[other], column] += links[pair, column]
+    return merged_pairs[:found].copy(), merged_links[:found].copy(), merged_sizes
 
 
 def _with_borders(surface: VisibleSurface, room: Room, regions: IntArray) -> IntArray:

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from gaussian_trimmer._version import __version__
@@ -21,7 +20,6 @@ from gaussian_trimmer.output.pictures import Picture, as_picture, write_picture
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.overview import drawn_rows
 from gaussian_trimmer.selecting.saved_selection import save_array
-from gaussian_trimmer.views import HALF, bounding_box, box_slices
 
 FOUND_FILES = ("objects.npy", "objects.csv", "objects.json", "object_[0-9]*.png", "plan.png", "index.html", "batch.csv")
 """Patterns of the names of the files; the command adds the last one."""
@@ -29,10 +27,12 @@ _COLUMNS = (
     "id", "name", "sure", "confidence", "kind", "gaussians", "x", "y", "z", "length", "width", "height", "colour",
     "shown", "seen", "why",
 )  # fmt: skip
-_VIEW_PIXELS, _CELL_PIXELS = 960, 240
-"""Longer side of the view that a picture is cut from, and width and height of the picture."""
+_CELL_PIXELS = 240
+"""Width and height of the picture of an object."""
+_END_PERCENTILES = (1, 99)
+"""Percentiles of an object's centres in a picture that are taken for its ends."""
 _MARGIN = 0.25
-"""Border around the object, relative to the larger side of its box."""
+"""Border around the object, relative to the longer side of its box."""
 _DIMMED = 0.35
 """Brightness of what is not the object."""
 _MOST_PICTURES = 100
@@ -101,21 +101,13 @@ def draw_found(found: FoundObjects, one: FoundObject, renderer: Renderer) -> Pic
     view = found.views[one.view]
     rows = np.flatnonzero(found.looked_at)
     rows = rows[drawn_rows(found.scene.means[rows], view)]
-    scene = found.scene.select(rows)
-    camera = view.camera.resized(min(1.0, _VIEW_PIXELS / max(view.camera.width, view.camera.height)))
-    mine = (found.labels[rows] == one.id).astype(np.float32)
-    share = renderer.blend_values(scene, camera, mine[:, None])
-    rgb = renderer.render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED) * np.clip(share, 0, 1))
-    x0, y0, x1, y1 = bounding_box(share[..., 0] > HALF)
-    box = bounding_box(share[..., 0] > HALF, 2 + int(_MARGIN * max(x1 - x0, y1 - y0)))
-    cut = as_picture(np.ascontiguousarray(rgb[box_slices(box)]))
-    scale = _CELL_PIXELS / max(cut.shape[:2])
-    size = max(1, round(cut.shape[1] * scale)), max(1, round(cut.shape[0] * scale))
-    cut = np.asarray(cv2.resize(cut, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR), np.uint8)
-    cell = np.zeros((_CELL_PIXELS, _CELL_PIXELS, 3), np.uint8)
-    top, left = (_CELL_PIXELS - cut.shape[0]) // 2, (_CELL_PIXELS - cut.shape[1]) // 2
-    cell[top : top + cut.shape[0], left : left + cut.shape[1]] = cut
-    return cell
+    scene, mine = found.scene.select(rows), found.labels[rows] == one.id
+    low, high = np.nanpercentile(view.camera.project(scene.means[mine])[0], _END_PERCENTILES, axis=0)
+    half = max(1, round((0.5 + _MARGIN) * float((high - low).max())))
+    x, y = ((low + high) / 2).round().astype(int).tolist()
+    camera = view.camera.part(x - half, y - half, x + half, y + half).resized(_CELL_PIXELS / (2 * half))
+    share = np.clip(renderer.blend_values(scene, camera, mine.astype(np.float32)[:, None]), 0, 1)
+    return as_picture(renderer.render(scene, camera).rgb * (_DIMMED + (1 - _DIMMED) * share))
 
 
 def page(found: FoundObjects, command: Sequence[str], names: Mapping[int, str]) -> str:

@@ -48,10 +48,10 @@ def plan_tiles(plan: Float64Array, count: int) -> Iterator[Tile]:
     """
     side = _side(plan, count)
     cell, origin = side / CELLS, plan.min(axis=0) - side * (1 - STEP / CELLS)
-    cells, place = np.unique(np.floor((plan - origin) / cell).astype(np.int64), axis=0, return_inverse=True)
+    keys, place = np.unique(_cells(plan - origin, cell), return_inverse=True)
     order = np.argsort(place, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(place, minlength=len(cells)))[:-1])
-    rows_of = {(int(x), int(y)): rows for (x, y), rows in zip(cells, groups, strict=True)}
+    groups = np.split(order, np.cumsum(np.bincount(place, minlength=len(keys)))[:-1])
+    rows_of = {(key >> 32, key & 0xFFFFFFFF): rows for key, rows in zip(keys.tolist(), groups, strict=True)}
     steps = [(x // STEP - i, y // STEP - j) for x, y in rows_of for i in range(2) for j in range(2)]
     for x, y in sorted(set(steps)):
         within = [(STEP * x + i, STEP * y + j) for i in range(CELLS) for j in range(CELLS)]
@@ -66,9 +66,15 @@ def _side(plan: Float64Array, count: int) -> float:
     origin = plan.min(axis=0)
     for _ in range(_ROUNDS):
         side = (low + high) / 2
-        cells = np.unique(np.floor((plan - origin) / side).astype(np.int64), axis=0, return_counts=True)[1]
-        mean = float(np.square(cells.astype(np.float64)).sum() / len(plan))
+        within = np.unique(_cells(plan - origin, side), return_counts=True)[1]
+        mean = float(np.square(within.astype(np.float64)).sum() / len(plan))
         low, high = (side, high) if mean < count else (low, side)
         if high - low < 1e-2 * high:
             break
     return high
+
+
+def _cells(places: Float64Array, side: float) -> IntArray:
+    """Number the squares of a grid in which places of the plan (N, 2), not negative, lie, (N,)."""
+    x, y = np.floor(places / side).astype(np.int64).T
+    return np.asarray((x << 32) | y)
