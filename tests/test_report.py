@@ -11,7 +11,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.config import AcceptanceConfig, SplitConfig
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.result import RowLabel
-from gaussian_trimmer.output.saving import LABEL_NAMES, write_results
+from gaussian_trimmer.output.saving import LABEL_NAMES, write_trim
 from gaussian_trimmer.trimming.trim import trim
 
 CONFIG = toy.small_config()
@@ -26,7 +26,7 @@ def trimmed():
 @pytest.fixture(scope="module")
 def written(trimmed, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
-    write_results(trimmed, describe(trimmed, {"scene": "ball.ply"}, {"read": 0.25}), folder)
+    write_trim(trimmed, describe(trimmed, {"scene": "ball.ply"}, {"read": 0.25}), folder)
     return folder
 
 
@@ -104,7 +104,7 @@ def test_the_object_alone_leaves_no_empty_background_file(tmp_path):
     ball = scene.select(truth)
     everything = np.ones(len(ball), np.bool_)
     result = trim(ball, everything, config=toy.small_config(), segmenter=toy.EmptyMasks())
-    write_results(result, {}, tmp_path, ".splat")
+    write_trim(result, {}, tmp_path, ".splat")
     assert sorted(path.name for path in tmp_path.glob("*.splat")) == ["object.splat"]
 
 

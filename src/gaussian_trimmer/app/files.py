@@ -29,7 +29,7 @@ from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.output.engines import placement_for
 from gaussian_trimmer.output.html.viewer import export_viewer
-from gaussian_trimmer.output.report import file_stems
+from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.output.saving import RESULTS, result_files, suffix_of, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
@@ -188,7 +188,7 @@ def save(
             progress=progress,
         )
         progress("write")
-        write_trim(result, results, suffix, _description(now, together))
+        write_trim(result, describe(result, _description(now, together), suffix=suffix), results, suffix)
         stems = file_stems((part.id, part.name) for part in result.objects).values()
         for part, stem in zip(parts, stems, strict=True):
             file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"

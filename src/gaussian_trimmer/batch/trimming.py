@@ -21,7 +21,7 @@ from gaussian_trimmer.errors import FolderInUseError, InputError, printable, use
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.output.report import describe
 from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.output.saving import write_results
+from gaussian_trimmer.output.saving import write_trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
@@ -189,7 +189,7 @@ def _write(result: TrimResult, item: Item, mark: str, folder: Path) -> Outcome:
         up_confidence=report["up"]["confidence"],
         fingerprint=mark,
     )
-    write_results(result, report, folder, item.suffix, background=item.background)
+    write_trim(result, report, folder, item.suffix, background=item.background)
     write_finished(outcome, folder)
     return outcome
 

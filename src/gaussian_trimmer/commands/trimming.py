@@ -32,7 +32,7 @@ from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.output.html.report_page import REPORT, sentence_of
-from gaussian_trimmer.output.report import object_entries
+from gaussian_trimmer.output.report import describe, object_entries
 from gaussian_trimmer.output.result import title_of
 from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views, visible_share
@@ -200,7 +200,8 @@ class TrimRun:
         if rough.marks is not None:
             write_marks(rough.marks, part / MARKS)
             inputs["marks"] = MARKS
-        report = write_trim(result, part, self.suffix, inputs, seconds, html=pages.html)
+        report = describe(result, inputs, seconds, self.suffix)
+        write_trim(result, report, part, self.suffix, html=pages.html)
         pages.write_viewer(result, self.folder, part)
         placing, said = self.results.placing, list[str]()
         if placing.wished:

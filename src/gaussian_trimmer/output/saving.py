@@ -52,43 +52,20 @@ def save(
     folder, suffix = Path(folder), suffix_of(format or "ply")
     names = result_files(suffix, several=len(result.objects) > 1, html=html)
     with atomic_folder(folder, RESULTS, names=names, overwrite=overwrite) as part:
-        write_trim(result, part, suffix, html=html)
+        write_trim(result, describe(result, suffix=suffix), part, suffix, html=html)
     return folder
 
 
 def write_trim(
     result: TrimResult,
+    report: Mapping[str, Any],
     folder: Path,
-    suffix: str,
-    inputs: Mapping[str, Any] | None = None,
-    seconds: Mapping[str, float] | None = None,
+    suffix: str = ".ply",
     *,
+    background: bool = True,
     html: bool = False,
-) -> dict[str, Any]:
-    """Write everything into an existing folder, and return the report.
-
-    Args:
-        result: the trim.
-        folder: where to write.
-        suffix: ending of the splat files, one of `formats.FORMATS`.
-        inputs: where the scene, the selection and so on came from, as JSON holds it.
-        seconds: time taken outside the trimmer, by stage.
-        html: also write `report.html`.
-
-    Raises:
-        InputError: a file cannot be written, or the format cannot hold the Gaussians.
-    """
-    report = describe(result, inputs, seconds, suffix)
-    write_results(result, report, folder, suffix)
-    if html:
-        write_report_page(result, report, folder)
-    return report
-
-
-def write_results(
-    result: TrimResult, report: Mapping[str, Any], folder: Path, suffix: str = ".ply", *, background: bool = True
 ) -> None:
-    """Write everything but the page into an existing folder.
+    """Write everything into an existing folder.
 
     Args:
         result: the trim.
@@ -97,6 +74,7 @@ def write_results(
         suffix: ending of the splat files, one of `formats.FORMATS`.
         background: write the background too, which is nearly as large as the scene. Without a single Gaussian, as an
             object that was given alone can leave it, it is not written.
+        html: also write `report.html`.
 
     Raises:
         InputError: a file cannot be written, or the format cannot hold the Gaussians.
@@ -113,6 +91,8 @@ def write_results(
         files += [partial(_write_view, view, i, folder / "views") for i, view in enumerate(result.views)]
     for _ in parallel_map(lambda write: write(), files):
         pass
+    if html:
+        write_report_page(result, report, folder)
 
 
 def result_files(suffix: str, *, several: bool = False, html: bool = False) -> tuple[str, ...]:

@@ -7,27 +7,29 @@ views, and the members of a `Decomposition`. `resolve_overlaps` makes owners in 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.alpha_targets import OutlineViews
+from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.decomposition.evidence import vote
 from gaussian_trimmer.decomposition.halo import prune_halo
 from gaussian_trimmer.decomposition.splitting import Decomposition, split_straddlers
 from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray
+from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
+from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.scene_crop import SceneCrop
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
-from gaussian_trimmer.segmentation.segmenters import mask_source_of
+from gaussian_trimmer.segmentation.segmenters import knows_outlines, mask_source_of
 from gaussian_trimmer.segmentation.view_rendering import complete_views, render_crop
 from gaussian_trimmer.trimming.arguments import RoughObject
 from gaussian_trimmer.trimming.clock import Clock
 from gaussian_trimmer.trimming.crop import crop_scene
-from gaussian_trimmer.trimming.outline import outline_views
 from gaussian_trimmer.trimming.plugin_checks import segment
 from gaussian_trimmer.trimming.setup import Setup
 from gaussian_trimmer.views import HALF, TrimmedView, without_pictures
@@ -102,7 +104,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
         parts = vote(crop.shown, parts, crop.selected, probability, views, renderer, config.evidence)
     with clock("prune"):
         plane = crop.support_plane(parts.members, renderings.visible, config.label_crf.support_plane)
-        outline = outline_views(setup, crop, accepted, plane)
+        outline = _outline_views(setup, crop, accepted, plane)
         if config.evidence.min_in_place > 0:
             parts = prune_halo(crop.local, parts, outline, config.evidence.min_in_place)
     refused = excessive_loss(
@@ -129,3 +131,24 @@ def _excluded(setup: Setup, rough: RoughObject) -> BoolArray:
     none = np.zeros(len(setup.scene), np.bool_)
     from_all, from_it = (none if mask is None else mask for mask in (setup.excluded, rough.excluded))
     return from_all | from_it
+
+
+def _outline_views(
+    setup: Setup, crop: SceneCrop, accepted: Sequence[TrimmedView], plane: SupportPlane | None
+) -> OutlineViews:
+    """Small views of an object: from several heights, or cut out of the views of given cameras.
+
+    The masks of given cameras are known if they know more of the object's outline than the scene does.
+    """
+    settings, bounds, masks = setup.config.refinement, crop.bounds, None
+    if setup.view_cameras:
+        close = [close_up_of(trimmed.view.camera, bounds, settings.size) for trimmed in accepted]
+        cameras = [camera for camera, _ in close]
+        if knows_outlines(setup.segmenter):
+            masks = [resized_mask(v.mask[part], camera) for v, (camera, part) in zip(accepted, close, strict=True)]
+    else:
+        known = training_cameras(setup.cameras)
+        cameras = views_at_heights(bounds, crop.cameras, known, settings.views, settings.size)
+    # What lies deeper below the middle of the plane's layer than the layer is thick is below the ground.
+    ground = None if plane is None else replace(plane.plane, offset=plane.plane.offset - 2 * plane.thickness)
+    return OutlineViews(cameras, masks, bounds.radius, ground, crop.occluders)
