@@ -15,7 +15,7 @@ from rich.console import Console
 from gaussian_trimmer.batch.manifest import write_manifest
 from gaussian_trimmer.commands.console import print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
-from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
+from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.editing import chosen_objects
 from gaussian_trimmer.finding.find import find_objects
@@ -124,7 +124,7 @@ class Objects:
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
         numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
         masks = {int(name) if numbered else name: mask for name, mask in chosen.items()}
-        self._run_of(self.trim, folder, list(masks)).run(console, lambda: RoughObjects(scene, cameras, masks))
+        self._run_of(self.trim, folder, list(masks)).run(console, lambda: TrimInputs(scene, cameras, masks))
 
     def _run_of(self, folder: Path, found: Path, chosen: list[int | str]) -> TrimRun:
         """Return the trim of the chosen objects together."""

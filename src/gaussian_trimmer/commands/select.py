@@ -16,7 +16,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.console import print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
-from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
+from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
@@ -127,7 +127,7 @@ class Select:
             source=path,
         )
 
-    def _select(self, console: Console) -> RoughObjects:
+    def _select(self, console: Console) -> TrimInputs:
         """Make the selection and save it; returns it, and what it was made from."""
         scene, cameras = self.inputs.read(self.options, console)
         if self.object_ids:
@@ -136,7 +136,7 @@ class Select:
                 raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
             save_array(labels, self.selection_path)
             console.print(f"{self.selection_path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
-            return RoughObjects(scene, cameras, {THE_OBJECT: labels != 0})
+            return TrimInputs(scene, cameras, {THE_OBJECT: labels != 0})
         up = find_up(scene, cameras, self.options.config.up)
         print_up(console, up)
         marks, model = self._resolved(scene, cameras, up), self.options.promptable_model()
@@ -146,7 +146,7 @@ class Select:
         console.print(
             f"{self.selection_path}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {understood}"
         )
-        return RoughObjects(scene, cameras, {THE_OBJECT: made}, marks=made.marks)
+        return TrimInputs(scene, cameras, {THE_OBJECT: made}, marks=made.marks)
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""

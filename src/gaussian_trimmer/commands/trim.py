@@ -15,7 +15,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.replay import inputs_of_report
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
-from gaussian_trimmer.commands.trimming import ResultOptions, RoughObjects, TrimRun
+from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.config import check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -138,7 +138,7 @@ class Trim:
                 "give --labels a folder of masks whose pixels are ids."
             )
 
-    def _read(self, console: Console) -> RoughObjects:
+    def _read(self, console: Console) -> TrimInputs:
         scene, cameras = self._scene_inputs().read(self.options, console)
         if self.labels is None:
             selection, removed, made = self._selected(scene, cameras, console)
@@ -154,9 +154,9 @@ class Trim:
                 what = "the selection" if self.labels is None else f"object {number}"
                 raise InputError(f"Nothing is left of {what}, since --exclude takes all of it; leave a file out.")
         if made is None:
-            return RoughObjects(scene, cameras, left, others | removed)
+            return TrimInputs(scene, cameras, left, others | removed)
         cut = replace(made, mask=left[THE_OBJECT])
-        return RoughObjects(scene, cameras, {THE_OBJECT: cut}, others | removed, made.marks)
+        return TrimInputs(scene, cameras, {THE_OBJECT: cut}, others | removed, made.marks)
 
     def _selected(
         self, scene: Gaussians, cameras: CameraSet | None, console: Console

@@ -90,7 +90,7 @@ class ResultOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class RoughObjects:
+class TrimInputs:
     """What is read before a trim: a scene, and its objects as they were selected."""
 
     scene: Gaussians
@@ -121,7 +121,7 @@ class TrimRun:
     several: bool = False
     """Objects have ids or names, also if there is but one."""
 
-    def run(self, console: Console, read: Callable[[], RoughObjects]) -> int:
+    def run(self, console: Console, read: Callable[[], TrimInputs]) -> int:
         """Trim and write the results; return the exit code, 3 where nothing was trimmed.
 
         Args:
@@ -172,7 +172,7 @@ class TrimRun:
     def _write(
         self,
         part: Path,
-        rough: RoughObjects,
+        rough: TrimInputs,
         seconds: dict[str, float],
         stage: Callable[[str], None],
         console: Console,
@@ -224,7 +224,7 @@ class TrimRun:
         }  # fmt: skip
 
     def _photo_views(
-        self, rough: RoughObjects, photos: Path, segmenter: Segmenter, renderer: Renderer
+        self, rough: TrimInputs, photos: Path, segmenter: Segmenter, renderer: Renderer
     ) -> tuple[list[Camera], Segmenter]:
         """Return crops of the training pictures that show the object best, and the segmenter that is shown these."""
         if rough.cameras is None or hasattr(segmenter, "own_cameras"):

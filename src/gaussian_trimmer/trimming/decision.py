@@ -55,7 +55,7 @@ class Decision:
     """Time taken by each stage."""
 
     @property
-    def candidates(self) -> IntArray:
+    def considered(self) -> IntArray:
         """Scene rows, ascending, of all Gaussians that could be the object's."""
         return self.rough.rows if self.parts is None else self.crop.rows
 
@@ -66,7 +66,7 @@ class Decision:
 
     def owned(self, owner: LabelArray, number: int) -> IntArray:
         """Return scene rows, ascending, of those that it gets, by the number of each Gaussian's object, (N,)."""
-        return np.asarray(self.candidates[owner[self.candidates] == number])
+        return np.asarray(self.considered[owner[self.considered] == number])
 
     def without_pictures(self) -> Decision:
         """The same in little memory: neither Gaussians nor pixels are kept."""
@@ -77,10 +77,10 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     """Decide which Gaussians belong to an object as if it were the only one."""
     config, renderer, segmenter = setup.config, setup.renderer, setup.segmenter
     with clock("plan"):
-        plan = _plan(setup, rough)
-    crop = plan.crop
-    if plan.refused:
-        return plan
+        decision = _plan(setup, rough)
+    crop = decision.crop
+    if decision.refused:
+        return decision
     with clock("render"):
         renderings = render_crop(crop, renderer)
     with clock("correct"):
@@ -92,10 +92,10 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
         masks = segment(segmenter, unsegmented, crop.shown, renderer, lambda part: clock.part(f"segment {part}"))
         judged = mask_source_of(segmenter) != "labels"
         views = check_masks(unsegmented, masks, config.acceptance, judged)
-    plan = replace(plan, views=tuple(views))
+    decision = replace(decision, views=tuple(views))
     refused = rejection(views, config.acceptance)
     if refused:
-        return replace(plan, refused=refused)
+        return replace(decision, refused=refused)
     accepted = [view for view in views if not view.rejected]
     with clock("split"):
         candidates = crop.selected | (probability > HALF)
@@ -110,7 +110,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     refused = excessive_loss(
         crop.selected, parts.members, renderings.visible, renderings.visible_alone, config.acceptance
     )
-    return replace(plan, refused=refused) if refused else replace(plan, outline=outline, parts=parts)
+    return replace(decision, refused=refused) if refused else replace(decision, outline=outline, parts=parts)
 
 
 def _plan(setup: Setup, rough: RoughObject) -> Decision:
