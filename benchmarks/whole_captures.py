@@ -81,7 +81,7 @@ def read(wait: Wait) -> dict[str, float]:
 def click(wait: Wait) -> dict[str, float]:
     scene = gt.read(wait.scene)
     mark = gt.marks.Click(_WIDTH // 2, _HEIGHT // 2, wait.view())
-    return _measured(lambda: gt.select(scene, [mark], up=wait.up))
+    return _measured(lambda: gt.select(scene, [mark], up=wait.up), warm_runs=3)
 
 
 def box(wait: Wait) -> dict[str, float]:
@@ -89,7 +89,7 @@ def box(wait: Wait) -> dict[str, float]:
     half = int(0.5 * _HEIGHT / np.tan(_FIELD_OF_VIEW / 2) / _STAND_OFF)
     x, y = _WIDTH // 2, _HEIGHT // 2
     mark = gt.marks.Box(x - half, y - half, x + half, y + half, wait.view())
-    return _measured(lambda: gt.select(scene, [mark], up=wait.up))
+    return _measured(lambda: gt.select(scene, [mark], up=wait.up), warm_runs=3)
 
 
 def _near(scene: Any, wait: Wait, reach: float) -> Any:
@@ -181,6 +181,7 @@ def _record(task: str, size: int, figures: dict[str, list[dict[str, float]]]) ->
 
 def _in_process(wait: Wait, sources: Path) -> dict[str, float]:
     environment = {**os.environ, "PYTHONPATH": str(sources / "src"), "OPENBLAS_NUM_THREADS": "1"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     command = [sys.executable, __file__, json.dumps(asdict(wait))]
     done = subprocess.run(command, env=environment, capture_output=True, check=False)
     if done.returncode and sources == SOURCES:

@@ -268,14 +268,19 @@ def mask_of_rows(rows: IntArray, n: int) -> BoolArray:
 
 def rotation_matrices(quaternions: FloatArray) -> Float64Array:
     """Rotation matrices of (w, x, y, z) quaternions of any non-zero length, (N, 3, 3), in float64."""
-    q = quaternions.astype(np.float64)
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    w, x, y, z = quaternions.T.astype(np.float64)
+    length = np.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / length, x / length, y / length, z / length
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    rotations = np.empty((len(quaternions), 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            rotations[:, i, j] = entry
+    return rotations
 
 
 def ellipsoid_points(gaussians: Gaussians) -> Float64Array:

@@ -15,7 +15,7 @@ from gaussian_trimmer.finding.judging import FindConfig
 from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile
 from gaussian_trimmer.finding.visible_surface import measure
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
-from gaussian_trimmer.planning.storey import Storey, find_storey
+from gaussian_trimmer.planning.storey import Storey, find_storey, sampled
 from gaussian_trimmer.rendering import Renderer
 
 _COUNTS = GAUSSIANS_IN_A_TILE[1:]
@@ -73,4 +73,4 @@ class ThingsAtPoints:
     def _plan(self) -> tuple[Float64Array, Float64Array, Storey]:
         """Horizontal coordinates, (N, 2), and heights, (N,), and where floor and ceiling are."""
         means = self.scene.means.astype(np.float64)
-        return means @ up_frame(self.up)[:2].T, means @ self.up, find_storey(self.scene, self.up)
+        return means @ up_frame(self.up)[:2].T, means @ self.up, find_storey(sampled(self.scene), self.up)

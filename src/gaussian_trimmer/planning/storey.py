@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaussian_trimmer.cameras import up_frame
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, rotation_matrices
+from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, mask_of_rows, rotation_matrices
 
 _MAX_TILT_COSINE, _MAX_THICKNESS = 0.9, 0.5
 """Cosine of the tilt of a horizontal Gaussian, and its largest thickness relative to its width."""
@@ -83,10 +83,10 @@ def sampled(scene: Gaussians) -> Gaussians:
 def _is_horizontal(scene: Gaussians, up: Float64Array) -> BoolArray:
     """Find flat Gaussians that lie horizontally, (N,)."""
     scales = np.sort(scene.log_scales, axis=1)
-    thinnest = np.argmin(scene.log_scales, axis=1)
-    normals = rotation_matrices(scene.quaternions)[np.arange(len(scene)), :, thinnest]
-    is_flat = scales[:, 0] < scales[:, 1] + np.log(_MAX_THICKNESS)
-    return np.asarray(is_flat & (np.abs(normals @ up) > _MAX_TILT_COSINE))
+    flat = np.flatnonzero(scales[:, 0] < scales[:, 1] + np.log(_MAX_THICKNESS))
+    thinnest = np.argmin(scene.log_scales[flat], axis=1)
+    normals = rotation_matrices(scene.quaternions[flat])[np.arange(len(flat)), :, thinnest]
+    return mask_of_rows(flat[np.abs(normals @ up) > _MAX_TILT_COSINE], len(scene))
 
 
 def _covered_cells(points: Float64Array, low: float, bin_height: float) -> tuple[IntArray, float]:
