@@ -7,7 +7,7 @@ import pytest
 import toy
 
 from gaussian_trimmer.cameras import Camera, CameraSet, intrinsics, look_at
-from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.checked_sides import checked_sides, shrunk_side
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.trimming.trim import trim
 
@@ -61,3 +61,15 @@ def test_directions_that_no_training_camera_saw_are_not_judged():
     assert found.degrees == 60
     assert found.verdict(found.middle) == ""
     assert found.verdict(found.middle + 180) == "no photograph from here"
+
+
+def test_the_side_is_named_from_which_much_of_a_selection_was_taken():
+    part = trim(SCENE, TRUTH, config=toy.small_config()).only
+    positions = SCENE.means[part.selected_rows]
+    heights = positions @ part.bounds.axes[2]
+    foot = heights < np.quantile(heights, 0.15)
+    assert "at its foot" in shrunk_side(part, positions, foot)
+    assert "at its top" in shrunk_side(part, positions, heights > np.quantile(heights, 0.85))
+    assert shrunk_side(part, positions, np.zeros_like(foot)) is None
+    assert shrunk_side(part, positions, foot & (np.arange(len(foot)) % 4 == 0)) is None
+    assert shrunk_side(replace(part, refused="bad"), positions, foot) is None

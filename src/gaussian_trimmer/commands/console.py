@@ -125,6 +125,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
         table.add_row("  cut", f"{counts['cut']:,} at the outline{split}")
     floaters = f", {counts['floaters']:,} of them far away" if counts["floaters"] else ""
     table.add_row("  removed", f"{counts['removed']:,}{floaters}")
+    if report["shrunk_side"]:
+        table.add_row("  smaller by", report["shrunk_side"])
     if counts["discarded"]:
         table.add_row("  discarded", f"{counts['discarded']:,}, in neither file")
     table.add_row("added", f"{counts['added']:,} that the selection had missed")

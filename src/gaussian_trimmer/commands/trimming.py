@@ -52,7 +52,7 @@ _USUAL_PHOTOS = 8
 NOTHING_TRIMMED = 3
 """Exit code where the inputs could be read, but the selections were written unchanged."""
 _LISTED = 4
-_NOT_DONE = {"not_fitted": "Not fitted", "not_filled": "Not filled in"}
+_SAID = {"shrunk_side": "Smaller", "not_fitted": "Not fitted", "not_filled": "Not filled in"}
 MARKS = "selection.json"
 """Name of the file of marks among the results."""
 
@@ -263,8 +263,8 @@ def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) 
         numbers = counts | entry.get("counts", {})
         said = f"{entry['gaussians']:,} Gaussians. {sentence_of(numbers)}."
         said = f"not trimmed: {entry['refused']}" if entry["refused"] else said
-        for name in ("not_fitted", "not_filled"):
-            said += f" {_NOT_DONE[name]}: {entry[name]}." if entry[name] else ""
+        for name, heading in _SAID.items():
+            said += f" {heading}: {entry[name]}." if entry[name] else ""
         console.print(f"{title_of(entry['name'])}: {said}")
     console.print(
         f"{len(entries)} objects, {sum(entry['gaussians'] for entry in entries):,} Gaussians; "

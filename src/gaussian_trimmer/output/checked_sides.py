@@ -1,4 +1,4 @@
-"""From which sides a trim was judged, and from which it was not: what no accepted view shows is nobody's promise."""
+"""From which sides a trim was judged, and from which it was not, and from which side much of a selection was taken."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray
+from gaussian_trimmer.gaussians import BoolArray, FloatArray
 from gaussian_trimmer.output.result import TrimmedObject
 from gaussian_trimmer.planning.observed_angles import cameras_that_see, observed_angles
 from gaussian_trimmer.planning.outline_views import angles_around
@@ -20,6 +20,12 @@ _MAX_PITCH_DEGREES = 80.0
 """Pitch in degrees beyond which a view shows the top or the underside, and no side."""
 _ALL_AROUND_DEGREES = 350
 """Degrees from which on nothing is called unseen."""
+_SHRUNK_SHARE, _SHRUNK_LEAST = 0.3, 0.05
+"""Share of a side's selected Gaussians, and of all that are selected, from which on it is said that they are gone."""
+_SIDES = ("at 0 degrees", "at 180 degrees", "at 90 degrees", "at 270 degrees", "at its top", "at its foot")
+"""The ends of the axes of an object's bounds; degrees of yaw as in the pictures."""
+_FAR_OFF = 2.0
+"""Half extents from the centre beyond which Gaussians are of no side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +100,25 @@ def checked_sides(part: TrimmedObject, cameras: Sequence[Camera]) -> CheckedSide
         observed = (degrees - np.degrees(first)) % 360 <= np.degrees(span)
     heights = tuple(float(pitch) for pitch in np.unique(np.round(pitches[accepted], 1)))
     return CheckedSides((apart <= reach).any(axis=1) & observed, observed, heights)
+
+
+def shrunk_side(part: TrimmedObject, positions: FloatArray, gone: BoolArray) -> str | None:
+    """Say from which side of an object most of its selection was taken, without a full stop; None if from none.
+
+    Args:
+        part: the object.
+        positions: centres of the selected Gaussians, (C, 3).
+        gone: which of them are neither in it nor in another object, (C,).
+    """
+    local = (positions - part.bounds.centre) @ part.bounds.axes.T / np.maximum(part.bounds.half_extents, 1e-12)
+    axis, near = np.abs(local).argmax(axis=1), np.abs(local).max(axis=1) < _FAR_OFF
+    side = 2 * axis + (np.take_along_axis(local, axis[:, None], 1)[:, 0] < 0)
+    total, lost = (np.bincount(side[near & rows], minlength=len(_SIDES)) for rows in (np.ones_like(gone), gone))
+    shrunk = (lost >= _SHRUNK_SHARE * total) & (lost >= _SHRUNK_LEAST * len(gone)) & (lost > 0)
+    if part.refused or not shrunk.any():
+        return None
+    most = int(np.argmax(lost * shrunk))
+    return f"{lost[most]:,} of {total[most]:,} selected Gaussians {_SIDES[most]} are not in the object"
 
 
 def _runs(flags: BoolArray) -> list[list[int]]:

@@ -12,7 +12,7 @@ from gaussian_trimmer._version import __version__
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import LabelArray
 from gaussian_trimmer.io.names import safe_file_name
-from gaussian_trimmer.output.checked_sides import checked_sides
+from gaussian_trimmer.output.checked_sides import checked_sides, shrunk_side
 from gaussian_trimmer.output.result import THE_OBJECT, RowLabel, TrimmedObject, TrimResult
 
 
@@ -71,6 +71,7 @@ def object_entries(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray) -> dict[str, Any]:
     """What the report says of one object."""
+    chosen = part.selected_rows
     return {
         "up": {
             "direction": part.up.direction.tolist(),
@@ -92,6 +93,7 @@ def _describe_object(result: TrimResult, part: TrimmedObject, labels: LabelArray
             for view in part.views
         ],
         "checked": checked_sides(part, result.cameras).as_json(),
+        "shrunk_side": shrunk_side(part, result.scene.means[chosen], labels[chosen] == 0),
         "refused": part.refused or None,
         "not_fitted": part.not_fitted or None,
         "not_filled": part.not_filled or None,
