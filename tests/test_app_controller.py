@@ -342,7 +342,7 @@ def test_home_and_f_without_a_selection_look_as_at_first_and_what_is_cut_out_is_
     finally:
         del app.jobs.view.look
     home, also, selected, cut_out = looked
-    assert home == also == (view, *app._first_look())
+    assert home == also == (view, *app._start)
     for whole, (_, eye, target) in ((BALL.radius, selected), (toy.RADIUS, cut_out)):
         assert np.allclose(target, toy.CENTRE, atol=0.2)
         height = 2 * whole / np.linalg.norm(np.subtract(eye, target)) / (2 * np.tan(0.4))
@@ -410,6 +410,57 @@ def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_
         assert running.session.now is before and "--" not in said and not any(map(str.isdigit, said))
     gesture(running, controls.BOX, (0.48, 0.4), (0.6, 0.6), effect="remove")
     assert 0 < running.session.now.object.n_selected < before.object.n_selected  # a plain rectangle
+
+
+def test_the_tolerance_dragged_after_a_click_makes_it_again_by_colour(running, tmp_path):
+    steps = np.linspace(-2, 2, 81)
+    wall = toy.CENTRE + np.stack(np.meshgrid(steps, [0.0], steps, indexing="ij"), -1).reshape(-1, 3)
+    colours = np.where(np.abs(wall[:, :1] - 1.2) < 0.6, (0.1, 0.7, 0.1), toy.RED)
+    colours[np.abs(wall[:, 0]) > 1.85] = (0.85, 0.1, 0.1)
+    formats.write(toy.gaussians(wall, (0.05, 0.02, 0.05), colours), tmp_path / "wall.ply")
+    open_scene(running, tmp_path / "wall.ply")
+    session, tolerance, taken = running.session, running.panels.tolerance, []
+    gesture(running, controls.CLICK, (0.5, 0.5))
+    for percent in (3, 100, 3):
+        tolerance.enter(percent, tab(running))
+        finish(running)
+        taken.append(session.now.object.selected.mask)
+    red = (np.abs(colours - toy.RED).max(axis=1) < 0.03) & (wall[:, 0] < 1)
+    assert np.array_equal(taken[0], red) and np.array_equal(taken[2], red) and taken[1].all()
+    assert len(session.now.object.marks) == 1
+    act(running.step, "Undo")  # one step, whatever was dragged
+    assert not session.now.object.n_selected
+    before = session.now
+    tolerance.enter(50, tab(running))
+    finish(running)
+    assert session.now is before  # there is no click to make again
+
+
+def test_in_the_mode_replace_a_mark_without_a_key_begins_anew(app):
+    mark(app, FLOOR)
+    app.panels.effect.value = controls.ANEW
+    gesture(app, controls.CLICK, (0.5, 0.5))
+    only = app.session.now.object.selected.mask
+    assert not (only & app.session.now.applied(app.session.now.nothing(), [TINY]).mask).any()
+    mark(app, TINY)
+    gesture(app, controls.CLICK, (0.5, 0.5), effect="add")
+    assert app.session.now.object.n_selected > np.count_nonzero(only)
+
+
+def test_the_rest_is_a_ghost_that_can_be_marked_while_a_key_is_held(app):
+    mark(app, BALL)
+    act(app.cut_out)
+    before = app.session.now.object
+    gesture(app, controls.LASSO, *EVERYWHERE, effect="add")
+    assert app.session.now.object is before  # what is not shown is not reached
+    act(app.haunt, None, on=True)
+    splats = app.jobs.presenter.painter().paint(app.session.now, app.panels.showing)
+    faint = splats.opacities[:, 0] < 0.2
+    assert 0 < faint.sum() < len(splats) and np.allclose(splats.colours[faint], 0.5)
+    gesture(app, controls.LASSO, *EVERYWHERE, effect="add")
+    assert app.session.now.object.n_selected > before.n_selected
+    act(app.haunt, None, on=False)
+    assert not app.panels.showing.ghost
 
 
 def test_a_click_on_another_objects_thing_goes_on_with_that_object(app):
@@ -511,11 +562,11 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
     assert len(formats.read(tmp_path / "object.ply")) == len(app.session.now.object.fresh.object)
     with zipfile.ZipFile(io.BytesIO(view.sent["my_ball.zip"])) as archive:
         assert {"my_ball/object.ply", "my_ball/report.json", "my_ball/selection.json"} <= set(archive.namelist())
-    panels.upright.value = True
+    panels.program.value = "three.js"
     download(OBJECT)
-    panels.upright.value = False
-    (tmp_path / "upright.ply").write_bytes(view.sent["my_ball.ply"])
-    means = formats.read(tmp_path / "upright.ply").means
+    panels.program.value = controls.AS_IT_LIES
+    (tmp_path / "upright.spz").write_bytes(view.sent["my_ball.spz"])  # what the program reads
+    means = formats.read(tmp_path / "upright.spz").means
     assert abs(np.quantile(means[:, 1], 0.01)) < 0.01 and np.median(means[:, 1]) > 0.5
 
     panels.folder.value = str(tmp_path / "out")

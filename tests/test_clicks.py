@@ -20,7 +20,7 @@ from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click, select_by_box, select_by_click
-from gaussian_trimmer.selecting.marks import Click
+from gaussian_trimmer.selecting.marks import Box3D, Click, Viewpoint
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
 from gaussian_trimmer.selecting.select import select
@@ -193,6 +193,18 @@ def test_what_is_seen_alone_is_what_a_click_means_where_nothing_stands():
     assert toy.jaccard(pick.selection, np.linalg.norm(ball.means - toy.CENTRE, axis=1) < 1.5) > 0.95
     near = select_around_click(ViewedScene(ball, toy.camera_at((1.6, 0, 1)), toy.UP, RENDERER), 100, 100).selection
     assert 0 < near.sum() < 0.7 * pick.selection.sum()
+
+
+def test_a_click_made_again_on_a_part_of_what_is_seen_alone_takes_all_of_it():
+    scene, truth = toy.ball_on_floor()
+    ball = scene.select(np.flatnonzero(truth))
+    view = Viewpoint(toy.camera_at((5, 0, 3)))
+    click = Click(*map(int, pixel_of(view.camera, (0.9, 0, 1.3))), view)
+    part = Box3D((-2, -2, 1.0), (2, 2, 3), "world")
+    assert select(ball, [part]).mask.mean() < 0.9
+    assert select(ball, [part, click]).mask.mean() > 0.95
+    with pytest.raises(InputError, match="already"):
+        select(scene, [part, click], up=toy.UP)
 
 
 def test_nearer_surface_comes_first():

@@ -15,8 +15,10 @@ from gaussian_trimmer.finding.judging import Verdict
 from gaussian_trimmer.finding.tiles import plan_tiles
 from gaussian_trimmer.finding.visible_surface import NothingShowsError
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning.standing import stand_in_rooms
 from gaussian_trimmer.planning.storey import find_storey
 from gaussian_trimmer.planning.up_vector import up_from_layers
+from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import interpretation
 from gaussian_trimmer.selecting.marks import Click, Grow, Marks, Viewpoint
 
@@ -50,8 +52,17 @@ def test_the_storey_turns_and_scales_with_the_scene():
     assert find_storey(larger, UP).head_height == pytest.approx(130, abs=3)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_person_stands_in_a_room_between_floor_and_ceiling_and_nowhere_outdoors():
+    inside = concatenate([room.floor(), ceiling(2.6), *furniture()])
+    eye, target = stand_in_rooms(inside, UP, get_renderer("numba"))
+    storey, ways = find_storey(inside, UP), inside.means[:, :2]
+    assert storey.floor < eye[2] < storey.ceiling and target[2] < eye[2]
+    assert (ways.min(axis=0) < eye[:2]).all() and (eye[:2] < ways.max(axis=0)).all()
+    assert stand_in_rooms(toy.ball_on_floor()[0], UP, get_renderer("numba")) is None
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
 def test_up_is_found_in_a_room_between_its_floor_and_ceiling(axis, sign):
     """Turned by whole axes: the floor is the end that the furniture is near."""
     scene = concatenate([room.floor(), ceiling(2.6), *furniture()])

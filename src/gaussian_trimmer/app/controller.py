@@ -41,6 +41,8 @@ class Controller:
         self._files, self._presenter, self._view = jobs.files, jobs.presenter, jobs.view
         self.tools = Tools(jobs.session, jobs.panels, jobs.view, jobs.do)
         jobs.page.drawn, jobs.page.changed_object = self.tools.heard, self.change_object
+        self._start: tuple[Point, Point] = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        """From where the scene was looked at first, and at which point."""
         self._doubted: TrimResult | None = None
         self._doubts: Iterator[tuple[str, Float64Array]] = iter(())
         self._connect()
@@ -120,7 +122,7 @@ class Controller:
 
         def work() -> str:
             if whole or not self.session.now.object.n_selected:
-                self._view.look(client, *self._first_look())
+                self._view.look(client, *self._start)
             else:
                 self._look_at_object(client)
             return self.panels.status_text
@@ -149,6 +151,12 @@ class Controller:
         """Show the other state in place of what is shown, or no longer."""
         self.jobs.do("Comparing", lambda: self._presenter.compare(on=on))
 
+    def haunt(self, client: Any, *, on: bool) -> None:
+        """Show what is not the object's as a ghost beside it, to be marked, or no longer."""
+        self.panels.ghost = on
+        if self.panels.part.value == files.OBJECT:
+            self.refresh()
+
     def choose_next(self, control: Control, client: Any = None) -> None:
         """Take the next option of a control."""
         control.choose_next()
@@ -171,8 +179,8 @@ class Controller:
 
     def download(self, what: str, client: Any) -> None:
         """Send one of `files.DOWNLOADS` to a tab."""
-        ending, upright = self.panels.ending, self.panels.upright.value
-        self.jobs.do("Saving", lambda: self._files.download(what, ending, client, upright=upright))
+        ending, engine = self.panels.ending, self.panels.engine
+        self.jobs.do("Saving", lambda: self._files.download(what, ending, client, engine))
 
     def receive(self, name: str, content: bytes, client: Any) -> None:
         """Take a file that was dropped or chosen, for what it is; a part of the open scene is a selection of it."""
@@ -196,10 +204,7 @@ class Controller:
     def _load_or_open(self, path: Path, client: Any) -> str:
         """Take splats as a selection where they are a part of the open scene, and open them otherwise."""
         with suppress(InputError):
-            now, n = self.session.now, len(formats.read(path))
-            loaded = edits.load(now, path) if n < len(now.document.scene) else None
-            if loaded is not None and loaded.after.object.n_selected == n:
-                return self.session.do(lambda now: loaded)
+            return self.session.do(edits.load, path, whole=True)
         self._open(str(path), "", client)
         return self.panels.status_text
 
@@ -249,10 +254,6 @@ class Controller:
 
         self.jobs.do("Turning", work, Event.STEPPED)
 
-    def _first_look(self) -> tuple[Point, Point]:
-        document = self.session.document
-        return first_look(document.scene, document.cameras, self.session.now.up.direction)
-
     def _look_at_object(self, client: Any) -> None:
         now = self.session.now
         cut_out = now.object.fresh
@@ -261,9 +262,11 @@ class Controller:
 
     def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
-        self._view.show_up(self.session.now.up.direction)
+        document, up = self.session.document, self.session.now.up.direction
+        self._view.show_up(up)
+        self._start = first_look(document.scene, document.cameras, up, document.renderer)
         for client in (None, *self.jobs.server.get_clients().values()):
-            self._view.look(client, *self._first_look())
+            self._view.look(client, *self._start)
 
     def _connect(self) -> None:
         """Have the controls do what they say."""
@@ -271,6 +274,7 @@ class Controller:
         controls.tool.on_change(self.tools.begin_job)
         controls.part.on_change(lambda tab: self.show_part(controls.part.value, tab))
         controls.up.on_change(self._set_up)
+        controls.tolerance.on_change(self.tools.tolerate)
         for control in (controls.when, controls.colours, controls.backdrop, controls.views):
             control.on_change(self.refresh)
         self.jobs.upload.on_upload(
@@ -297,6 +301,9 @@ class Controller:
             Action("First view", partial(self.focus, whole=True), "Home, Shift+F"),
             *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", panels.PARTS, strict=True)),
             Action("Compare, while held", partial(self.compare, on=True), "Space", partial(self.compare, on=False)),
+            Action(
+                "The rest as a ghost, while held", partial(self.haunt, on=True), "Shift", partial(self.haunt, on=False)
+            ),
             Action("Own colours, objects, changes", partial(self.choose_next, controls.colours), "V"),
             Action("Hide the object", self.hide, "H"),
             Action("Show all", lambda tab: do("Changing", lambda: self.session.do(edits.show_all), Event.STEPPED), "U"),

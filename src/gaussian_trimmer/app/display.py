@@ -18,6 +18,8 @@ from gaussian_trimmer.rendering.reference import view_colours
 
 _TINT_SHARE = 0.6
 """Share of the object's colour in that of a selected Gaussian."""
+_GHOST_SHARE = np.float32(0.15)
+"""Share of the opacity of what is a ghost."""
 REMOVED, ADDED, CUT, MADE_UP = (222, 60, 40), (20, 180, 100), (60, 130, 230), (245, 225, 60)
 """Colours of changes."""
 _MADE_UP, _PART_OUTSIDE = -1, -2
@@ -84,10 +86,13 @@ class Painter:
             tints = [(owner == place, marked.colour) for place, marked in enumerate(now.objects)]
         else:
             tints = list(_changes(now, splats)) if showing.colours == "changes" else []
-        colours = splats.colours.copy()
+        colours, opacities = splats.colours.copy(), splats.opacities
+        if showing.ghost:
+            rest = (splats.rows >= 0) & (_owners(now, after)[splats.rows] != now.active)
+            colours[rest], opacities = 0.5, np.where(rest[:, None], _GHOST_SHARE * opacities, opacities)
         for mine, colour in tints:
             colours[mine] = (1 - _TINT_SHARE) * colours[mine] + _TINT_SHARE * np.array(colour, np.float32) / 255
-        return replace(splats, colours=colours)
+        return replace(splats, colours=colours, opacities=opacities)
 
     def _splats(self, visible: BoolArray, eye: Camera | None) -> Splats:
         """Return what is shown of the visible Gaussians of the scene, (N,)."""
@@ -143,7 +148,7 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     """Return which Gaussians of the scene are to be seen, whole or as what a trim has in their place, (N,)."""
     after = showing.when == "after"
     owner = _owners(now, after)
-    if showing.part == "object":
+    if showing.part == "object" and not showing.ghost:
         corrected = now.object.fresh is not None and now.object.before is not None  # what a mark removed is gone
         removed = changed_rows(now.object)[1] if showing.colours == "changes" and not corrected else False
         return np.asarray((owner == now.active) | removed)

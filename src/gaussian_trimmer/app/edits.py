@@ -25,6 +25,7 @@ from gaussian_trimmer.selecting.interpretation import INTERPRETATIONS, Selection
 from gaussian_trimmer.selecting.marks import Effect, FromFile, Mark, Point, Rows, point_of
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.row_packing import pack_rows
+from gaussian_trimmer.selection_files.row_matching import MATCH_NOTHING
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.views import HALF
 
@@ -41,7 +42,7 @@ class Change(NamedTuple):
     """What was done, for the user."""
 
 
-def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None) -> Change:
+def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None, anew: bool = False) -> Change:
     """Mark the active object.
 
     Args:
@@ -49,10 +50,12 @@ def mark(now: Snapshot, *marks: Mark, among: BoolArray | None = None) -> Change:
         marks: what to select, in order.
         among: Gaussians that may change, (N,), all if they are not given; those of objects that are locked or hidden
             never do. What else would change is put back by further marks.
+        anew: in place of the marks before.
 
     Raises:
         InputError: a mark is not possible, it changes nothing, or after it nothing is selected.
     """
+    now = clear(now).after if anew else now
     before = now.object
     if not before.n_selected and getattr(marks[0], "effect", "remove") != "add":
         raise InputError("Nothing is selected yet, so nothing can be removed or kept; mark with the mode 'Add' first.")
@@ -95,8 +98,10 @@ def clear(now: Snapshot) -> Change:
     return Change(now.with_object(now.object.marked((), now.nothing()), "clear"), "Cleared.")
 
 
-def load(now: Snapshot, path: Path) -> Change:
+def load(now: Snapshot, path: Path, *, whole: bool = False) -> Change:
     """Replace the active object's marks by a selection file of any kind, or by saved marks.
+
+    With `whole`, all that it holds has to be in the scene.
 
     Raises:
         InputError: the file cannot be read, does not fit the scene, or selects nothing.
@@ -115,7 +120,7 @@ def load(now: Snapshot, path: Path) -> Change:
             basis = replace(now.basis, up=given.up, photographed_from=places)
             now = replace(now, up=up, basis=basis).understood_anew(now.last)
     selected = now.applied(now.nothing(), marks)
-    if not selected.mask.any():
+    if not selected.mask.any() or (whole and MATCH_NOTHING in selected.interpretations[-1]):
         raise InputError(f"'{path}' selects nothing in this scene.")
     loaded = now.object.marked(marks, selected)
     sentence = f"{loaded.n_selected:,} Gaussians selected: {'; '.join(selected.interpretations)}."

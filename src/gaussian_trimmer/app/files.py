@@ -27,7 +27,7 @@ from gaussian_trimmer.app.snapshots import MarkedObject, Snapshot
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
-from gaussian_trimmer.output.engines import placement_for
+from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
@@ -122,12 +122,13 @@ class Files:
         else:
             self._autosave.unlink(missing_ok=True)
 
-    def download(self, what: str, format: str | None, client: Any, *, upright: bool = False) -> str:
-        """Send one of `DOWNLOADS` to the browser; upright: with the object's foot at the origin and y up."""
+    def download(self, what: str, format: str | None, client: Any, engine: EngineName | None = None) -> str:
+        """Send one of `DOWNLOADS` to the browser; for an engine, with the object upright and its foot at the origin."""
         now = self._session.now
         result, name = fresh_result(now), safe_file_name(now.object.name)
         with TemporaryDirectory() as folder:
-            target = Target(Path(folder) / name, format)
+            target = Target(Path(folder) / name, format or (engine and ENGINES[engine].reads[0]))
+            suffix = target.suffix(now.document)
             if what == ALL_FILES:
                 save(now, target)
                 path = _zipped(target.folder)
@@ -135,10 +136,10 @@ class Files:
                 path = Path(folder) / f"{name}.html"
                 export_viewer(result, path)
             else:
-                path = Path(folder) / f"{'' if what == OBJECT else 'without_'}{name}{target.suffix(now.document)}"
+                path = Path(folder) / f"{'' if what == OBJECT else 'without_'}{name}{suffix}"
                 gaussians = result.object if what == OBJECT else result.background
-                if upright:
-                    gaussians = placement_for(result.object, result.up.direction, engine="three").apply(gaussians)
+                if engine:
+                    gaussians = placement_for(result.object, result.up.direction, engine=engine).apply(gaussians)
                 formats.write(gaussians, path)
             data = path.read_bytes()
         client.send_file_download(path.name, data, save_immediately=True)

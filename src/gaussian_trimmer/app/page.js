@@ -31,7 +31,7 @@
     shape("circle", { fill: "none", stroke: "#fff", "stroke-width": 1.5 }),
   ];
   // Beside the pointer: whether what is marked is added, removed or kept.
-  const SIGNS = { shift: "+", ctrl: "\u2212", both: "\u2229", Add: "+", Remove: "\u2212", "Keep only": "\u2229" };
+  const SIGNS = { shift: "+", ctrl: "\u2212", both: "\u2229", Add: "+", Remove: "\u2212", "Keep only": "\u2229", Replace: "=" };
   const sign = shape("text", { fill: "#fff", style: "font:600 18px sans-serif;paint-order:stroke;stroke:#000;stroke-width:3px" });
   document.getElementById("gesture-overlay")?.remove();
   document.body.append(overlay);

@@ -13,13 +13,14 @@ from gaussian_trimmer.app.page import Control, Page
 from gaussian_trimmer.app.showing import Colouring, Part, Showing, When
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.io.names import safe_file_name
+from gaussian_trimmer.output.engines import ENGINES, EngineName
 from gaussian_trimmer.selecting.marks import Effect, Point, point_of
 
 TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "3D box")
 LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
 POINTS = "Up by 3 points"
-ADD, REMOVE, KEEP_ONLY = "Add", "Remove", "Keep only"
-EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect"}
+ADD, REMOVE, KEEP_ONLY, ANEW = "Add", "Remove", "Keep only", "Replace"
+EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect", ANEW: "add"}
 EVERYTHING = "Everything"
 PARTS: dict[str, Part] = {EVERYTHING: "both", OBJECT: "object", WITHOUT: "background"}
 SELECTION, CUT_OUT = "Selection", "Cut-out"
@@ -45,7 +46,7 @@ _TRIM_OPTIONS = {
     "fill": "Continue the surface",
 }
 """Names of the settings in `TrimChoices`."""
-AS_SCENE = "as the scene"
+AS_SCENE, AS_IT_LIES = "as the scene", "as it lies in the scene"
 KEEP, REPLACE = "Keep", "Replace"
 HINTS = {
     LOOK: "Drag to turn, right-drag to move, wheel to zoom.",
@@ -79,6 +80,9 @@ class Panels:
         self.effect, self.reach = choice("Mode", tuple(EFFECTS)), choice("Reach", (SURFACE, THROUGH))
         self.taking = choice("Take by", (FOOTPRINT, CENTRES))
         self.brush = Control(page, "Brush radius", 24, limits=(3, 200))
+        self.tolerance = Control(page, "Tolerance", 0, limits=(0, 100))
+        self.ghost = False
+        """Whether the rest is seen through while the object is shown."""
         self.part, self.when = choice("Show", tuple(PARTS)), choice("Trim", tuple(WHENS))
         self.colours, self.backdrop = choice("Colours", tuple(COLOURS)), choice("Backdrop", tuple(BACKDROPS))
         self.showing = Showing()
@@ -87,7 +91,7 @@ class Panels:
         self._trim = {option: Control(page, name, True) for option, name in _TRIM_OPTIONS.items()}
         self.views = Control(page, "Virtual cameras", False)
         self.format = choice("Format", (AS_SCENE, *(name.lstrip(".") for name in formats.FORMATS)))
-        self.upright = Control(page, "Upright at the origin", False)
+        self.program = choice("For", (AS_IT_LIES, *(each.name for each in ENGINES.values())))
         self.folder, self.existing = Control(page, "Folder", ""), choice("Earlier results", (KEEP, REPLACE))
         self.command = Control(page, "The same by command", "")
         self.say(_WELCOME)
@@ -109,9 +113,15 @@ class Panels:
         return None if self.format.value == AS_SCENE else self.format.value
 
     @property
+    def engine(self) -> EngineName | None:
+        """The program for which objects are put upright at the origin; None: they stay where they are."""
+        return next((name for name, each in ENGINES.items() if each.name == self.program.value), None)
+
+    @property
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
-        return Showing(PARTS[self.part.value], WHENS[self.when.value], COLOURS[self.colours.value])
+        part = PARTS[self.part.value]
+        return Showing(part, WHENS[self.when.value], COLOURS[self.colours.value], self.ghost and part == "object")
 
     @showing.setter
     def showing(self, showing: Showing) -> None:
@@ -125,7 +135,7 @@ class Panels:
     def start_afresh(self) -> None:
         """Forget what was chosen and entered for the scene before."""
         self.tool.value, self.effect.value, self.reach.value, self.existing.value = LOOK, ADD, SURFACE, KEEP
-        self.taking.value = FOOTPRINT
+        self.taking.value, self.tolerance.value = FOOTPRINT, 0
         self.folder.value = self.selection_path.value = self.command.value = ""
 
     def say(self, text: str, *, wrong: bool = False) -> None:

@@ -22,6 +22,8 @@ class Showing:
     """The selection, or the cut-out; an object that has not been cut out is shown as it is selected."""
     colours: Colouring = "objects"
     """Those of the scene, the objects tinted, or what was changed tinted: by the trim, or else by the last marks."""
+    ghost: bool = False
+    """With the object, the rest is there, grey and seen through, and can be marked."""
 
 
 class Event(Enum):

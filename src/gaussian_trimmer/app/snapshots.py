@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -216,10 +217,8 @@ class Snapshot:
         Raises:
             InputError: a mark is not possible.
         """
-        document = self.document
-        selector = MarkInterpreter(document.scene, self.basis, cameras=document.cameras, renderer=document.renderer)
         for mark in marks:
-            selected = selector.apply(selected, mark)
+            selected = _interpreter(self.document, self.basis).apply(selected, mark)
         return selected
 
     def selection_of(self, part: MarkedObject) -> SelectionResult:
@@ -247,3 +246,9 @@ class Snapshot:
             return free[0]
         mean = np.median(np.clip(0.5 + SH_C0 * self.document.scene.sh_dc[own], 0, 1), axis=0) * 255
         return max(free, key=lambda colour: float(np.linalg.norm(mean - colour)))
+
+
+@lru_cache(maxsize=1)
+def _interpreter(document: Document, basis: Marks) -> MarkInterpreter:
+    """Return what understands marks; in a large capture, what it has found out about floors is kept for the next."""
+    return MarkInterpreter(document.scene, basis, cameras=document.cameras, renderer=document.renderer)

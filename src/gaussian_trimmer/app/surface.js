@@ -22,6 +22,7 @@
   const DRAWN = ["Box", "Lasso", "Polygon", "Brush"];
   const SETTINGS = {
     Mode: ["Click", ...DRAWN, "3D box"], Reach: DRAWN, "Take by": DRAWN, "Brush radius": ["Brush"],
+    Tolerance: ["Click"],
   };
   const CHANGES = { "#14b464": "added", "#de3c28": "removed", "#3c82e6": "cut at the outline", "#f5e13c": "made up" };
   const BACKDROPS = { Black: "#000", Grey: "#777", White: "#fff", Checker: "repeating-conic-gradient(#969696 0 25%, #696969 0 50%) 0/10px 10px" };
@@ -29,7 +30,7 @@
     ["", [["!Cut out"], ["Find objects", "New object", "Show all"], [list]]],
     ["Save", [
       ["Download", "Download: Object", "Download: Scene without it", "Download: Everything", "Download: Web page"],
-      ["=Format"], ["=Upright at the origin"], ["=Folder"], ["=Earlier results"], ["Save in this folder"],
+      ["=Format"], ["=For"], ["=Folder"], ["=Earlier results"], ["Save in this folder"],
       ["Cut out and save all objects"], ["=The same by command"],
     ]],
     ["File", [
@@ -83,7 +84,7 @@
 
   function control(parent, name, state) {
     const { value, options, limits } = state.controls[name];
-    if (options && name !== "Format") {
+    if (options && !["Format", "For"].includes(name)) {
       const group = make(parent, "div", { className: "gt-choice", role: "group", ariaLabel: name });
       if (name in SETTINGS || parent.closest("#gt-panel")) make(group, "label", {}, name);
       for (const option of options.filter((each) => each !== "Up by 3 points"))

@@ -14,6 +14,7 @@ from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.panels import (
     ADD,
+    ANEW,
     BOX,
     BOX3D,
     BRUSH,
@@ -31,7 +32,7 @@ from gaussian_trimmer.app.panels import (
 )
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.showing import Event
+from gaussian_trimmer.app.showing import Event, Showing
 from gaussian_trimmer.app.viewpoints import (
     Place,
     before_what_shows,
@@ -89,6 +90,8 @@ class Tools:
     def __init__(self, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
         self._session, self._panels, self._view, self._do = session, panels, view, do
         self._corners: list[Point] = []
+        self._clicked: tuple[tuple[Mark, ...], Click | None] = ((), None)
+        """The marks after the last click, and that click."""
 
     def choose(self, tool: str, client: Any) -> None:
         """Take another tool."""
@@ -183,7 +186,24 @@ class Tools:
         if other is not None and gesture.effect is None and effect == "add":
             return self._session.do(edits.activate, other, joined=True)
         x, y = pixel_at(view, place)
-        return self._mark(Click(x, y, self._past_hidden(view, [place]), effect))
+        tolerance = self._panels.tolerance.value / 100
+        return self._mark(Click(x, y, self._past_hidden(view, [place]), effect, tolerance), gesture)
+
+    def tolerate(self, client: Any) -> None:
+        """Make the last click again with the tolerance that is chosen, if nothing was done after it."""
+
+        def work() -> str:
+            tolerance, (marks, click) = self._panels.tolerance.value / 100, self._clicked
+            if click is None or self._session.now.object.marks is not marks or click.tolerance == tolerance:
+                return self._panels.status_text
+            self._session.undo()
+            try:
+                return self._mark(replace(click, tolerance=tolerance))
+            except InputError:
+                self._session.redo()
+                raise
+
+        self._do("Marking", work, Event.MARKED)
 
     def _other_at(self, view: Viewpoint, place: Place) -> int | None:
         """Return the number of another object that has most of what shows at a place; None if none has."""
@@ -205,7 +225,8 @@ class Tools:
             places = [(float(x), float(y)) for x in across for y in down]
             with suppress(NothingFoundError):
                 return self._mark(
-                    Box(*box_at(view, low, high), self._past_hidden(view, places), self._effect(gesture.effect))
+                    Box(*box_at(view, low, high), self._past_hidden(view, places), self._effect(gesture.effect)),
+                    gesture,
                 )
         corners = (low, (high[0], low[1]), high, (low[0], high[1]))
         return self._draw(view, replace(gesture, places=corners))
@@ -217,7 +238,9 @@ class Tools:
         through, by_centres = controls.reach.value == THROUGH, controls.taking.value == CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
-        if now.object.fresh is not None and (controls.showing.part, controls.showing.when) == ("object", "after"):
+        if now.object.fresh is not None and replace(controls.showing, colours="own") == Showing(
+            "object", "after", "own"
+        ):
             rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
         taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
@@ -225,7 +248,7 @@ class Tools:
             raise InputError("Nothing that is shown is there; draw over what you see.")
         whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
         packed = pack_rows(mask_of_rows(whole, len(now.document.scene)))
-        return self._mark(Rows(packed, gesture.tool.lower(), effect, stroke if cuts else None))
+        return self._mark(Rows(packed, gesture.tool.lower(), effect, stroke if cuts else None), gesture)
 
     def _corner(self, view: Viewpoint, gesture: Gesture) -> str:
         self._corners.append(self._surface_point(view, gesture.places[0]))
@@ -250,8 +273,12 @@ class Tools:
 
         self._do("Marking", work, Event.MARKED)
 
-    def _mark(self, mark: Mark) -> str:
-        sentence = self._session.do(edits.mark, mark, among=markable_rows(self._session.now, self._panels.showing))
+    def _mark(self, mark: Mark, gesture: Gesture | None = None) -> str:
+        """Make a mark; what was drawn without a key replaces the selection where the mode says so."""
+        anew = self._panels.effect.value == ANEW and gesture is not None and gesture.effect is None
+        among = markable_rows(self._session.now, self._panels.showing)
+        sentence = self._session.do(edits.mark, mark, among=among, anew=anew)
+        self._clicked = self._session.now.object.marks, mark if isinstance(mark, Click) else None
         if self._panels.effect.value == KEEP_ONLY:  # else the next mark would keep nothing
             self._panels.effect.value = ADD
         return sentence

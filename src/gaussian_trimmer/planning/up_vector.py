@@ -33,7 +33,7 @@ _MIN_AGREEMENT = 0.5
 _MIN_LEAD = 0.6
 """Confidence, one less the area of the largest level layer along another axis relative to it, from which on one is a
 floor."""
-_MIN_FLOOR = 0.05
+MIN_FLOOR = 0.05
 """Share of the plan that a floor covers at least."""
 
 # Ground plane
@@ -149,7 +149,7 @@ def up_from_layers(gaussians: Gaussians) -> UpVector | None:
     areas = np.array([storey.area for storey in found])
     best = int(np.argmax(areas))
     lead = 1 - float(np.delete(areas, best).max() / max(areas[best], 1e-30))
-    if lead < _MIN_LEAD or found[best].share < _MIN_FLOOR:
+    if lead < _MIN_LEAD or found[best].share < MIN_FLOOR:
         return None
     return UpVector(np.eye(3)[best] * (1.0 if found[best].is_upright else -1.0), "floor", lead)
 

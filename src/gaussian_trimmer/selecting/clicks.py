@@ -15,7 +15,16 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, up_frame
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, ellipsoid_points
+from gaussian_trimmer.gaussians import (
+    SH_C0,
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    IntArray,
+    ellipsoid_points,
+    mask_of_rows,
+)
+from gaussian_trimmer.geometry.components import connected_bodies
 from gaussian_trimmer.output.pictures import zoomed
 from gaussian_trimmer.planning.camera_rings import ring_poses
 from gaussian_trimmer.planning.up_vector import up_from_ground_plane
@@ -40,6 +49,8 @@ _WIDENED = 3
 """How much wider than the picture it is looked whether something is seen alone: it may go on beyond the picture."""
 _SOFT_EDGE = 2
 """Pixels by which what is seen alone reaches beyond where it is opaque."""
+_COLOUR_GAP_PIXELS = 8
+"""How far apart, as they are seen, Gaussians of like colour still go on in one another."""
 _REGION_SHARE = 0.15
 """Radius that is expected of the region around a click, relative to the picture's height."""
 
@@ -50,9 +61,9 @@ class Pick:
 
     selection: BoolArray
     """The selection, (N,)."""
-    kind: Literal["piece", "part", "alone", "around"]
-    """Whether it is a `piece` that stands on a plane, a `part` that stands on nothing, seen `alone`, or the region
-    `around` a click."""
+    kind: Literal["piece", "part", "alone", "around", "colour"]
+    """Whether it is a `piece` that stands on a plane, a `part` that stands on nothing, seen `alone`, the region
+    `around` a click, or what has a `colour` like there."""
 
 
 class NothingFoundError(InputError):
@@ -71,9 +82,7 @@ def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
     target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
     if pieces := _pieces_at(small, target, _visible_around(small, target)):
         return Pick(pieces[0], "piece")
-    wide = replace(small, camera=zoomed(small.camera, 1 / _WIDENED))
-    alone = _seen_alone(wide, *wide.camera.project(target.point[None])[0][0].astype(int))
-    if alone is None or up_from_ground_plane(scene.gaussians.select(alone)) is not None:
+    if (alone := seen_alone(small, target)) is None:
         raise NothingFoundError(f"Nothing at the pixel ({x}, {y}) stands on a surface, or is seen alone.")
     return Pick(alone, "alone")
 
@@ -87,6 +96,28 @@ def select_around_click(scene: ViewedScene, x: int, y: int) -> Pick:
     target = look_at_pixel(small, *_rescaled((x, y), scene.camera, small.camera))
     radius = _REGION_SHARE * small.camera.height * target.depth / float(small.camera.K[1, 1])
     return Pick(correct_at_click(small, nothing, Seed(target.point, radius, True), ()), "around")
+
+
+def select_by_colour(scene: ViewedScene, x: int, y: int, tolerance: float) -> Pick:
+    """Return what goes on from a pixel in colours that differ by no more than a tolerance, 0 to 1, in any channel.
+
+    Raises as `select_by_click` where nothing is seen.
+    """
+    target, colours = look_at_pixel(scene, x, y), SH_C0 * scene.gaussians.sh_dc
+    alike = np.abs(colours - target.seeds @ colours / target.seeds.sum()).max(axis=1) <= tolerance
+    rows = np.union1d(np.flatnonzero(alike), np.argmax(target.seeds))
+    gap = _COLOUR_GAP_PIXELS * target.depth / float(scene.camera.K[1, 1])
+    pieces = connected_bodies(scene.gaussians.means[rows, None].astype(np.float64), gap)
+    within = np.isin(pieces, pieces[target.seeds[rows] > 0])
+    return Pick(mask_of_rows(rows[within], len(scene.gaussians)), "colour")
+
+
+def seen_alone(scene: ViewedScene, target: Target) -> BoolArray | None:
+    """Return all that shows at a point with nothing beside it, (N,); None where there is more, or a floor in it."""
+    wide = replace(scene, camera=zoomed(scene.camera, 1 / _WIDENED))
+    alone = _seen_alone(wide, *wide.camera.project(target.point[None])[0][0].astype(int))
+    floor = None if alone is None else up_from_ground_plane(scene.gaussians.select(alone))
+    return alone if floor is None else None
 
 
 def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:

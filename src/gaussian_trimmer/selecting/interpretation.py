@@ -20,9 +20,11 @@ from gaussian_trimmer.selecting.clicks import (
     NothingFoundError,
     Pick,
     pieces_at_click,
+    seen_alone,
     select_around_click,
     select_by_box,
     select_by_click,
+    select_by_colour,
 )
 from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
@@ -69,7 +71,8 @@ INTERPRETATIONS = {
     "piece": "an object that stands on a surface",
     "alone": "all that is seen there, with nothing beside it",
     "part": "the part in the box, its back included",
-    "around": "the region around the click, as nothing there stands on a surface; correct it by clicks, or draw a box",
+    "around": "the region around the click, as nothing there stands on a surface; drag 'Tolerance', or draw around it",
+    "colour": "what goes on from there in a colour like it",
     "size": "the next larger or smaller thing there, as the click was made again",
     "region": "the region around the click, by which the boundary moved",
     "frame": "all that is selected in the box",
@@ -191,6 +194,8 @@ class MarkInterpreter:
         view, rows = self._viewed(mark.view)
         sizes, before = state.other_sizes, state.before_click
         state = replace(state, other_sizes=(), before_click=None)
+        if mark.tolerance:
+            return self._picked(state, select_by_colour(view, mark.x, mark.y, mark.tolerance), rows, mark.effect)
         first = not state.mask.any() or mark.effect == "intersect"
         if self._things is not None and not (first and self._model):
             target = look_at_pixel(view, mark.x, mark.y)
@@ -201,6 +206,8 @@ class MarkInterpreter:
             things = self._things.at(target.point, seen)
             if things and (first or _is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, mark.effect)):
                 return _sized(state, things, mark.effect), INTERPRETATIONS["piece"]
+            if first:
+                return self._near(state, view, rows, mark)
         if first:
             pick = self._interpreted(view, (mark.x, mark.y))
             if pick.kind == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
@@ -215,13 +222,27 @@ class MarkInterpreter:
         x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
         shown = np.asarray(small.coverage(mask) > HALF)
         if shown[y, x] == adds:
-            verb, already = ("adds", "selected already") if adds else ("removes", "not selected")
-            raise InputError(f"The click {verb} what is {already}; click where something is wrong.")
+            alone = seen_alone(small, look_at_pixel(small, x, y)) if adds and len(state.interpretations) == 1 else None
+            if alone is not None and alone[~mask].any() and alone[mask].mean() > HALF:
+                return self._picked(state, Pick(alone, "alone"), rows, mark.effect)
+            what = "adds what is selected already" if adds else "removes what is not selected"
+            raise InputError(f"The click {what}; click where something is wrong.")
         seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
         after = state.mask.copy()
         after[rows] = correct_at_click(small, mask, seed, state.seeds)
         state = replace(state, seeds=(*state.seeds, seed))
         return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
+
+    def _near(
+        self, state: SelectionState, view: ViewedScene, rows: IntArray, mark: Click
+    ) -> tuple[SelectionState, str]:
+        """What a click in a large capture means where no thing was found: nothing far away is looked at."""
+        point, depth = (target := look_at_pixel(view, mark.x, mark.y)).point, target.depth
+        near = np.flatnonzero(np.linalg.norm(view.gaussians.means - point.astype(np.float32), axis=1) < depth / 2)
+        view = replace(view, gaussians=view.gaussians.select(near))
+        pieces = pieces_at_click(view, look_at_pixel(view, mark.x, mark.y))
+        pick = Pick(pieces[0], "piece") if pieces else select_around_click(view, mark.x, mark.y)
+        return self._picked(state, pick, rows[near], mark.effect)
 
     def _box(self, state: SelectionState, mark: Box) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import Float64Array
 from gaussian_trimmer.selection_files import SelectionOptions
+from gaussian_trimmer.settings import Range
 
 Effect = Literal["add", "remove", "intersect"]
 """What a mark does to the selection that the marks before it made."""
@@ -56,6 +57,8 @@ class Click:
     """Pixels from the top."""
     view: View
     effect: Effect = "add"
+    tolerance: Annotated[float, Range(0, 1)] = 0.0
+    """Above zero, the click means what goes on from the pixel in colours that differ by no more in any channel."""
 
 
 @dataclass(frozen=True)

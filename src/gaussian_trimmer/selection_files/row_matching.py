@@ -29,6 +29,8 @@ from gaussian_trimmer.selection_files.splat_rows import Columns, SplatRows, gaus
 _CHANGED_BY_MOVING = ("x", "y", "z", "scale_0", "scale_1", "scale_2")
 _COMPARED_NEARBY = (*(f"scale_{i}" for i in range(3)), *(f"f_dc_{i}" for i in range(3)), "opacity")
 _ROWS_PER_CHUNK = 1 << 15
+MATCH_NOTHING = "match nothing"
+"""What a note says of rows that are not in the scene."""
 _UNMATCHED = -1
 _MAX_LOST = 0.5
 """Largest share of rows that may match nothing."""
@@ -74,7 +76,7 @@ def match_changed_rows(rows: SplatRows, gaussians: Gaussians, path: Path) -> tup
             if said and (matched := int(np.count_nonzero(found[lost] != _UNMATCHED))):
                 notes.append(f"{matched} {said}")
     if len(lost := np.flatnonzero(found == _UNMATCHED)):
-        notes.append(f"{len(lost)} match nothing")
+        notes.append(f"{len(lost)} {MATCH_NOTHING}")
     if len(lost) > _MAX_LOST * len(rows):
         raise InputError(
             f"{len(lost)} of the {len(rows)} rows of '{path.name}' match no row of the scene, neither exactly nor by "
