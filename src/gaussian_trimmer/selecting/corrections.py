@@ -15,6 +15,7 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
+from gaussian_trimmer.selecting.marks import Effect
 from gaussian_trimmer.selecting.surface_cut import MIN_NODES, SurfaceCut
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, build_surface_graph
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
@@ -37,6 +38,12 @@ _MAX_WIDTH = 3.0
 _LEAST_CONTRAST = 0.1
 """What is added to the contrast of a region's boundary, since an object's parts may join smoothly."""
 _EXTENT_QUANTILES = (0.05, 0.95)
+_DISJOINT_SHARE = 0.1
+"""A thing of which a smaller share than this is selected is added as a whole."""
+_SELECTED_SHARE = 0.5
+"""A thing of which a larger share than this is selected is removed as a whole, where others are selected too."""
+_OTHERS_SHARE = 0.2
+"""Others are selected too if the rest of the selection is more than this, relative to the thing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,3 +158,11 @@ def _hidden_neighbours(
     # Of the nodes around, those count that are on the side that the Gaussian is on, or were.
     comparable = changed | (selection[graph.rows] != seed.inside)
     return graph.followers(gaussians, changed, comparable, hidden)
+
+
+def is_meant_whole(piece: BoolArray, selected: BoolArray, effect: Effect) -> bool:
+    """Whether a click adds, or removes, a whole thing (N,), by what of it and beside it is selected, (N,)."""
+    size, ours, rest = (int(np.count_nonzero(rows)) for rows in (piece, piece & selected, selected & ~piece))
+    if effect == "add":
+        return ours < _DISJOINT_SHARE * size
+    return ours > _SELECTED_SHARE * size and rest > _OTHERS_SHARE * size

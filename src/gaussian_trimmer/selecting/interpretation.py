@@ -26,7 +26,7 @@ from gaussian_trimmer.selecting.clicks import (
     select_by_click,
     select_by_colour,
 )
-from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius
+from gaussian_trimmer.selecting.corrections import Seed, correct_at_click, expected_radius, is_meant_whole
 from gaussian_trimmer.selecting.lifting import lift_by_assignment
 from gaussian_trimmer.selecting.marks import (
     Box,
@@ -59,12 +59,6 @@ from gaussian_trimmer.views import HALF
 if TYPE_CHECKING:
     from gaussian_trimmer.finding.at_point import ThingsAtPoints
 
-_DISJOINT_SHARE = 0.1
-"""A thing of which a smaller share than this is selected is added as a whole."""
-_SELECTED_SHARE = 0.5
-"""A thing of which a larger share than this is selected is removed as a whole, where others are selected too."""
-_OTHERS_SHARE = 0.2
-"""Others are selected too if the rest of the selection is more than this, relative to the thing."""
 _BOX_TAKES_ALL = 0.9
 """A box that would remove more than this share of the selection means only what is selected within its sides."""
 INTERPRETATIONS = {
@@ -204,7 +198,7 @@ class MarkInterpreter:
             if before and sizes and mark.effect == "add" and 2 * seen[state.mask].sum() > seen.sum():
                 return _sized(before, sizes, mark.effect), INTERPRETATIONS["size"]
             things = self._things.at(target.point, seen)
-            if things and (first or _is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, mark.effect)):
+            if things and (first or is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, mark.effect)):
                 return _sized(state, things, mark.effect), INTERPRETATIONS["piece"]
             if first:
                 return self._near(state, view, rows, mark)
@@ -216,7 +210,7 @@ class MarkInterpreter:
             return self._picked(state, pick, rows, mark.effect)
         mask, target = state.mask[rows], look_at_pixel(view, mark.x, mark.y)
         for piece in pieces_at_click(view, target)[:1]:
-            if _is_meant_whole(piece, mask, mark.effect):
+            if is_meant_whole(piece, mask, mark.effect):
                 return self._picked(state, Pick(piece, "piece"), rows, mark.effect)
         small, adds = view.small(), mark.effect == "add"
         x, y = mark.x * small.camera.width // view.camera.width, mark.y * small.camera.height // view.camera.height
@@ -225,8 +219,9 @@ class MarkInterpreter:
             alone = seen_alone(small, look_at_pixel(small, x, y)) if adds and len(state.interpretations) == 1 else None
             if alone is not None and alone[~mask].any() and alone[mask].mean() > HALF:
                 return self._picked(state, Pick(alone, "alone"), rows, mark.effect)
-            what = "adds what is selected already" if adds else "removes what is not selected"
-            raise InputError(f"The click {what}; click where something is wrong.")
+            raise InputError(
+                f"That is {'selected already' if adds else 'not selected'}; click where something is wrong."
+            )
         seed = Seed(target.point, expected_radius(shown, x, y, target.depth, small.camera), adds)
         after = state.mask.copy()
         after[rows] = correct_at_click(small, mask, seed, state.seeds)
@@ -236,13 +231,16 @@ class MarkInterpreter:
     def _near(
         self, state: SelectionState, view: ViewedScene, rows: IntArray, mark: Click
     ) -> tuple[SelectionState, str]:
-        """What a click in a large capture means where no thing was found: nothing far away is looked at."""
-        point, depth = (target := look_at_pixel(view, mark.x, mark.y)).point, target.depth
-        near = np.flatnonzero(np.linalg.norm(view.gaussians.means - point.astype(np.float32), axis=1) < depth / 2)
-        view = replace(view, gaussians=view.gaussians.select(near))
-        pieces = pieces_at_click(view, look_at_pixel(view, mark.x, mark.y))
-        pick = Pick(pieces[0], "piece") if pieces else select_around_click(view, mark.x, mark.y)
-        return self._picked(state, pick, rows[near], mark.effect)
+        """What a click in a large capture means where no thing was found; its surroundings alone are looked at."""
+        target = look_at_pixel(view, mark.x, mark.y)
+        distances = np.linalg.norm(view.gaussians.means - target.point.astype(np.float32), axis=1)
+        near = np.flatnonzero(distances < target.depth / 2)
+        around = replace(view, gaussians=view.gaussians.select(near))
+        if pieces := pieces_at_click(around, look_at_pixel(around, mark.x, mark.y)):
+            return self._picked(state, Pick(pieces[0], "piece"), rows[near], mark.effect)
+        if (alone := seen_alone(view.small(), target)) is not None:
+            return self._picked(state, Pick(alone, "alone"), rows, mark.effect)
+        return self._picked(state, select_around_click(around, mark.x, mark.y), rows[near], mark.effect)
 
     def _box(self, state: SelectionState, mark: Box) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)
@@ -334,14 +332,6 @@ def _sized(before: SelectionState, sizes: Sequence[IntArray], effect: Effect) ->
     """The state with the first of some things, by their rows; the others come if the click is made again."""
     after = before.combined(mask_of_rows(sizes[0], len(before.mask)), effect)
     return replace(after, other_sizes=tuple(sizes[1:]), before_click=before)
-
-
-def _is_meant_whole(piece: BoolArray, selected: BoolArray, effect: Effect) -> bool:
-    """Whether a click adds, or removes, a whole thing (N,), by what of it and beside it is selected, (N,)."""
-    size, ours, rest = (int(np.count_nonzero(rows)) for rows in (piece, piece & selected, selected & ~piece))
-    if effect == "add":
-        return ours < _DISJOINT_SHARE * size
-    return ours > _SELECTED_SHARE * size and rest > _OTHERS_SHARE * size
 
 
 def _camera_at(place: Point) -> Camera:
