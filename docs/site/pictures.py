@@ -9,6 +9,7 @@ Chromium, which draws pages and app, must be on the path. The parts run by thems
 from __future__ import annotations
 
 import shutil
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +21,11 @@ import numpy as np
 import walk
 from playwright.sync_api import sync_playwright
 
+import gaussian_trimmer as gt
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.cli import main as run
+from gaussian_trimmer.output.pictures import as_picture, captioned
+from gaussian_trimmer.rendering import get_renderer
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "images"
@@ -30,6 +35,8 @@ FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshad
 SIZE = {"width": 1280, "height": 760}
 CELL, STEP, LINE, WIDTH = 320, 324, 26, 3 * 320
 CAPTIONS = ("rough selection", "trimmed object", "the scene without it")
+EMPTIED = ("armchair", "table", "plant")
+"""What leaves the furnished room."""
 COLUMNS = (0, 4)
 """Sides that the first picture shows: one of the ring, and from low."""
 
@@ -44,6 +51,7 @@ def main() -> None:
         _write("before_after.jpg", first)
         _draw_report(Path(folder) / "demo")
         _draw_found(Path(folder))
+    _draw_emptied()
     app_pictures.main()
 
 
@@ -55,6 +63,21 @@ def _draw_found(folder: Path) -> None:
     table = ["objects", str(TABLE / "scene.ply"), "--cameras", str(TABLE / "cameras.json"), "--quiet"]
     assert run([*table, "--output", f"{folder}/found"]) == 0
     _write("plan.jpg", cv2.imread(f"{folder}/found/plan.png"))
+
+
+def _draw_emptied() -> None:
+    """Take furniture out of a room that is made of Gaussians, and look at it from eye height."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    from rooms import UP, make_room
+
+    room, lens = make_room("furnished"), intrinsics(np.radians(64), WIDTH // 2, 400)
+    eye, target = np.array([-1.9, 3.2, 1.55]), np.array([0.4, 0.4, 0.8])
+    camera, renderer = Camera(look_at(eye, target, UP), lens, WIDTH // 2, 400), get_renderer("auto")
+    things = {name: room.labels[:, room.names.index(name)] > 0 for name in EMPTIED}
+    result = gt.trim_objects(room.gaussians, things, cameras=room.training, up="z")
+    scenes = {"the room": room.gaussians, f"without {', '.join(EMPTIED)}": result.background}
+    cells = [captioned(name, as_picture(renderer.render(scene, camera).rgb)) for name, scene in scenes.items()]
+    _write("emptied.jpg", np.hstack(cells))
 
 
 def _write(name: str, picture: np.ndarray) -> None:
