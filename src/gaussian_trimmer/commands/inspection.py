@@ -172,7 +172,7 @@ def describe_gaussians(gaussians: Gaussians, facts: dict[str, Any] | None = None
         f"{_percent(opacities > _SOLID_OPACITY)} above {_SOLID_OPACITY}"
     )
     with np.errstate(over="ignore"):
-        largest = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
+        largest = np.exp(gaussians.largest_log_scales.astype(np.float64))
     yield f"largest standard deviation: median {np.median(largest):.3g}, maximum {largest.max():.3g}"
     if are_discs(gaussians):
         yield "discs of 2D Gaussian Splatting: as thick as a thousandth of their smaller width"

@@ -91,7 +91,7 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
         pieces, parent = _cut(pieces, parent, (each > config.cut_above)[parent])
         each = np.where(each > config.cut_above, each / 2, 0)  # each half carries half of the error
     moving = is_boundary[parent]
-    widths = np.exp(inner.log_scales.max(axis=1)[parent] - pieces.log_scales.max(axis=1))
+    widths = np.exp(inner.largest_log_scales[parent] - pieces.largest_log_scales)
     siblings = np.bincount(parent)[parent]
     pieces = fit(pieces, moving, targets, config.steps, _FIRST_STEP, widths, siblings)
     part = siblings > 1

@@ -100,7 +100,7 @@ def _standing_points(target: Gaussians) -> tuple[Float64Array, float]:
     """
     centres = target.means.astype(np.float64)[:, None]
     size = _voxel_size(target, centres)
-    width = float(np.median(target.log_scales.max(axis=1)))
+    width = float(np.median(target.largest_log_scales))
     if size >= np.exp(width):
         return centres, size
     points = ellipsoid_points(target.replace(log_scales=np.minimum(target.log_scales, np.float32(width))))
@@ -138,7 +138,7 @@ def touching(target: Gaussians, group: BoolArray, gap: float = 0.0) -> BoolArray
         group: the members of the group, (N,); at least one.
         gap: distance within which Gaussians touch whatever their reach.
     """
-    widths: FloatArray = np.exp(np.minimum(target.log_scales.max(axis=1), target.log_scales[group].max(axis=1).max()))
+    widths: FloatArray = np.exp(np.minimum(target.largest_log_scales, target.log_scales[group].max(axis=1).max()))
     reach = np.float32(_REACH_DEVIATIONS) * np.minimum(widths, np.median(widths[group]))
     members, others = np.flatnonzero(group), np.flatnonzero(~group)
     squared, near = nearest(target.means[members], target.means[others], 1)

@@ -58,24 +58,23 @@ def check_magnitudes(scene: Gaussians) -> None:
     if not len(scene):
         return
     check_values(scene)
-    size = max(float(np.ptp(scene.means, axis=0).max()), float(np.exp(scene.log_scales.max())))
+    size = max(max(float(np.ptp(axis)) for axis in scene.means.T), float(np.exp(scene.log_scales.max())))
     if size < SMALLEST_SCENE:
         raise InputError(f"The whole scene is {size:.3g} units large; scale it up, to at least {SMALLEST_SCENE:g}.")
 
 
-def lost_places(means: FloatArray, log_scales: FloatArray) -> str | None:
+def lost_places(scene: Gaussians) -> str | None:
     """Say what single precision has made of coordinates as those of maps, which have their origin far away.
 
     Args:
-        means: where Gaussians are, (N, 3).
-        log_scales: logarithms of their standard deviations, (N, 3).
+        scene: N Gaussians.
 
     Returns:
         A clause without a full stop; None where the coordinates tell the Gaussians apart.
     """
-    middle = np.median(means, axis=0)
+    middle = np.median(scene.means, axis=0)
     step = float(np.spacing(np.abs(middle).max()))
-    width = float(np.exp(np.median(log_scales.max(axis=1))))
+    width = float(np.exp(np.median(scene.largest_log_scales)))
     if step <= _MAX_STEP_WIDTHS * width:
         return None
     place = " ".join(f"{value:.0f}" for value in middle)
@@ -92,7 +91,7 @@ def check_places(scene: Gaussians) -> None:
     Raises:
         InputError: as `lost_places` says it.
     """
-    if len(scene) and (lost := lost_places(scene.means, scene.log_scales)):
+    if len(scene) and (lost := lost_places(scene)):
         raise InputError(f"The scene cannot be told apart: {lost}.")
 
 

@@ -50,11 +50,7 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
     """
     if np.count_nonzero(selection) == 1:
         return "a single Gaussian is selected, which has no outline that others make; select all those of the object"
-    return (
-        lost_places(scene.means[selection], scene.log_scales[selection])
-        or _scatter(scene, selection)
-        or _blind_cameras(cameras, bounds)
-    )
+    return lost_places(scene.select(selection)) or _scatter(scene, selection) or _blind_cameras(cameras, bounds)
 
 
 def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:

@@ -42,7 +42,7 @@ def find_hanging(
         surfaces: what it stands on, hangs on or leans against.
     """
     gaussians, bounds = views.gaussians, views.bounds
-    widths = np.exp(gaussians.log_scales.max(axis=1))
+    widths = np.exp(gaussians.largest_log_scales)
     reach = _REACH_DEVIATIONS * np.minimum(widths, np.median(widths[views.of_object]))
     things = np.zeros(len(gaussians), np.int64)
     remnants, splinters = (np.zeros(len(gaussians), np.bool_) for _ in range(2))

@@ -187,7 +187,7 @@ def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
     """Both ends of each Gaussian's longest axis, two standard deviations from its centre, (N, 3) each."""
     longest = np.argmax(gaussians.log_scales, axis=1)
     axes = rotation_matrices(gaussians.quaternions)[np.arange(len(gaussians)), :, longest]
-    arms = 2 * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))[:, None] * axes
+    arms = 2 * np.exp(gaussians.largest_log_scales.astype(np.float64))[:, None] * axes
     return gaussians.means - arms, gaussians.means + arms
 
 

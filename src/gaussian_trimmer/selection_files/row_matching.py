@@ -134,7 +134,7 @@ def _match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free
     """Return the nearest scene row within the tolerances, (W,), -1 for none; arguments as of `_match_equal`."""
     found, scene = np.full(len(wanted), _UNMATCHED), gaussians.select(free)
     low, high = np.quantile(gaussians.means, _ENDS, axis=0)
-    reach = np.maximum(_PLACE * np.exp(scene.log_scales.max(axis=1)), _EXTENT * float(np.linalg.norm(high - low)))
+    reach = np.maximum(_PLACE * np.exp(scene.largest_log_scales), _EXTENT * float(np.linalg.norm(high - low)))
     pairs, costs = [np.zeros((0, 2), np.int64)], [np.zeros(0)]
     for part, beside, distances, differences in _neighbours(rows, wanted, scene):
         apart, different = distances / reach[beside], np.abs(differences).max(axis=2)
@@ -151,7 +151,7 @@ def _match_nearest(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free
 
 def _match_parents(rows: SplatRows, wanted: IntArray, gaussians: Gaussians, free: IntArray) -> IntArray:
     """Return the scene row that each row may be a part of, (W,), -1 for none; one of several parts takes none."""
-    found, largest = np.full(len(wanted), _UNMATCHED), np.exp(gaussians.log_scales.max(axis=1))
+    found, largest = np.full(len(wanted), _UNMATCHED), np.exp(gaussians.largest_log_scales)
     for part, beside, distances, differences in _neighbours(rows, wanted, gaussians):
         apart = distances / (_PARENT_REACH * largest[beside])
         colour, larger = np.abs(differences[..., 3:6]).max(axis=2), differences[..., :3].max(axis=2)

@@ -60,7 +60,7 @@ def _surroundings(
     offset = scene.means - bounds.centre.astype(np.float32)
     squared = np.einsum("ni,ni->n", offset, offset)
     reach = max(context_radius, CONTEXT_RADIUS) * bounds.radius
-    possible = selection & (scene.log_scales.max(axis=1) < np.log(reach))
+    possible = selection & (scene.largest_log_scales < np.log(reach))
     members = possible & (squared < reach**2)
     members = _with_connected(scene, possible, members) if members.any() else selection
     rows = np.flatnonzero(members | (~selection & (squared < (context_radius * bounds.radius) ** 2)))
@@ -69,7 +69,7 @@ def _surroundings(
 
 def _before(scene: Gaussians, cameras: Sequence[Camera], bounds: Bounds) -> BoolArray:
     """Which Gaussians some camera may see nearer than the far end of the object, (N,)."""
-    found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.log_scales.max(axis=1))
+    found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.largest_log_scales)
     means = scene.means.astype(np.float64)
     for camera in cameras:
         pixels, depths = camera.project(means)
