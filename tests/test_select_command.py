@@ -1,6 +1,7 @@
 """Tests of `gaussian-trimmer select` on the command line."""
 
 import json
+import re
 import shlex
 import shutil
 from pathlib import Path
@@ -29,6 +30,8 @@ def test_click_in_a_given_view(ball, tmp_path, capsys):
         assert toy.jaccard(np.load(output), truth) > 0.9
         printed = capsys.readouterr().out
         assert "stands on a surface" in printed
+        lengths = re.search(r"Gaussians, (\S+) x (\S+) x (\S+),", printed).groups()
+        assert [float(length) for length in lengths] == pytest.approx([2 * toy.RADIUS] * 3, rel=0.15)
         assert f"gaussian-trimmer trim {folder / 'scene.ply'} {output} --cameras" in printed
 
 

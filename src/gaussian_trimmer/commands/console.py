@@ -156,6 +156,11 @@ def print_up(console: Console, up: UpVector) -> None:
     print_doubt_about_up(console, {"direction": up.direction, "confidence": up.confidence})
 
 
+def in_lengths(size: Float64Array) -> str:
+    """Return the length, width and height of something, (3,), as a line of text has them."""
+    return " x ".join(f"{value:.2g}" for value in size)
+
+
 def print_doubt_about_up(console: Console, up: Mapping[str, Any]) -> None:
     """Say what to do where the up vector, as a report has it, is little more than a guess."""
     if up["confidence"] < SURE_CONFIDENCE:

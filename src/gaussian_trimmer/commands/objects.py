@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar
 from rich.console import Console
 
 from gaussian_trimmer.batch.manifest import write_manifest
-from gaussian_trimmer.commands.console import print_up, progress_over_stages
+from gaussian_trimmer.commands.console import in_lengths, print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
 from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.errors import InputError
@@ -167,9 +167,8 @@ def _print_found(console: Console, found: FoundObjects, names: dict[int, str]) -
     none_is_sure = not any(one.sure for one in found)
     for one in found.objects[:_MOST_LISTED]:
         if one.sure or none_is_sure:
-            size = " x ".join(f"{value:.2g}" for value in one.size)
             called = f" {names[one.id]}" if one.id in names else ""
-            console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {size}, {one.why}")
+            console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {in_lengths(one.size)}, {one.why}")
 
 
 def _named(texts: tuple[str, ...]) -> dict[int, str]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.commands.console import print_up, refuse_existing
+from gaussian_trimmer.cameras import CameraSet, up_frame
+from gaussian_trimmer.commands.console import in_lengths, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
 from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
@@ -38,6 +38,8 @@ from gaussian_trimmer.settings import Range
 from gaussian_trimmer.trimming.options import TrimOptions
 
 _LISTING = "select --list-views"
+_END_PERCENTILES = (2, 98)
+"""Percentiles of the selected centres that are taken for the ends of what is selected."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +144,10 @@ class Select:
         marks, model = self._resolved(scene, cameras, up), self.options.promptable_model()
         made = select(scene, marks, cameras=cameras, renderer=self.options.renderer, model=model)
         save_selection(made, self.selection_path, self.inputs.scene)
-        understood = ", ".join(made.interpretations)
-        console.print(
-            f"{self.selection_path}: {np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians, {understood}"
-        )
+        ends = np.percentile(scene.means[made.mask] @ up_frame(up.direction).T, _END_PERCENTILES, axis=0)
+        size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
+        count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
+        console.print(f"{self.selection_path}: {count}, {size}, {understood}")
         return TrimInputs(scene, cameras, {THE_OBJECT: made}, marks=made.marks)
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
