@@ -37,6 +37,7 @@ from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Viewpoint
 from gaussian_trimmer.selecting.model_masks import PromptableModel
+from gaussian_trimmer.selecting.overview import views_of_all
 from gaussian_trimmer.trimming.clock import Clock
 
 LEVELS = (3.0, 2.0, 1.0)
@@ -47,6 +48,8 @@ _MIN_GAUSSIANS = 5
 """Smallest number of Gaussians of an object in a tile."""
 _END_PERCENTILES = (2, 98)
 """Percentiles of an object's centres that are taken for its ends."""
+_TILE_FILL = 1.8
+"""Width of a tile in its pictures: corners, and what is near them, are seen in the middle of the next tile."""
 _CUT_SHARE = 0.1
 """An object that ends nearer than this share of its height to where the ceiling was cut off may go on above."""
 
@@ -141,7 +144,7 @@ class Looks:
         """Look at a tile of a scene from above; None where hardly anything shows."""
         part = scene.select(tile.rows)
         try:
-            look = look_at(part, views_of(part, None, self.up), self.renderer)
+            look = look_at(part, views_of_all(part, self.up, _TILE_FILL), self.renderer)
         except NothingShowsError:
             return None
         return replace(look, rows=tile.rows[look.rows])

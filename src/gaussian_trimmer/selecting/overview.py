@@ -83,10 +83,21 @@ def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig
     views = [Viewpoint(camera, (x, y, z), reach) for camera in cameras]
     if compact:
         return Overview(views, range(len(views)))
-    all_of_it = [
-        Viewpoint(camera) for camera in _framing_ring(_bounds_of_nearly_all(gaussians, up), config, _WHOLE_FILL)
-    ]
-    return Overview(views + all_of_it, range(len(views), 2 * len(views)))
+    return Overview(views + views_of_all(gaussians, up, _WHOLE_FILL, config), range(len(views), 2 * len(views)))
+
+
+def views_of_all(
+    gaussians: Gaussians, up: Float64Array, fill: float, config: OverviewConfig = OverviewConfig()
+) -> list[Viewpoint]:
+    """Return views on a circle around the box of nearly all centres.
+
+    Args:
+        gaussians: of the capture.
+        up: the scene's up vector, (3,).
+        fill: width of the box in the pictures; corners of one of more than 1 lie outside.
+        config: where the views stand.
+    """
+    return [Viewpoint(camera) for camera in _framing_ring(_bounds_of_nearly_all(gaussians, up), config, fill)]
 
 
 def drawn_rows(means: FloatArray, view: Viewpoint) -> IntArray:
