@@ -35,7 +35,7 @@ def result(browser):
 @pytest.fixture(scope="module")
 def report(result, tmp_path_factory):
     path = tmp_path_factory.mktemp("pages") / "report.html"
-    doubtful = replace(result, warnings=(HOSTILE,))
+    doubtful = replace(result, objects=(replace(result.only, warnings=(HOSTILE,)),))
     path.write_text(report_page(doubtful, {**doubtful.report, "inputs": {"scene": HOSTILE}}), encoding="utf-8")
     return path
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaussian_trimmer.gaussians import BoolArray, IntArray
+from gaussian_trimmer.gaussians import BoolArray, IntArray, ellipsoid_points
 from gaussian_trimmer.geometry.components import connected_pairs
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.removal.surfaces import THICKNESS_RADII, Surface, above_all
@@ -28,7 +28,8 @@ _FAR_RADII = 1.5
 _FEWEST_OF_A_THING = 8
 """A piece of fewer Gaussians is a splinter."""
 _MAX_REMNANT_SHARE = 0.05
-"""Largest number of Gaussians of a remnant, relative to the object's; most of it lies within the object's bounds."""
+"""Largest number of Gaussians of a remnant, relative to the object's; most of them lie whole within the object's
+bounds: one that reaches out of them, as a patch of the wall behind a picture, would show beside it."""
 
 
 def find_hanging(
@@ -56,7 +57,8 @@ def find_hanging(
     touching = np.sqrt(squared[:, 0]) < reach[rows[free]] + reach[members[near[:, 0]]]
     free = free[np.isin(piece[free], piece[free[touching]])]
     _, number, count = np.unique(piece[free], return_inverse=True, return_counts=True)
-    within = (np.abs((means[free] - bounds.centre) @ bounds.axes.T) <= bounds.half_extents).all(axis=1)
+    ends = (ellipsoid_points(gaussians.select(rows[free])) - bounds.centre) @ bounds.axes.T
+    within = (np.abs(ends) <= bounds.half_extents).all(axis=(1, 2))
     inside = np.bincount(number, within) > 0.5 * count
     remnant = (inside & (count <= _MAX_REMNANT_SHARE * len(members)))[number]
     large = (count >= _FEWEST_OF_A_THING)[number] & ~remnant
