@@ -62,3 +62,9 @@ def test_a_remnant_within_the_bounds_goes_with_the_object():
     assert in_object.any()
     assert not in_background.any()
     assert not result.warnings
+
+
+def test_what_reaches_out_of_the_bounds_is_no_remnant():
+    _, in_object, in_background = trimmed(toy.gaussians([[0.86, 0, 1.86], [0.88, 0.05, 1.88]], 0.1, toy.WHITE))
+    assert not in_object.any()
+    assert not in_background.any()
