@@ -166,6 +166,17 @@ def test_a_click_in_a_large_capture_takes_what_the_finder_sees_there(clicks):
     assert state.interpretations == (interpretation.INTERPRETATIONS["piece"],)
 
 
+def test_where_the_finder_sees_nothing_a_click_takes_what_is_near(clicks):
+    """What is farther from the point than half its depth is not looked at."""
+    scene, part, interpreter, click = clicks
+    interpreter._things = SimpleNamespace(at=lambda point, seen: [])
+    state = interpreter.apply(interpretation.SelectionState.nothing(len(scene)), click)
+    middle = scene.means[part == 3].mean(axis=0)
+    eye = click.view.camera.centre
+    assert part[state.mask].max() == 3
+    assert (np.linalg.norm(scene.means[state.mask] - middle, axis=1) < 0.6 * np.linalg.norm(eye - middle)).all()
+
+
 def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
     scene, part, interpreter, click = clicks
     upper = (part == 3) & (scene.means[:, 2] > 0.3)
