@@ -14,7 +14,7 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -69,7 +69,8 @@ class Arguments:
     selection: Path = sample.SELECTION
     """Other sections: rough selection of one object in it."""
     up: tuple[float, float, float] | None = None
-    """`captures`, other sections: up vector of the scene; not given: found, which takes time too."""
+    """`captures`, other sections: up vector of the scene; not given: z in `captures`, found, which takes time too, in
+    the others."""
     sizes: tuple[int, ...] = (80_000, 1_000_000, 3_000_000)
     """`sizes`: numbers of Gaussians of enlarged scenes."""
     pixels: tuple[int, ...] = (PlanConfig.size,)
@@ -101,21 +102,13 @@ def main() -> None:
 def waits_section(arguments: Arguments) -> list[Record]:
     left_out = () if arguments.first_run else ("first run",)
     chosen = arguments.data, arguments.objects, arguments.runs, arguments.against, left_out
-    records = []
-    for record in waits.measure(*chosen):
-        print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
-        records.append(record)
-    return records
+    return _told_one_by_one(waits.measure(*chosen))
 
 
 def captures_section(arguments: Arguments) -> list[Record]:
     up = arguments.up or (0.0, 0.0, 1.0)
     chosen = arguments.capture, arguments.at, arguments.reach, up, arguments.copies, arguments.runs, arguments.against
-    records = []
-    for record in whole_captures.measure(*chosen):
-        print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
-        records.append(record)
-    return records
+    return _told_one_by_one(whole_captures.measure(*chosen))
 
 
 def stages_section(arguments: Arguments) -> list[Record]:
@@ -189,6 +182,15 @@ def _enlarge(scene_path: Path, selection_path: Path, case: Case, n: int) -> None
 
 
 # Reports.
+
+
+def _told_one_by_one(measured: Iterable[Record]) -> list[Record]:
+    """The records, each printed as soon as it is there."""
+    records = []
+    for record in measured:
+        print(", ".join(f"{name} {_cell(name, value)}" for name, value in record.items()), flush=True)
+        records.append(record)
+    return records
 
 
 def _machine() -> Record:

@@ -209,7 +209,7 @@ def measure(
         versions = {"before": before, "now": SOURCES} if before else {"now": SOURCES}
         for sources in versions.values():  # compiles the kernels, and those of large objects
             for task in ("command", "click"):
-                _in_process(Wait(task, str(root.absolute()), objects[-1], folder), sources)
+                _seconds_of(Wait(task, str(root.absolute()), objects[-1], folder), sources)
         for task in TASKS:
             for name in objects if task in OF_AN_OBJECT else objects[:1]:
                 if task in left_out:
@@ -218,7 +218,7 @@ def measure(
                 times: dict[str, list[float]] = {version: [] for version in versions}
                 for _ in range(runs):
                     for version, sources in versions.items():
-                        times[version].append(_in_process(wait, sources))
+                        times[version].append(_seconds_of(wait, sources))
                 record: dict[str, Any] = {"task": f"{task}, {name}" if task in OF_AN_OBJECT else task}
                 record |= {version: median(seconds) for version, seconds in times.items()}
                 if before:
@@ -242,14 +242,19 @@ def sources_of(commit: str) -> Iterator[Path | None]:
             subprocess.run([*git, "remove", "--force", f"{folder}/sources"], check=True)
 
 
-def _in_process(wait: Wait, sources: Path) -> float:
-    environment = {**os.environ, "PYTHONPATH": str(sources / "src")}
+def said_in_process(script: str, wait: Any, sources: Path, **environment: str) -> str | None:
+    """The last line that a script says of a wait, with a version's sources; None where an old one lacks the task."""
+    environment = {**os.environ, "PYTHONPATH": str(sources / "src"), **environment}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
-    command = [sys.executable, __file__, json.dumps(asdict(wait))]
+    command = [sys.executable, script, json.dumps(asdict(wait))]
     done = subprocess.run(command, env=environment, capture_output=True, check=False)
     if done.returncode and sources == SOURCES:
         raise RuntimeError(f"'{wait.task}' ended with code {done.returncode}: {done.stderr.decode()[-2000:]}")
-    return float("nan") if done.returncode else float(done.stdout.split()[-1])  # an old commit may lack it
+    return None if done.returncode else done.stdout.decode().splitlines()[-1]
+
+
+def _seconds_of(wait: Wait, sources: Path) -> float:
+    return float(said_in_process(__file__, wait, sources) or "nan")
 
 
 if __name__ == "__main__":

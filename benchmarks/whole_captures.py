@@ -7,20 +7,19 @@ peak memory, which is that of the process.
 from __future__ import annotations
 
 import json
-import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
-from waits import SOURCES, sources_of
+from waits import SOURCES, said_in_process, sources_of
 
 import gaussian_trimmer as gt
 
@@ -33,6 +32,7 @@ _FIELD_OF_VIEW = np.radians(60)
 _WIDTH, _HEIGHT = 640, 480
 _STAND_OFF = 3.0
 """Distance of the camera from the thing, in half sizes of it."""
+_FIGURES = ("seconds", "processor", "peak_bytes")
 _ONCE = ("objects", "background without 20 objects")
 
 
@@ -117,7 +117,7 @@ def objects(wait: Wait) -> dict[str, float]:
     if not Path(wait.found).exists():
         chosen = [each.id for each in found[0].objects if each.kind == "object"][:_OBJECTS_REMOVED]
         np.save(wait.found, np.where(np.isin(found[0].labels, chosen), found[0].labels, 0))
-    return figures | {"found": float(len(found[0].objects))}
+    return figures
 
 
 def empty(wait: Wait) -> dict[str, float]:
@@ -171,7 +171,7 @@ def measure(
 def _record(task: str, size: int, figures: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
     now = figures["now"]
     record: dict[str, Any] = {"task": task, "million": size / 1e6}
-    record |= {name: median(each[name] for each in now) for name in ("seconds", "processor", "peak_bytes")}
+    record |= {name: median(each[name] for each in now) for name in _FIGURES}
     if "before" in figures:
         before = [each["seconds"] for each in figures["before"]]
         record["before"] = median(before)
@@ -180,15 +180,10 @@ def _record(task: str, size: int, figures: dict[str, list[dict[str, float]]]) ->
 
 
 def _in_process(wait: Wait, sources: Path) -> dict[str, float]:
-    environment = {**os.environ, "PYTHONPATH": str(sources / "src"), "OPENBLAS_NUM_THREADS": "1"}
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)
-    command = [sys.executable, __file__, json.dumps(asdict(wait))]
-    done = subprocess.run(command, env=environment, capture_output=True, check=False)
-    if done.returncode and sources == SOURCES:
-        raise RuntimeError(f"'{wait.task}' ended with code {done.returncode}: {done.stderr.decode()[-2000:]}")
-    if done.returncode:  # an old commit may refuse what this one does
-        return dict.fromkeys(("seconds", "processor", "peak_bytes"), float("nan"))
-    figures: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    said = said_in_process(__file__, wait, sources, OPENBLAS_NUM_THREADS="1")
+    if said is None:
+        return dict.fromkeys(_FIGURES, float("nan"))
+    figures: dict[str, float] = json.loads(said)
     return figures
 
 

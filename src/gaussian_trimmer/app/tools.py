@@ -32,7 +32,7 @@ from gaussian_trimmer.app.panels import (
 )
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
-from gaussian_trimmer.app.showing import Event, Showing
+from gaussian_trimmer.app.showing import Event
 from gaussian_trimmer.app.viewpoints import (
     Place,
     before_what_shows,
@@ -238,9 +238,8 @@ class Tools:
         through, by_centres = controls.reach.value == THROUGH, controls.taking.value == CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
-        if now.object.fresh is not None and replace(controls.showing, colours="own") == Showing(
-            "object", "after", "own"
-        ):
+        showing = controls.showing
+        if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("object", "after", False):
             rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
         taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)

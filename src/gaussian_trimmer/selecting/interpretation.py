@@ -52,7 +52,7 @@ from gaussian_trimmer.selecting.overview import drawn_part
 from gaussian_trimmer.selecting.row_packing import unpack_rows
 from gaussian_trimmer.selecting.shapes import grown, inside_shape, shrunk
 from gaussian_trimmer.selecting.strokes import drawn_over
-from gaussian_trimmer.selecting.viewed_scene import ViewedScene, look_at_pixel
+from gaussian_trimmer.selecting.viewed_scene import Target, ViewedScene, look_at_pixel
 from gaussian_trimmer.selection_files import load_selection
 from gaussian_trimmer.views import HALF
 
@@ -201,7 +201,7 @@ class MarkInterpreter:
             if things and (first or is_meant_whole(mask_of_rows(things[0], len(seen)), state.mask, mark.effect)):
                 return _sized(state, things, mark.effect), INTERPRETATIONS["piece"]
             if first:
-                return self._near(state, view, rows, mark)
+                return self._near(state, view, rows, mark, target)
         if first:
             pick = self._interpreted(view, (mark.x, mark.y))
             if pick.kind == "alone" and len(rows) < len(state.mask):  # what is not drawn may be a part of it
@@ -229,10 +229,9 @@ class MarkInterpreter:
         return state.combined(after != state.mask, mark.effect), INTERPRETATIONS["region"]
 
     def _near(
-        self, state: SelectionState, view: ViewedScene, rows: IntArray, mark: Click
+        self, state: SelectionState, view: ViewedScene, rows: IntArray, mark: Click, target: Target
     ) -> tuple[SelectionState, str]:
         """What a click in a large capture means where no thing was found; its surroundings alone are looked at."""
-        target = look_at_pixel(view, mark.x, mark.y)
         distances = np.linalg.norm(view.gaussians.means - target.point.astype(np.float32), axis=1)
         near = np.flatnonzero(distances < target.depth / 2)
         around = replace(view, gaussians=view.gaussians.select(near))
