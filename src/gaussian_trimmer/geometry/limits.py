@@ -97,8 +97,8 @@ def check_places(scene: Gaussians) -> None:
 
 def has_direction(quaternions: FloatArray) -> BoolArray:
     """Return the quaternions (N, 4) whose length leaves no doubt about their direction, (N,)."""
-    with np.errstate(invalid="ignore"):  # NaN of doubles that float32 has not
-        squares = np.einsum("ni,ni->n", quaternions, quaternions, dtype=np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        squares = np.einsum("ni,ni->n", quaternions, quaternions)
     return np.asarray((squares >= _SHORTEST_QUATERNION**2) & (squares <= _LONGEST_QUATERNION**2))
 
 

@@ -43,6 +43,8 @@ _OBJECT_SAMPLE_SIZE = 1_000
 _HYPOTHESES = 2_000
 _PLANES_AT_ONCE = 64
 _POINTS_AT_ONCE = 1 << 14
+_MOST_CANDIDATES = 20 * _SAMPLE_SIZE
+"""Gaussians that a sample is drawn from, at most: every n-th of more."""
 _THICKNESS_RADII = 0.01
 """Distance of inliers from the plane, relative to the robust radius of what is searched."""
 _REACHES_RADII = (3.0, 6.0, 12.0, np.inf)
@@ -235,6 +237,7 @@ def _along_axis(normals: Float64Array) -> BoolArray:
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
     """Centres of at most `size` of the Gaussians in `rows`, drawn by opacity, in random order, (M, 3)."""
     candidates = np.flatnonzero(rows)
+    candidates = candidates[:: 1 + len(candidates) // _MOST_CANDIDATES]
     weights = sigmoid(gaussians.opacity_logits[candidates]).astype(np.float64) + 1e-6
     size = min(size, len(candidates))
     chosen = rng.choice(candidates, size, replace=False, p=weights / weights.sum()) if size else candidates
