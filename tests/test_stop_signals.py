@@ -5,10 +5,13 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from gaussian_trimmer import cli
+from gaussian_trimmer.batch.ray_cluster import _connect
+from gaussian_trimmer.io.stop_signals import Stopped, stop_signals_raised
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs signals")
 
@@ -56,3 +59,17 @@ def test_ignored_signals_stay_ignored_and_handlers_come_back(monkeypatch):
     ((hangup, terminate),) = seen
     assert hangup == signal.SIG_IGN
     assert terminate != signal.SIG_DFL == signal.getsignal(signal.SIGTERM)
+
+
+def test_sigterm_while_ray_starts_is_a_stop_although_ray_has_set_a_handler_of_its_own(monkeypatch):
+    def init(**options):
+        signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(number))  # as Ray does
+        signal.raise_signal(signal.SIGTERM)
+
+    stand_in = SimpleNamespace(init=init, is_initialized=lambda: False)
+    monkeypatch.setitem(sys.modules, "ray", stand_in)
+    before = signal.getsignal(signal.SIGTERM)
+    with stop_signals_raised() as received, pytest.raises(Stopped):
+        _connect(None)
+    assert received == [signal.SIGTERM]
+    assert signal.getsignal(signal.SIGTERM) == before

@@ -117,6 +117,10 @@ def _connect(address: str | None) -> tuple[Any, bool]:
     handler = signal.getsignal(signal.SIGTERM)
     try:
         ray.init(log_to_driver=False, logging_level=logging.ERROR, **options)
+    except SystemExit:  # by Ray's own handler, which it sets amid `init`
+        signal.signal(signal.SIGTERM, handler)
+        signal.raise_signal(signal.SIGTERM)
+        raise
     except Exception as error:  # Ray raises that itself, as where its processes take too long to start
         place = "could be started here" if address is None else f"is at '{address}'"
         raise InputError(
