@@ -94,7 +94,7 @@ def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, 
         owners.append(np.full(len(where), owner))
         opacities.append(np.full(len(where), part.opacity))
     facing, owner_of = np.concatenate(normals), np.concatenate(owners)
-    gaussians = _discs(np.concatenate(points), facing, np.concatenate(colours), np.concatenate(spacings))
+    gaussians = discs(np.concatenate(points), facing, np.concatenate(colours), np.concatenate(spacings))
     gaussians = gaussians.replace(opacity_logits=logit(np.concatenate(opacities)))
     labels = (owner_of[:, None] == np.arange(len(things))).astype(np.float32)
     training, test = ([camera.resized(picture_scale) for camera in cameras] for cameras in _cameras(*arc, rng))
@@ -103,7 +103,7 @@ def make_room(letter: str, coarseness: float = 1.0, picture_scale: float = 1.0, 
     return Room(gaussians, facing, labels, tuple(things), training, test, standing)
 
 
-def _discs(points: Float64Array, normals: Float64Array, colours: Float64Array, spacings: Float64Array) -> Gaussians:
+def discs(points: Float64Array, normals: Float64Array, colours: Float64Array, spacings: Float64Array) -> Gaussians:
     across = np.cross(normals, np.where(abs(normals[:, 2:]) > 0.9, [[1.0, 0, 0]], [UP]))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     frames = np.stack([across, np.cross(normals, across), normals], axis=2)
@@ -149,7 +149,7 @@ def _shell(left: float, wall: Texture, floor: Texture, height: float = 2.9) -> l
     ]
 
 
-def _bookcase(x: float, width: float, height: float, wood: Texture, rng: np.random.Generator) -> list[Part]:
+def bookcase(x: float, width: float, height: float, wood: Texture, rng: np.random.Generator) -> list[Part]:
     deep, board, shelves = 0.28, 0.022, 5
     sides = (x - width / 2, x + width / 2)
     parts = [Part((side, deep / 2, height / 2), (board, deep, height), wood) for side in sides]
@@ -168,7 +168,7 @@ def _bookcase(x: float, width: float, height: float, wood: Texture, rng: np.rand
     return parts
 
 
-def _picture(x: float, z: float, width: float, height: float, frame: Texture, seed: int) -> list[Part]:
+def picture(x: float, z: float, width: float, height: float, frame: Texture, seed: int) -> list[Part]:
     wide, deep = 0.035, 0.025
     parts = [Part((x, 0.01, z), (width - wide, 0.014, height - wide), painting(seed))]
     for side in (-1, 1):
@@ -177,7 +177,7 @@ def _picture(x: float, z: float, width: float, height: float, frame: Texture, se
     return parts
 
 
-def _cabinet(
+def cabinet(
     low: Sequence[float], size: Sequence[float], panels: tuple[int, int], body: Texture, knob: Texture
 ) -> list[Part]:
     """A body whose front is made of panels, columns x rows, with gaps between them and a knob on each."""
@@ -192,7 +192,7 @@ def _cabinet(
     return parts
 
 
-def _lamp() -> list[Part]:
+def lamp() -> list[Part]:
     return [
         Part((1.25, 0.3, 0.015), (0.28, 0.28, 0.03), plain(0.2, 0.2, 0.2), "cylinder"),
         Part((1.25, 0.3, 0.7), (0.025, 0.025, 1.4), plain(0.25, 0.24, 0.22), "cylinder"),
@@ -203,9 +203,9 @@ def _lamp() -> list[Part]:
 def _room_a(rng: np.random.Generator) -> Plan:
     wall = plain(0.86, 0.83, 0.77)
     things = {
-        "bookcase": _bookcase(-0.95, 0.9, 1.7, plain(0.83, 0.8, 0.75), rng),
-        "picture": _picture(0.35, 1.35, 0.75, 0.55, grain(0.28, 0.17, 0.1), 1),
-        "lamp": _lamp(),
+        "bookcase": bookcase(-0.95, 0.9, 1.7, plain(0.83, 0.8, 0.75), rng),
+        "picture": picture(0.35, 1.35, 0.75, 0.55, grain(0.28, 0.17, 0.1), 1),
+        "lamp": lamp(),
     }
     return _shell(-2.6, wall, grain(0.62, 0.43, 0.27, along=1, boards=0.14)), things, (-60, 60, 0.0)
 
@@ -217,8 +217,8 @@ def _room_b(rng: np.random.Generator) -> Plan:
     radiator += [Part((1.12, 0.08, z), (0.9, 0.05, 0.03), white) for z in (0.2, 0.7)]
     brown, brass = grain(0.47, 0.31, 0.25, along=0), plain(0.75, 0.62, 0.3)
     things = {
-        "drawers": _cabinet((-1.68, 0.01, 0.0), (0.95, 0.45, 0.85), (1, 4), brown, brass),
-        "cupboard": _cabinet((-0.4, 0.0, 1.2), (0.9, 0.3, 0.6), (2, 1), plain(0.68, 0.73, 0.65), plain(0.3, 0.3, 0.3)),
+        "drawers": cabinet((-1.68, 0.01, 0.0), (0.95, 0.45, 0.85), (1, 4), brown, brass),
+        "cupboard": cabinet((-0.4, 0.0, 1.2), (0.9, 0.3, 0.6), (2, 1), plain(0.68, 0.73, 0.65), plain(0.3, 0.3, 0.3)),
         "radiator": radiator,
     }
     return _shell(-1.7, stripes, plain(0.46, 0.31, 0.28, noise=0.04)), things, (-34, 68, -0.1)
@@ -233,10 +233,10 @@ def _furnished(rng: np.random.Generator) -> Plan:
     table = [Part((0.35, 1.25, 0.42), (0.9, 0.55, 0.05), wood)]
     table += [Part((0.35 + x, 1.25 + y, 0.2), (0.05, 0.05, 0.4), wood) for x in (-0.4, 0.4) for y in (-0.22, 0.22)]
     things = {
-        "bookcase": _bookcase(-1.55, 0.9, 1.7, plain(0.83, 0.8, 0.75), rng),
-        "drawers": _cabinet((-0.4, 0.01, 0.0), (0.95, 0.45, 0.8), (1, 3), wood, plain(0.75, 0.62, 0.3)),
-        "picture": _picture(0.1, 1.5, 0.75, 0.55, steel, 1),
-        "lamp": _lamp(),
+        "bookcase": bookcase(-1.55, 0.9, 1.7, plain(0.83, 0.8, 0.75), rng),
+        "drawers": cabinet((-0.4, 0.01, 0.0), (0.95, 0.45, 0.8), (1, 3), wood, plain(0.75, 0.62, 0.3)),
+        "picture": picture(0.1, 1.5, 0.75, 0.55, steel, 1),
+        "lamp": lamp(),
         "armchair": [
             Part(
                 tuple(np.array([-0.95, 1.15, 0]) + np.array([x, y, 0]) @ turn.T + [0, 0, z]),
@@ -247,12 +247,12 @@ def _furnished(rng: np.random.Generator) -> Plan:
             for x, y, z, w, d, h in seat
         ],
         "table": table,
-        "plant": _plant(2.2, 0.5, rng),
+        "plant": plant(2.2, 0.5, rng),
     }
     return _shell(-2.6, plain(0.8, 0.8, 0.76), grain(0.62, 0.43, 0.27, along=1, boards=0.14)), things, (-60, 60, 0.0)
 
 
-def _plant(x: float, y: float, rng: np.random.Generator) -> list[Part]:
+def plant(x: float, y: float, rng: np.random.Generator) -> list[Part]:
     parts = [
         Part((x, y, 0.15), (0.3, 0.3, 0.3), plain(0.6, 0.33, 0.22), "cylinder"),
         Part((x, y, 0.5), (0.03, 0.03, 0.45), plain(0.35, 0.25, 0.15), "cylinder"),
@@ -278,7 +278,7 @@ def _room_c(rng: np.random.Generator) -> Plan:
     things = {
         "carton": carton,
         "panel": [Part((-0.1, 0.13, 0.48), (0.7, 0.04, 0.98), plain(0.52, 0.58, 0.66), turn=leaning)],
-        "plant": _plant(1.15, 0.36, rng),
+        "plant": plant(1.15, 0.36, rng),
     }
     floor = checks((0.72, 0.69, 0.65), (0.4, 0.4, 0.42), 0.3)
     return _shell(-1.75, wall, floor), things, (-36, 66, -0.05)
