@@ -12,7 +12,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding import at_point, find
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.judging import Verdict
-from gaussian_trimmer.finding.tiles import plan_tiles
+from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
 from gaussian_trimmer.finding.visible_surface import NothingShowsError
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.planning.standing import stand_in_rooms
@@ -98,16 +98,16 @@ def test_a_box_at_the_border_of_a_tile_is_not_whole():
     assert not tile.holds(tile.low, middle)
 
 
-def candidate(rows, confidence=0.8, reaches_cut=False):
+def candidate(rows, confidence=0.8, reaches_cut=False, foot=0.0):
     box = np.zeros(3), np.ones(3)
     verdict = Verdict(1, 0.1, 1.0, 0, box, confidence, "stands on a surface")
-    return Candidate(np.array(rows), verdict, np.zeros(3), np.ones(3), reaches_cut)
+    return Candidate(np.array(rows), verdict, np.array([0, 0, foot + 0.5]), np.ones(3), reaches_cut)
 
 
 def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
     chair, other = range(100), range(100, 180)
     both = range(180)
-    found = agree([candidate(chair)] * 5 + [candidate(other)] * 4 + [candidate(both)] * 2, 200)
+    found = agree([candidate(chair)] * 5 + [candidate(other)] * 4 + [candidate(both)] * 2, 200, UP)
     assert [len(one.rows) for one in found] == [100, 80]
     assert all(one.confidence == 0.8 for one in found)
 
@@ -115,9 +115,28 @@ def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
 def test_things_that_are_sure_by_themselves_come_before_the_group_that_most_tiles_made_of_them():
     table, chairs = range(600), [range(600, 700), range(700, 800)]
     alone = [candidate(chair) for chair in chairs for _ in range(3)]
-    found = agree([candidate(range(800))] * 9 + alone, 800)
+    found = agree([candidate(range(800))] * 9 + alone, 800, UP)
     assert [one.rows.tolist() for one in found] == [list(chairs[0]), list(chairs[1]), list(table)]
-    assert [len(one.rows) for one in agree([candidate(range(800))] * 9 + alone[:3], 800)] == [800]
+    assert [len(one.rows) for one in agree([candidate(range(800))] * 9 + alone[:3], 800, UP)] == [800]
+
+
+def test_what_stands_on_a_thing_is_a_part_of_it_however_many_tiles_agree_on_it():
+    sofa = [candidate(range(400))] * 3
+    cushions = [candidate(range(first, first + 60), foot=0.4) for first in (0, 100) for _ in range(9)]
+    assert [len(one.rows) for one in agree(sofa + cushions, 400, UP)] == [400]
+    assert [len(one.rows) for one in agree(cushions, 400, UP)] == [60, 60]
+
+
+def test_the_largest_tiles_hold_about_all_of_a_small_capture():
+    assert tile_counts(5_000_000) == (200_000, 60_000, 18_000)
+    assert tile_counts(61_000) == (60_000, 18_000, 5_400)
+
+
+def test_a_room_of_few_gaussians_is_looked_at_in_tiles_and_its_ceiling_is_not_the_ground():
+    scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
+    found = find.find_objects(scene)
+    assert found.up.direction == pytest.approx(UP, abs=0.02)
+    assert not found.looked_at[part == 1].any()
 
 
 def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
@@ -126,21 +145,21 @@ def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
         [candidate(range(100, 110))] * 4,
         [candidate(range(120, 200), 0.8, True)] * 4,
     )
-    found = agree(few + small + cut, 200)
+    found = agree(few + small + cut, 200, UP)
     assert len(found) == 3
     assert max(one.confidence for one in found) < 0.5
     assert {one.verdict.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
 
 
 def test_what_only_one_tile_found_is_not_named():
-    assert agree([candidate(range(100))], 200) == []
-    assert agree([], 200) == []
+    assert agree([candidate(range(100))], 200, UP) == []
+    assert agree([], 200, UP) == []
 
 
 def test_furniture_is_found_below_its_ceiling(monkeypatch):
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
     monkeypatch.setattr(find, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(find, "GAUSSIANS_IN_A_TILE", (8000, 5000))
+    monkeypatch.setattr(find, "tile_counts", lambda shown: (8000, 5000))
     found = find.find_objects(scene, up=UP)
     sure = [one.id for one in found if one.sure]
     for number in (2, 3):
@@ -154,7 +173,7 @@ def clicks(monkeypatch):
     """Clicks in a furnished room that counts as a large capture: the scene, its parts, and what understands them."""
     scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
     monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
-    monkeypatch.setattr(at_point, "_COUNTS", (8000, 5000))
+    monkeypatch.setattr(at_point, "tile_counts", lambda shown: (0, 8000, 5000))
     view = Viewpoint(toy.camera_at((1, -2.2, 1.8), (1, 1, 0.4), 240))
     return scene, part, interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0))), Click(120, 120, view)
 

@@ -1,6 +1,7 @@
 """What is found alike in several tiles is an object; of several that overlap, the one that most tiles agree on.
 
-A group of things comes after them: a table with its chairs, of which two are sure by themselves.
+A group of things comes after them: a table with its chairs, of which two are sure by themselves. What stands on a thing
+that it lies within, as a cushion on a sofa, is a part of it.
 
 A tile shows a thing among other neighbours, from other sides and at another size than the tile beside it. What comes
 out the same each time stands by itself; what a border cut, or what only one tile joined to its neighbour, does not.
@@ -27,6 +28,8 @@ _MIN_FREE = 0.7
 """Share of a candidate that no better one has taken, at least."""
 _WITHIN = 0.9
 """Share of its Gaussians from which on one candidate is within another."""
+_RAISED = 0.2
+"""Height of a part's foot above that of the thing that it stands on, relative to the thing's height, at least."""
 _MIN_GAUSSIANS = 50
 """Objects of fewer Gaussians are not sure."""
 
@@ -51,7 +54,7 @@ class Candidate:
         return self.verdict.confidence
 
 
-def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
+def agree(candidates: Sequence[Candidate], size: int, up: Float64Array) -> list[Candidate]:
     """Choose objects that do not overlap among the candidates of all tiles, most agreed on first, groups of them last.
 
     Each is a candidate with those of its rows that no better one has, and the verdict that the agreement leaves.
@@ -59,6 +62,7 @@ def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
     Args:
         candidates: from all tiles, each whole within its tile.
         size: number of Gaussians of the scene, N.
+        up: the up vector, (3,).
     """
     if not candidates:
         return []
@@ -68,12 +72,14 @@ def agree(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
     confidence = np.array([candidate.confidence for candidate in candidates])
     best = [float(confidence[row.indices].max()) for row in alike]
     agreed = [_agreed(*one) for one in zip(candidates, (one.rows for one in candidates), counts, best, strict=True)]
-    groups = _groups(common, np.array([one.confidence >= SURE for one in agreed]))
+    heights = np.array([one.size[2] for one in candidates])
+    feet = np.array([one.centre @ up for one in candidates]) - heights / 2
+    groups, parts = _groups_and_parts(common, np.array([one.confidence >= SURE for one in agreed]), feet, heights)
     taken, found = np.zeros(size, np.bool_), []
     for place in np.lexsort((-common.diagonal(), -np.array(counts), groups)).tolist():
         candidate = candidates[place]
         free = ~taken[candidate.rows]
-        if counts[place] < _MIN_ALIKE_AT_ALL or free.mean() < _MIN_FREE:
+        if parts[place] or counts[place] < _MIN_ALIKE_AT_ALL or free.mean() < _MIN_FREE:
             continue
         rows = candidate.rows[free]
         taken[rows] = True
@@ -131,12 +137,25 @@ def _alike(common: csr_matrix) -> csr_matrix:
     return csr_matrix((np.ones(kept.sum(), np.int32), (pairs.row[kept], pairs.col[kept])), shape=common.shape)
 
 
-def _groups(common: csr_matrix, sure: BoolArray) -> BoolArray:
-    """Tell which candidates hold two or more that are sure (C,) and apart from each other, (C,)."""
-    lengths, groups = common.diagonal(), np.zeros(common.shape[0], np.bool_)
+def _groups_and_parts(
+    common: csr_matrix, sure: BoolArray, feet: Float64Array, heights: Float64Array
+) -> tuple[BoolArray, BoolArray]:
+    """Tell which candidates hold two or more sure things that are apart, (C,), and which stand on one of them, (C,).
+
+    Args:
+        common: Gaussians that each two candidates have in common, (C, C).
+        sure: which of them are sure, (C,).
+        feet: where they begin along the up vector, (C,).
+        heights: how high they are, (C,).
+    """
+    lengths, groups, parts = common.diagonal(), np.zeros(len(sure), np.bool_), np.zeros(len(sure), np.bool_)
     for place, (start, end) in enumerate(pairwise(common.indptr)):
         others = common.indices[start:end]
-        parts = others[sure[others] & (common.data[start:end] >= _WITHIN * lengths[others])]
-        shared = common[parts][:, parts].toarray()
-        groups[place] = (shared < (1 - _WITHIN) * np.minimum.outer(lengths[parts], lengths[parts])).any()
-    return groups
+        within = others[sure[others] & (common.data[start:end] >= _WITHIN * lengths[others])]
+        raised = feet[within] > feet[place] + _RAISED * heights[place]
+        beside = within[~raised]
+        shared = common[beside][:, beside].toarray()
+        groups[place] = (shared < (1 - _WITHIN) * np.minimum.outer(lengths[beside], lengths[beside])).any()
+        if sure[place] and not groups[place]:
+            parts[within[raised]] = True
+    return groups, parts

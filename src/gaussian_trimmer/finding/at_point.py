@@ -12,14 +12,12 @@ from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.finding.agreement import most_agreed_on
 from gaussian_trimmer.finding.find import Looks
 from gaussian_trimmer.finding.judging import FindConfig
-from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, Tile
+from gaussian_trimmer.finding.tiles import Tile, tile_counts
 from gaussian_trimmer.finding.visible_surface import measure
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.planning.storey import Storey, find_storey, sampled
 from gaussian_trimmer.rendering import Renderer
 
-_COUNTS = GAUSSIANS_IN_A_TILE[1:]
-"""Gaussians in the tiles around a point: the smaller ones of the finder, for what a click means is seen nearby."""
 _MIN_SEEN = 0.5
 """Share of what is seen at the point that is of an object there, at least."""
 
@@ -52,7 +50,8 @@ class ThingsAtPoints:
             return []
         middle = up_frame(self.up)[:2] @ point
         distance = np.where(below, np.abs(plan - middle).max(axis=1), np.inf)
-        counts = [min(n, int(below.sum()) - 1) for n in _COUNTS]
+        shown = int(below.sum())
+        counts = [min(n, shown - 1) for n in tile_counts(shown)[1:]]  # the smaller ones: what is meant is seen nearby
         reach = [float(np.partition(distance, n)[n]) for n in counts]
         rows = np.flatnonzero(distance <= max(reach))
         near, looks = self.scene.select(rows), Looks(self.up, FindConfig(), self.renderer).close()

@@ -16,7 +16,7 @@ from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, Verdi
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
-from gaussian_trimmer.finding.tiles import GAUSSIANS_IN_A_TILE, LARGEST_LOOK, Tile, plan_tiles
+from gaussian_trimmer.finding.tiles import LARGEST_LOOK, Tile, plan_tiles, tile_counts
 from gaussian_trimmer.finding.visible_surface import (
     Look,
     MeasuredSurface,
@@ -32,7 +32,7 @@ from gaussian_trimmer.finding.visible_surface import (
 from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.parallel import parallel_map
-from gaussian_trimmer.planning.storey import find_storey
+from gaussian_trimmer.planning.storey import Storey, find_storey
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Viewpoint
@@ -66,8 +66,8 @@ def find_objects(
 ) -> FoundObjects:
     """Find every object of a scene: what stands on its surfaces, hangs from them or leans against them.
 
-    A capture of more than 200,000 Gaussians, as of a flat or a garden, is divided into tiles that are looked at one by
-    one from above, without its ceiling; an object is what several tiles agree on.
+    Rooms below a ceiling, and captures of more than 200,000 Gaussians, as of a garden, are divided into tiles that are
+    looked at one by one from above, without the ceiling; an object is what several tiles agree on.
 
     Args:
         scene: all N Gaussians.
@@ -91,8 +91,9 @@ def find_objects(
     check_places(scene)
     found_up = find_up(scene, cameras, up)
     looks = Looks(found_up.direction, config, renderer, segmenter)
-    if len(scene) > LARGEST_LOOK:
-        return _find_in_tiles(scene, found_up, looks.close(), clock)
+    storey = find_storey(scene, found_up.direction)
+    if storey.is_room or len(scene) > LARGEST_LOOK:
+        return _find_in_tiles(scene, found_up, storey, looks.close(), clock)
     with clock("look"):
         views = views_of(scene, cameras, found_up.direction)
         surface = find_visible_surface(
@@ -178,21 +179,21 @@ class Looks:
         return found
 
 
-def _find_in_tiles(scene: Gaussians, up: UpVector, looks: Looks, clock: Clock) -> FoundObjects:
-    """Find the objects of a large capture, tile by tile.
+def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks, clock: Clock) -> FoundObjects:
+    """Find the objects of a large capture or of rooms, tile by tile.
 
     Args:
         scene: all N Gaussians.
         up: the up vector.
+        storey: where floor and ceiling are.
         looks: how tiles are looked at.
         clock: told what is done.
     """
-    storey = find_storey(scene, up.direction)
     below = scene.means.astype(np.float64) @ up.direction < storey.head_height  # (N,)
     shown_rows = np.flatnonzero(below)
     shown = scene.select(shown_rows)
     plan = shown.means.astype(np.float64) @ up_frame(up.direction)[:2].T
-    tiles = [tile for count in GAUSSIANS_IN_A_TILE for tile in plan_tiles(plan, count)]
+    tiles = [tile for count in tile_counts(len(shown)) for tile in plan_tiles(plan, count)]
     using = [looks.renderer] if looks.segmenter is None else [looks.renderer, looks.segmenter]
     seen = list[tuple[Tile, Look]]()
     with clock("look"):
@@ -214,7 +215,9 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, looks: Looks, clock: Clock) -
                 candidates.append(replace(one, verdict=replace(one.verdict, view=len(views) + one.verdict.view)))
             views += look.views
     with clock("agree"):
-        agreed = sorted(agree(candidates, len(shown)), key=lambda one: (one.confidence < SURE, -len(one.rows)))
+        agreed = sorted(
+            agree(candidates, len(shown), up.direction), key=lambda one: (one.confidence < SURE, -len(one.rows))
+        )
         labels = np.zeros(len(scene), np.int64)
         for number, one in enumerate(agreed, 1):
             labels[shown_rows[one.rows]] = number

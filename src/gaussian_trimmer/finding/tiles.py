@@ -10,10 +10,11 @@ import numpy as np
 from gaussian_trimmer.gaussians import Float64Array, IntArray
 
 LARGEST_LOOK = 200_000
-"""Captures of more Gaussians are looked at in tiles."""
-GAUSSIANS_IN_A_TILE = (200_000, 60_000, 18_000)
-"""How many Gaussians the tiles of each size hold in the mean: a densely captured bookcase has as many as a whole table
-with its chairs elsewhere, so that things are whole in tiles of one size and large enough to be seen in another."""
+"""Captures of more Gaussians are looked at in tiles, and so are rooms below a ceiling."""
+_SIZES, _LARGEST, _SMALLER = 3, 200_000, 0.3
+"""Number of sizes of tiles, Gaussians in the largest ones, and in those of one size relative to the next larger one: a
+densely captured bookcase has as many as a whole table with its chairs elsewhere, so that things are whole in tiles of
+one size and large enough to be seen in another."""
 CELLS, STEP = 3, 2
 """Cells along the side of a tile, and from one to the next: they overlap by a third."""
 _MIN_GAUSSIANS = 500
@@ -37,6 +38,16 @@ class Tile:
         """Tell whether a box lies within the square and does not touch its border."""
         margin = _MARGIN * self.side
         return bool((low > self.low + margin).all() and (high < self.low + self.side - margin).all())
+
+
+def tile_counts(shown: int) -> tuple[int, ...]:
+    """Return how many Gaussians the tiles of each size hold in the mean: from a whole room to a chair.
+
+    Args:
+        shown: number of Gaussians that are divided; of few, the largest tiles hold about all.
+    """
+    first = max(0, round(np.log(_LARGEST / max(shown, 1)) / np.log(1 / _SMALLER)))
+    return tuple(round(_LARGEST * _SMALLER ** (first + step)) for step in range(_SIZES))
 
 
 def plan_tiles(plan: Float64Array, count: int) -> Iterator[Tile]:

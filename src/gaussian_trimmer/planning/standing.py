@@ -7,7 +7,6 @@ import numpy as np
 from gaussian_trimmer.cameras import Camera, look_at, up_frame
 from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.planning.storey import find_storey, sampled
-from gaussian_trimmer.planning.up_vector import MIN_FLOOR
 from gaussian_trimmer.rendering import Renderer
 
 _EYE_SHARE, _FREE_SHARE, _NOD = 0.6, 0.5, 0.2
@@ -24,7 +23,7 @@ def stand_in_rooms(scene: Gaussians, up: Float64Array, renderer: Renderer) -> tu
     """Return from where a person sees most of what is below the eyes, and at which point, (3,) each; None outdoors."""
     scene = sampled(scene)
     storey = find_storey(scene, up)
-    if storey.ceiling is None or storey.share < MIN_FLOOR:
+    if storey.ceiling is None or not storey.is_room:
         return None
     thin = max(1, len(scene) // _TRIED_GAUSSIANS)
     scene = scene.select(np.arange(0, len(scene), thin))

@@ -21,6 +21,8 @@ _MIN_STOREY = 0.05
 """Smallest height of a storey, relative to that of the capture."""
 _CEILING_SHARE = 0.5
 """Share of the floor's cells that a ceiling covers at least."""
+MIN_FLOOR = 0.1
+"""Share of the plan's square that the floor of a room covers at least: a flat's covers 0.3, the lid of a thing 0.04."""
 _SAMPLE_SIZE = 200_000
 
 
@@ -37,6 +39,11 @@ class Storey:
     """That area, relative to the square of the plan's longer side."""
     is_upright: bool
     """Whether more of what lies level is above the floor or, below a ceiling, in the lower half: tables and seats."""
+
+    @property
+    def is_room(self) -> bool:
+        """Whether a ceiling is above the floor, and both are as wide as those of a room."""
+        return self.ceiling is not None and self.share >= MIN_FLOOR
 
     @property
     def head_height(self) -> float:

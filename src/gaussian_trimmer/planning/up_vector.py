@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
 from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
-from gaussian_trimmer.planning.storey import find_storey, sampled
+from gaussian_trimmer.planning.storey import MIN_FLOOR, find_storey, sampled
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
 """Up if nothing else is known: the first OpenCV camera of a reconstruction is usually upright."""
@@ -33,8 +33,6 @@ _MIN_AGREEMENT = 0.5
 _MIN_LEAD = 0.6
 """Confidence, one less the area of the largest level layer along another axis relative to it, from which on one is a
 floor."""
-MIN_FLOOR = 0.05
-"""Share of the plan that a floor covers at least."""
 
 # Ground plane
 _SAMPLE_SIZE = 20_000
@@ -109,10 +107,20 @@ def find_up(
     if cameras is not None and cameras.up is not None:
         return UpVector(unit_up(cameras.up), "camera file", 1.0)
     found = up_from_cameras(cameras.cameras) if cameras is not None else None
-    found = found or up_from_ground_plane(gaussians, object_rows) or up_from_layers(gaussians)
+    found = found or _up_from_ground(gaussians, object_rows) or up_from_layers(gaussians)
     if found is None and gaussians.format_up is not None:
         return UpVector(unit_up(gaussians.format_up), FROM_FORMAT, _FORMAT_CONFIDENCE)
     return found or UpVector(np.array(DEFAULT_UP), "default", 0.0)
+
+
+def _up_from_ground(gaussians: Gaussians, object_rows: BoolArray | None) -> UpVector | None:
+    """As `up_from_ground_plane`; in a room the plane may be the ceiling, and the furniture tells."""
+    found = up_from_ground_plane(gaussians, object_rows)
+    if found is not None and object_rows is None:
+        storey = find_storey(sampled(gaussians), found.direction)
+        if storey.is_room and not storey.is_upright:
+            return replace(found, direction=-found.direction)
+    return found
 
 
 def up_from_cameras(cameras: Sequence[Camera]) -> UpVector | None:

@@ -14,6 +14,7 @@ from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.tiles import LARGEST_LOOK
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, mask_of_rows
+from gaussian_trimmer.planning.storey import find_storey
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, mask_of
 from gaussian_trimmer.selecting.clicks import (
@@ -133,7 +134,7 @@ class MarkInterpreter:
         self._renderer = get_renderer(renderer) if isinstance(renderer, str) else renderer
         self._seen_from = tuple(_camera_at(place) for place in marks.photographed_from)
         self._things: ThingsAtPoints | None = None
-        if len(scene) > LARGEST_LOOK:
+        if len(scene) > LARGEST_LOOK or find_storey(scene, self._up).is_room:
             from gaussian_trimmer.finding.at_point import ThingsAtPoints  # takes a second to import
 
             self._things = ThingsAtPoints(scene, self._up, self._renderer)
