@@ -98,10 +98,10 @@ def test_a_box_at_the_border_of_a_tile_is_not_whole():
     assert not tile.holds(tile.low, middle)
 
 
-def candidate(rows, confidence=0.8, reaches_cut=False, foot=0.0):
+def candidate(rows, confidence=0.8, reaches_ceiling=False, foot=0.0):
     box = np.zeros(3), np.ones(3)
     verdict = Verdict(1, 0.1, 1.0, 0, box, confidence, "stands on a surface")
-    return Candidate(np.array(rows), verdict, np.array([0, 0, foot + 0.5]), np.ones(3), reaches_cut)
+    return Candidate(np.array(rows), verdict, np.array([0, 0, foot + 0.5]), np.ones(3), reaches_ceiling, reaches_ceiling)
 
 
 def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():

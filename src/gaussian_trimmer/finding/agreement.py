@@ -45,8 +45,10 @@ class Candidate:
     """Middle of its box in the scene, (3,)."""
     size: Float64Array
     """Size of the box along two horizontal axes and up, (3,)."""
-    reaches_cut: bool
+    cut_off: bool
     """Its upper end was cut off with the ceiling."""
+    reaches_ceiling: bool
+    """What was cut off goes on up to the ceiling, as a wall does."""
 
     @property
     def confidence(self) -> float:
@@ -112,8 +114,8 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
     doubts = []
     if count < _MIN_ALIKE:
         doubts.append("found alike in few tiles")
-    if candidate.reaches_cut:
-        doubts.append("reaches up to where the ceiling was cut off")
+    if candidate.reaches_ceiling:
+        doubts.append("reaches up to the ceiling")
     if len(rows) < _MIN_GAUSSIANS:
         doubts.append("small")
     confidence = min(confidence, DOUBTFUL) if doubts else confidence

@@ -16,6 +16,7 @@ from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, Verdi
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
+from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import LARGEST_LOOK, Tile, plan_tiles, tile_counts
 from gaussian_trimmer.finding.visible_surface import (
     Look,
@@ -29,7 +30,7 @@ from gaussian_trimmer.finding.visible_surface import (
     visible_surface,
     with_hidden,
 )
-from gaussian_trimmer.gaussians import SH_C0, Float64Array, Gaussians, IntArray, check_gaussians
+from gaussian_trimmer.gaussians import SH_C0, BoolArray, Float64Array, Gaussians, IntArray, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.storey import Storey, find_storey
@@ -153,10 +154,10 @@ class Looks:
     def candidates(
         self, scene: Gaussians, tile: Tile, look: Look, measured: MeasuredSurface, top: float
     ) -> list[Candidate]:
-        """Find the objects that lie whole within a tile.
+        """Find the objects that lie whole within a tile, as if none of them reached the ceiling.
 
         Args:
-            scene: the N Gaussians below the ceiling.
+            scene: the N Gaussians below the cut.
             tile: which of them were looked at.
             look: what shows.
             measured: that of all tiles.
@@ -175,7 +176,7 @@ class Looks:
                 low, high = np.percentile(points, _END_PERCENTILES, axis=0)
                 if tile.holds(low[:2], high[:2]):
                     cut = bool(high[2] > top - _CUT_SHARE * (high[2] - low[2]))
-                    found.append(Candidate(rows, verdict, *_box_in_scene(surface, verdict), cut))
+                    found.append(Candidate(rows, verdict, *_box_in_scene(surface, verdict), cut, False))
         return found
 
 
@@ -205,6 +206,7 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
     with clock("surfaces"):
         measured = measure(shown, [look for _, look in seen])
     views, candidates = list[Viewpoint](), list[Candidate]()
+    tall = TallThings(scene, up.direction, storey, storey.head_height)
     with clock("regions"):
         found = parallel_map(
             lambda one: looks.candidates(shown, one[0], one[1], measured, storey.head_height), seen, using=using
@@ -212,7 +214,9 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
         for number, (found_there, (_, look)) in enumerate(zip(found, seen, strict=True), 1):
             clock.part(f"regions {number}/{len(seen)}")
             for one in found_there:
-                candidates.append(replace(one, verdict=replace(one.verdict, view=len(views) + one.verdict.view)))
+                verdict = replace(one.verdict, view=len(views) + one.verdict.view)
+                reaches_ceiling = one.cut_off and tall.reaches_ceiling(shown_rows[one.rows])
+                candidates.append(replace(one, verdict=verdict, reaches_ceiling=reaches_ceiling))
             views += look.views
     with clock("agree"):
         agreed = sorted(
@@ -221,10 +225,14 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
         labels = np.zeros(len(scene), np.int64)
         for number, one in enumerate(agreed, 1):
             labels[shown_rows[one.rows]] = number
+        cut_off = [n for n, one in enumerate(agreed, 1) if one.cut_off and not one.reaches_ceiling]
+        labels = tall.grown(labels, cut_off) if cut_off else labels
+    boxes = [_box_of(scene, labels == n, up) if n in cut_off else (one.centre, one.size) for n, one in enumerate(agreed, 1)]
     objects = tuple(
-        _described(scene, labels, number, one.verdict, one.centre, one.size) for number, one in enumerate(agreed, 1)
+        _described(scene, labels, number, one.verdict, *box)
+        for number, (one, box) in enumerate(zip(agreed, boxes, strict=True), 1)
     )
-    return FoundObjects(scene, labels, objects, tuple(views), below, up, clock.seconds)
+    return FoundObjects(scene, labels, objects, tuple(views), below | (labels > 0), up, clock.seconds)
 
 
 def name_objects(
@@ -255,6 +263,13 @@ def _box_in_scene(surface: VisibleSurface, verdict: Verdict) -> tuple[Float64Arr
     """Return the middle of a region's box in the scene, (3,), and its size along the surface's axes, (3,)."""
     low, high = verdict.box
     return surface.centre + surface.unit * (low + high) / 2 @ surface.axes, surface.unit * (high - low)
+
+
+def _box_of(scene: Gaussians, mask: BoolArray, up: UpVector) -> tuple[Float64Array, Float64Array]:
+    """Return the middle of the box around the Gaussians of a mask (N,), (3,), and its size along the frame's axes, (3,)."""
+    axes = up_frame(up.direction)
+    low, high = np.percentile(scene.means[mask].astype(np.float64) @ axes.T, _END_PERCENTILES, axis=0)
+    return (low + high) / 2 @ axes, high - low
 
 
 def _described(
