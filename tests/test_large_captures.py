@@ -12,11 +12,12 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding import at_point, find
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.judging import Verdict
+from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
 from gaussian_trimmer.finding.visible_surface import NothingShowsError
-from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.gaussians import concatenate, mask_of_rows
 from gaussian_trimmer.planning.standing import stand_in_rooms
-from gaussian_trimmer.planning.storey import find_storey
+from gaussian_trimmer.planning.storey import Storey, find_storey
 from gaussian_trimmer.planning.up_vector import up_from_layers
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import interpretation
@@ -101,7 +102,9 @@ def test_a_box_at_the_border_of_a_tile_is_not_whole():
 def candidate(rows, confidence=0.8, reaches_ceiling=False, foot=0.0):
     box = np.zeros(3), np.ones(3)
     verdict = Verdict(1, 0.1, 1.0, 0, box, confidence, "stands on a surface")
-    return Candidate(np.array(rows), verdict, np.array([0, 0, foot + 0.5]), np.ones(3), reaches_ceiling, reaches_ceiling)
+    return Candidate(
+        np.array(rows), verdict, np.array([0, 0, foot + 0.5]), np.ones(3), reaches_ceiling, reaches_ceiling
+    )
 
 
 def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
@@ -149,6 +152,37 @@ def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
     assert len(found) == 3
     assert max(one.confidence for one in found) < 0.5
     assert {one.verdict.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
+
+
+def test_how_sure_an_object_is_is_what_most_that_are_alike_think():
+    looks = [candidate(range(100), confidence) for confidence in (0.9, 0.3, 0.2)]
+    assert [one.confidence for one in agree(looks, 100, UP)] == [0.3]
+
+
+def tall_room():
+    """A wall, a shelf in front of it, and a lamp whose shade is wider than its post: parts 0 to 2."""
+    shade = room.ball((1.5, 1.5), 0.35, room.RED)
+    shade = shade.replace(means=shade.means + np.array([0, 0, 1.5], np.float32))
+    lamp = concatenate([room.box((1.5, 1.5), (0.1, 0.1, 1.6), room.GREY), shade])
+    return room.scene_of(room.wall(6.0, 2.6), room.box((-2.5, 0), (0.4, 1, 2.0), room.RED), lamp)
+
+
+def test_a_wall_reaches_the_ceiling_and_a_tall_thing_gets_its_upper_part_back():
+    scene, part = tall_room()
+    tall = TallThings(scene, UP, Storey(0.0, 2.6, 16.0, 1.0, True), 1.3)
+    below = scene.means[:, 2] < 1.3
+    reach = [tall.reaches_ceiling(np.flatnonzero(below & (part == number))) for number in range(3)]
+    assert reach == [True, False, False]
+    assert tall.grown(np.where(below, part, 0), [1, 2]).tolist() == part.tolist()
+
+
+def test_a_click_takes_a_tall_thing_with_its_upper_part():
+    lamp = room.box((1, 1), (0.3, 0.3, 1.9), room.BLUE)
+    scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture()[:1], lamp)
+    middle = np.array([1, 0.85, 0.4])
+    seen = (np.linalg.norm(scene.means - middle, axis=1) < 0.1).astype(np.float32)
+    [thing, *_] = at_point.ThingsAtPoints(scene, UP, get_renderer("numba")).at(middle, seen)
+    assert toy.jaccard(mask_of_rows(thing, len(scene)), part == 3) > 0.8
 
 
 def test_what_only_one_tile_found_is_not_named():

@@ -56,7 +56,7 @@ class Candidate:
         return self.verdict.confidence
 
 
-def agree(candidates: Sequence[Candidate], size: int, up: Float64Array) -> list[Candidate]:
+def agree(candidates: Sequence[Candidate], size: int, up: Float64Array, *, parts: bool = False) -> list[Candidate]:
     """Choose objects that do not overlap among the candidates of all tiles, most agreed on first, groups of them last.
 
     Each is a candidate with those of its rows that no better one has, and the verdict that the agreement leaves.
@@ -65,6 +65,7 @@ def agree(candidates: Sequence[Candidate], size: int, up: Float64Array) -> list[
         candidates: from all tiles, each whole within its tile.
         size: number of Gaussians of the scene, N.
         up: the up vector, (3,).
+        parts: also name what stands on a thing that it lies within; the thing is then what is left of it.
     """
     if not candidates:
         return []
@@ -72,20 +73,21 @@ def agree(candidates: Sequence[Candidate], size: int, up: Float64Array) -> list[
     alike = _alike(common)
     counts = np.asarray(alike.sum(axis=1)).ravel().tolist()
     confidence = np.array([candidate.confidence for candidate in candidates])
-    best = [float(confidence[row.indices].max()) for row in alike]
-    agreed = [_agreed(*one) for one in zip(candidates, (one.rows for one in candidates), counts, best, strict=True)]
+    shared = [float(np.median(confidence[row.indices])) for row in alike]
+    agreed = [_agreed(*one) for one in zip(candidates, (one.rows for one in candidates), counts, shared, strict=True)]
     heights = np.array([one.size[2] for one in candidates])
     feet = np.array([one.centre @ up for one in candidates]) - heights / 2
-    groups, parts = _groups_and_parts(common, np.array([one.confidence >= SURE for one in agreed]), feet, heights)
+    sure = np.array([one.confidence >= SURE for one in agreed])
+    groups, wholes, is_part = _groups_wholes_and_parts(common, sure, feet, heights)
     taken, found = np.zeros(size, np.bool_), []
-    for place in np.lexsort((-common.diagonal(), -np.array(counts), groups)).tolist():
+    for place in np.lexsort((-common.diagonal(), -np.array(counts), wholes & parts, groups)).tolist():
         candidate = candidates[place]
         free = ~taken[candidate.rows]
-        if parts[place] or counts[place] < _MIN_ALIKE_AT_ALL or free.mean() < _MIN_FREE:
+        if (is_part[place] and not parts) or counts[place] < _MIN_ALIKE_AT_ALL or free.mean() < _MIN_FREE:
             continue
         rows = candidate.rows[free]
         taken[rows] = True
-        found.append(_agreed(candidate, rows, counts[place], best[place]))
+        found.append(_agreed(candidate, rows, counts[place], shared[place]))
     return found
 
 
@@ -139,10 +141,12 @@ def _alike(common: csr_matrix) -> csr_matrix:
     return csr_matrix((np.ones(kept.sum(), np.int32), (pairs.row[kept], pairs.col[kept])), shape=common.shape)
 
 
-def _groups_and_parts(
+def _groups_wholes_and_parts(
     common: csr_matrix, sure: BoolArray, feet: Float64Array, heights: Float64Array
-) -> tuple[BoolArray, BoolArray]:
-    """Tell which candidates hold two or more sure things that are apart, (C,), and which stand on one of them, (C,).
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Tell which candidates hold sure things that are apart, which hold things that stand on them, and which are those.
+
+    Each is (C,).
 
     Args:
         common: Gaussians that each two candidates have in common, (C, C).
@@ -150,7 +154,8 @@ def _groups_and_parts(
         feet: where they begin along the up vector, (C,).
         heights: how high they are, (C,).
     """
-    lengths, groups, parts = common.diagonal(), np.zeros(len(sure), np.bool_), np.zeros(len(sure), np.bool_)
+    lengths = common.diagonal()
+    groups, wholes, parts = (np.zeros(len(sure), np.bool_) for _ in range(3))
     for place, (start, end) in enumerate(pairwise(common.indptr)):
         others = common.indices[start:end]
         within = others[sure[others] & (common.data[start:end] >= _WITHIN * lengths[others])]
@@ -159,5 +164,6 @@ def _groups_and_parts(
         shared = common[beside][:, beside].toarray()
         groups[place] = (shared < (1 - _WITHIN) * np.minimum.outer(lengths[beside], lengths[beside])).any()
         if sure[place] and not groups[place]:
+            wholes[place] = raised.any()
             parts[within[raised]] = True
-    return groups, parts
+    return groups, wholes, parts

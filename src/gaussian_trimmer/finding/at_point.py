@@ -9,9 +9,10 @@ from itertools import chain, zip_longest
 import numpy as np
 
 from gaussian_trimmer.cameras import up_frame
-from gaussian_trimmer.finding.agreement import most_agreed_on
+from gaussian_trimmer.finding.agreement import Candidate, most_agreed_on
 from gaussian_trimmer.finding.find import Looks
 from gaussian_trimmer.finding.judging import FindConfig
+from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import Tile, tile_counts
 from gaussian_trimmer.finding.visible_surface import measure
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
@@ -49,20 +50,31 @@ class ThingsAtPoints:
         if height >= top or not below.any():
             return []
         middle = up_frame(self.up)[:2] @ point
-        distance = np.where(below, np.abs(plan - middle).max(axis=1), np.inf)
+        distance = np.abs(plan - middle).max(axis=1)
+        looked_at = np.where(below, distance, np.inf)
         shown = int(below.sum())
         counts = [min(n, shown - 1) for n in tile_counts(shown)[1:]]  # the smaller ones: what is meant is seen nearby
-        reach = [float(np.partition(distance, n)[n]) for n in counts]
-        rows = np.flatnonzero(distance <= max(reach))
+        reach = [float(np.partition(looked_at, n)[n]) for n in counts]
+        rows = np.flatnonzero(looked_at <= max(reach))
         near, looks = self.scene.select(rows), Looks(self.up, FindConfig(), self.renderer).close()
-        tiles = [Tile(middle - r, 2 * r, np.flatnonzero(distance[rows] <= r)) for r in reach]
+        tiles = [Tile(middle - r, 2 * r, np.flatnonzero(looked_at[rows] <= r)) for r in reach]
         looked = [(tile, look) for tile in tiles if (look := looks.tile(near, tile)) is not None]
         if not looked:
             return []
         measured, weight = measure(near, [look for _, look in looked]), seen[rows] / max(float(seen.sum()), 1e-9)
         found = [one for tile, look in looked for one in looks.candidates(near, tile, look, measured, top)]
         found = [one for one in found if weight[one.rows].sum() > _MIN_SEEN]
-        first, *others = [rows[one.rows] for one in most_agreed_on(found, len(rows))] or [rows[:0]]
+        around = np.flatnonzero(distance <= max(reach))
+        tall = TallThings(self.scene.select(around), self.up, storey, top)
+
+        def whole(one: Candidate) -> IntArray:
+            """The rows of a thing, with what was cut off it."""
+            thing = rows[one.rows]
+            if not one.cut_off or tall.reaches_ceiling(np.searchsorted(around, thing)):
+                return thing
+            return around[np.flatnonzero(tall.grown(np.isin(around, thing).astype(np.int64), [1]))]
+
+        first, *others = [whole(one) for one in most_agreed_on(found, len(rows))] or [rows[:0]]
         larger = sorted((one for one in others if len(one) > len(first)), key=len)
         smaller = sorted((one for one in others if len(one) <= len(first)), key=len, reverse=True)
         in_turn = chain.from_iterable(zip_longest(larger, smaller))

@@ -103,7 +103,7 @@ def find_objects(
     with clock("surfaces"):
         room = find_room(surface)
     with clock("regions"):
-        [(verdicts, numbers)] = looks.judged(scene, surface, views, room, (0.0,))
+        [(verdicts, numbers)] = looks.judged(scene, surface, views, room, LEVELS[:1] if config.parts else (0.0,))
         labels = with_hidden(surface, numbers, _HIDDEN_REACH, np.arange(len(scene)))
     objects = tuple(
         _described(scene, labels, number, verdict, *_box_in_scene(surface, verdict))
@@ -220,14 +220,17 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
             views += look.views
     with clock("agree"):
         agreed = sorted(
-            agree(candidates, len(shown), up.direction), key=lambda one: (one.confidence < SURE, -len(one.rows))
+            agree(candidates, len(shown), up.direction, parts=looks.config.parts),
+            key=lambda one: (one.confidence < SURE, -len(one.rows)),
         )
         labels = np.zeros(len(scene), np.int64)
         for number, one in enumerate(agreed, 1):
             labels[shown_rows[one.rows]] = number
         cut_off = [n for n, one in enumerate(agreed, 1) if one.cut_off and not one.reaches_ceiling]
         labels = tall.grown(labels, cut_off) if cut_off else labels
-    boxes = [_box_of(scene, labels == n, up) if n in cut_off else (one.centre, one.size) for n, one in enumerate(agreed, 1)]
+    boxes = [
+        _box_of(scene, labels == n, up) if n in cut_off else (one.centre, one.size) for n, one in enumerate(agreed, 1)
+    ]
     objects = tuple(
         _described(scene, labels, number, one.verdict, *box)
         for number, (one, box) in enumerate(zip(agreed, boxes, strict=True), 1)
@@ -266,7 +269,7 @@ def _box_in_scene(surface: VisibleSurface, verdict: Verdict) -> tuple[Float64Arr
 
 
 def _box_of(scene: Gaussians, mask: BoolArray, up: UpVector) -> tuple[Float64Array, Float64Array]:
-    """Return the middle of the box around the Gaussians of a mask (N,), (3,), and its size along the frame's axes, (3,)."""
+    """Return the middle of the box around the Gaussians of a mask (N,), (3,), and its size as seen along up, (3,)."""
     axes = up_frame(up.direction)
     low, high = np.percentile(scene.means[mask].astype(np.float64) @ axes.T, _END_PERCENTILES, axis=0)
     return (low + high) / 2 @ axes, high - low

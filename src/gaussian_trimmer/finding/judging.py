@@ -39,6 +39,8 @@ class FindConfig:
     """Smallest share of the views in which it must be seen well, relative to what is seen in most."""
     max_size: Annotated[float, Range(0.1, 100)] = 1.25
     """Largest length of an object, relative to what a picture's longer side spans at the usual depth."""
+    parts: bool = False
+    """Also name the parts of things, such as the cushions of a sofa; the thing is then what is left of it."""
     surfaces: bool = False
     """Also name the surfaces of the room: table tops, floors and walls; not in captures that are looked at in tiles."""
 
