@@ -49,6 +49,12 @@ def test_arrays(tmp_path, values, expected):
         assert part in text
 
 
+def test_arrays_that_have_to_be_named(tmp_path):
+    np.savez(tmp_path / "a.npz", exact=rows_mask(N, 2), wobbly=rows_mask(N, 3), other=np.zeros(3))
+    text = describe_file(tmp_path / "a.npz")
+    assert f"of {N} Gaussians by one of these arrays, with --selection.property NAME" in text
+
+
 def test_clusters(tmp_path):
     np.savez(tmp_path / "cluster_lang.npz", leaf_feat=np.zeros((2, 512)), leaf_ind=np.array([0, 1, 1]))
     text = describe_file(tmp_path / "cluster_lang.npz")

@@ -144,6 +144,13 @@ def test_arrays_of_no_use_are_described(tmp_path):
         select(tmp_path / "x.npz")
 
 
+def test_arrays_that_have_to_be_named_are_said(tmp_path):
+    np.savez(tmp_path / "x.npz", exact=rows_mask(N, 2), wobbly=rows_mask(N, 3))
+    for given in ({}, {"property": "woble"}):
+        with pytest.raises(InputError, match=r"; name an array, such as --selection\.property exact\."):
+            select(tmp_path / "x.npz", **given)
+
+
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_forcing_a_kind_that_the_file_is_not(tmp_path, kind):
     np.savez(tmp_path / "x.npz", a=np.zeros((3, 4), np.float32), b=np.zeros(2))

@@ -16,7 +16,7 @@ from gaussian_trimmer.batch.items import check_items
 from gaussian_trimmer.batch.manifest import read_manifest
 from gaussian_trimmer.batch.running import BatchOptions, Status, run
 from gaussian_trimmer.batch.store import Outcome, Store
-from gaussian_trimmer.batch.summary import HTML, row_of, write_summaries
+from gaussian_trimmer.batch.summary import CSV, HTML, row_of, write_summaries
 from gaussian_trimmer.commands.console import PrintOptions
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.options import Positional, arg
@@ -89,7 +89,7 @@ class Batch:
             again = "" if any(outcome.fresh for outcome in failed) else "; --retry-failed tries them again"
             raise InputError(
                 f"{len(failed)} of {len(outcomes)} items failed; the first: {failed[0].item.name}: "
-                f"{failed[0].message} All are in summary.csv{again}."
+                f"{failed[0].message} All are in {self.output / CSV}{again}."
             )
 
 

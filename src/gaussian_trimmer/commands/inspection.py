@@ -21,7 +21,7 @@ from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.reading import is_file, is_folder, read_json
 from gaussian_trimmer.selecting.marks import KINDS, Marks
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
-from gaussian_trimmer.selection_files import SelectionOptions, offered_kinds
+from gaussian_trimmer.selection_files import SelectionOptions, arrays_that_select, offered_kinds
 from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.method_files import method_files_in
@@ -216,7 +216,9 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
     if "labels" in kinds and _distinct_rows(file, options):
         yield "selects the listed rows of a scene with more Gaussians"
     if not kinds:
-        yield "holds no selection of a known kind"
+        by_name = arrays_that_select(file, n, options)
+        named = f"selects from a scene of {n} Gaussians by one of these arrays, with {flag('property')} NAME"
+        yield named if by_name else "holds no selection of a known kind"
 
 
 def describe_cameras(path: Path, *, trust_paths: bool = False) -> Iterator[str]:

@@ -118,7 +118,7 @@ class Objects:
         )
         if self.trim is None:
             now = shlex.join(self._next_command())
-            console.print(f"To choose: open {folder / 'index.html'} in a browser. Now: {now}")
+            console.print(f"To choose: open {folder / 'index.html'} in a browser. To trim all that are sure: {now}")
             self.results.printing.print_json(document, (folder, _KIND))
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)

@@ -6,6 +6,7 @@ The container of a file is told by its ending, what it means by its content.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from gaussian_trimmer.selection_files.options import Kind, SelectionOptions, fla
 from gaussian_trimmer.selection_files.selection_file import SelectionFile, open_selection
 from gaussian_trimmer.settings import check_settings
 
-__all__ = ["KINDS", "Kind", "SelectionOptions", "load_selection", "offered_kinds"]
+__all__ = ["KINDS", "Kind", "SelectionOptions", "arrays_that_select", "load_selection", "offered_kinds"]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what damaged numbers become is found where they are used
@@ -62,6 +63,11 @@ def load_selection(
     return selection
 
 
+def arrays_that_select(file: SelectionFile, n: int, options: SelectionOptions) -> list[str]:
+    """Return the names of the arrays of a file that select from a scene of n Gaussians once they are named."""
+    return [name for name in file.arrays if name and offered_kinds(file, n, replace(options, property=name))]
+
+
 def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
     kinds = offered_kinds(file, n, options)
     if len(kinds) > 1:
@@ -69,7 +75,9 @@ def _detect(file: SelectionFile, n: int, options: SelectionOptions) -> str:
             f"'{file.path.name}' can be read as {' or as '.join(kinds)}; say which with {flag('kind')} {kinds[0]}."
         )
     if not kinds:
+        names = arrays_that_select(file, n, options)
+        choose = f"; name an array, such as {flag('property')} {names[0]}" if names else ""
         raise InputError(
-            f"'{file.path.name}' with {file.content} is not a selection for {n} Gaussians with these options."
+            f"'{file.path.name}' with {file.content} is not a selection for {n} Gaussians with these options{choose}."
         )
     return kinds[0]

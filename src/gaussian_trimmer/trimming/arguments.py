@@ -57,6 +57,11 @@ def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
     Raises:
         InputError: the selection is none of these, is empty, or can be understood in both ways.
     """
+    if isinstance(selection, str | Path):
+        raise InputError(
+            f"The selection is a {type(selection).__name__}; give booleans or row numbers, such as those of "
+            "gaussian_trimmer.read_selection(path, scene)."
+        )
     try:
         values = np.asarray(selection)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, arrays on a device
