@@ -14,7 +14,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import tyro
 from bodies import Part, Texture, checks, grain, plain
@@ -24,6 +23,7 @@ from gaussian_trimmer.finding.find import find_objects
 from gaussian_trimmer.finding.found import SURE
 from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.gaussians import Float64Array, Gaussians, IntArray, concatenate
+from gaussian_trimmer.output.pictures import write_picture
 from gaussian_trimmer.rendering import get_renderer
 
 _HEIGHT, _DOOR_HEIGHT, _DOOR_WIDTH, _WALL = 2.6, 2.05, 0.9, 0.1
@@ -372,7 +372,7 @@ def _measure(flat: Flat, picture: Path) -> None:
     print("  missed:", ", ".join(name for thing, name in enumerate(flat.names) if thing not in matched))
     false = [one for number, one in enumerate(sure) if number not in matched.values()]
     print("  false:", "; ".join(f"{one.id} at {one.centre.round(1)} size {one.size.round(1)}" for one in false))
-    cv2.imwrite(str(picture), draw_plan(found, get_renderer("numba"))[..., ::-1])
+    write_picture(draw_plan(found, get_renderer("numba")), picture)
 
 
 if __name__ == "__main__":

@@ -128,6 +128,7 @@ def test_what_stands_on_a_thing_is_a_part_of_it_however_many_tiles_agree_on_it()
     cushions = [candidate(range(first, first + 60), foot=0.4) for first in (0, 100) for _ in range(9)]
     assert [len(one.rows) for one in agree(sofa + cushions, 400, UP)] == [400]
     assert [len(one.rows) for one in agree(cushions, 400, UP)] == [60, 60]
+    assert [len(one.rows) for one in agree(sofa + cushions, 400, UP, parts=True)] == [60, 60, 280]
 
 
 def test_the_largest_tiles_hold_about_all_of_a_small_capture():

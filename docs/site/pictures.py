@@ -24,13 +24,15 @@ from playwright.sync_api import sync_playwright
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.cli import main as run
+from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.output.pictures import as_picture, captioned
 from gaussian_trimmer.rendering import get_renderer
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "images"
 ROBOT = ROOT / "tests" / "fixtures" / "playbot" / "lod-meta.json"
-TABLE = ROOT / "benchmarks" / "data" / "tabletop"
+FLAT = 3, 400_000
+"""Seed of the flat whose furniture is found, and about how many Gaussians it has."""
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 SIZE = {"width": 1280, "height": 760}
 CELL, STEP, LINE, WIDTH = 320, 324, 26, 3 * 320
@@ -43,6 +45,7 @@ COLUMNS = (0, 4)
 
 def main() -> None:
     """Make every picture anew."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
     figures.main(figures.FOLDER)
     walk.main(walk.FOLDER)
     with tempfile.TemporaryDirectory() as folder:
@@ -56,18 +59,18 @@ def main() -> None:
 
 
 def _draw_found(folder: Path) -> None:
-    """Click on the robot of a file that others made, and find the objects of a table."""
+    """Click on the robot of a file that others made, and find the furniture of a flat."""
     robot = ["select", str(ROBOT), "--view-index", "5", "--click", "335", "290", "--output", f"{folder}/robot.npy"]
     assert run([*robot, "--trim", f"{folder}/robot", "--quiet"]) == 0
     _write("robot.jpg", front_picture(cv2.imread(f"{folder}/robot/before_after.png"), (2,)))
-    table = ["objects", str(TABLE / "scene.ply"), "--cameras", str(TABLE / "cameras.json"), "--quiet"]
-    assert run([*table, "--output", f"{folder}/found"]) == 0
-    _write("plan.jpg", cv2.imread(f"{folder}/found/plan.png"))
+    from flats import make_flat
+
+    found = gt.find_objects(make_flat(*FLAT).gaussians, up="z")
+    _write("plan.jpg", draw_plan(found, get_renderer("auto")))
 
 
 def _draw_emptied() -> None:
     """Take furniture out of a room that is made of Gaussians, and look at it from eye height."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))
     from rooms import UP, make_room
 
     room, lens = make_room("furnished"), intrinsics(np.radians(64), WIDTH // 2, 400)

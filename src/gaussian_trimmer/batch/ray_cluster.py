@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import socket
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from typing import Any
 
@@ -70,6 +70,8 @@ class RayCluster:
         """End all actors, and the cluster if it was started for this."""
         for actor in self._started:
             actor.end()
+        # What an actor was at ends when it is killed, in a thread of Ray's; Ray may crash if it is shut down before.
+        wait([actor.last for actor in self._started if actor.last is not None], _SECONDS_TO_ANSWER)
         if self._is_own:
             self._ray.shutdown()
 
@@ -79,10 +81,13 @@ class RayActor:
 
     def __init__(self, ray: Any, actor: Any, need: float) -> None:
         self._ray, self._actor, self._need = ray, actor, need
+        self.last: Future[Outcome | None] | None = None
+        """What it was given last."""
 
     def submit(self, item: Item) -> Future[Outcome | None]:
         """Have it trim an item."""
         future: Future[Outcome | None] = self._actor.trim.remote(item).future()
+        self.last = future
         return future
 
     def fits(self, need: float) -> bool:

@@ -103,7 +103,7 @@ def find_objects(
     with clock("surfaces"):
         room = find_room(surface)
     with clock("regions"):
-        [(verdicts, numbers)] = looks.judged(scene, surface, views, room, LEVELS[:1] if config.parts else (0.0,))
+        [(verdicts, numbers)] = looks.judged(scene, surface, views, room, (0.0,))
         labels = with_hidden(surface, numbers, _HIDDEN_REACH, np.arange(len(scene)))
     objects = tuple(
         _described(scene, labels, number, verdict, *_box_in_scene(surface, verdict))
