@@ -24,7 +24,7 @@ LAYERS = (
     BASE,
     ("geometry",),
     ("rendering",),
-    ("views", "scene_crop"),
+    ("views",),
     FILES,
     STAGES,
     ("removal",),

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Literal
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.decomposition.refinement import RefineConfig
-from gaussian_trimmer.decomposition.splitting import SplitConfig
-from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
+from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, SplitConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig

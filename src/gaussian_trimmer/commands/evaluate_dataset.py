@@ -27,7 +27,7 @@ from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings, to_plain
-from gaussian_trimmer.trimming.options import SegmenterOptions, preset_values
+from gaussian_trimmer.trimming.trim_options import SegmenterOptions, preset_values
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.replay import inputs_of_report
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
-from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
+from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.config import check_config
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
@@ -33,7 +33,7 @@ from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import to_plain
-from gaussian_trimmer.trimming.options import TrimOptions
+from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 if TYPE_CHECKING:  # most selections need no kernels
     from gaussian_trimmer.selecting.select import SelectionResult

@@ -14,9 +14,9 @@ from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
 from gaussian_trimmer.segmentation.segmenters import description_of, name_of
+from gaussian_trimmer.trimming.arguments import Setup
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
-from gaussian_trimmer.trimming.setup import Setup
 
 
 def assemble_object(

@@ -44,8 +44,8 @@ from gaussian_trimmer.selecting.marks import Click, Marks
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
-from gaussian_trimmer.trimming.options import TrimOptions, views_of_masks
 from gaussian_trimmer.trimming.trim import trim_objects
+from gaussian_trimmer.trimming.trim_options import TrimOptions, views_of_masks
 
 _USUAL_PHOTOS = 8
 """Number of photographs that are looked at, unless more views or another number are asked for."""
