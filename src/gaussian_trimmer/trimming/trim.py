@@ -150,8 +150,7 @@ def trim_objects(
         fitted = partial(assemble_object, setup, owner, hidden)
         assembled = list(setup.map(fitted, _light(decisions), removals, numbers))
     with clock("assemble"):
-        placed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
-        return assemble_result(setup, assembled, owner, hidden, placed, contested, clock.seconds)
+        return assemble_result(setup, assembled, owner, hidden, decisions, removals, contested, clock.seconds)
 
 
 def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:
