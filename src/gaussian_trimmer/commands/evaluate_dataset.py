@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
-from gaussian_trimmer.config import TrimConfig, check_config
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
@@ -69,7 +69,7 @@ class _EvaluateDataset:
         Raises:
             InputError: something that the user gave cannot be used; everything is looked for before the first trim.
         """
-        check_config(self.config)
+        check_settings(self.config)
         check_settings(self.segmenter_options)
         check_settings(self.selection_options, "selection")
         self.tables.publish(self._measure, open_console(quiet=self.quiet))

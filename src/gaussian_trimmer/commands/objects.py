@@ -135,7 +135,7 @@ class Objects:
             suffix=self.inputs.suffix(self.options),
             options=self.options,
             results=self.results,
-            inputs=self.inputs.as_json(self.options) | said,
+            for_report=self.inputs.as_json(self.options) | said,
             files=[self.inputs.scene],
             several=True,
         )

@@ -124,7 +124,7 @@ class Select:
             suffix=inputs.suffix(self.options),
             options=self.options,
             results=results,
-            inputs=inputs.as_json(self.options) | {"selection": str(path)},
+            for_report=inputs.as_json(self.options) | {"selection": str(path)},
             files=[file for file in (inputs.scene, path, inputs.cameras, *used) if isinstance(file, Path)],
             source=path,
         )

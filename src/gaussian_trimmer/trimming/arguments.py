@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
-from gaussian_trimmer.config import TrimConfig, check_config
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, check_gaussians, mask_of_rows
@@ -21,6 +21,7 @@ from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.settings import check_settings
 
 Made = TypeVar("Made")
 
@@ -213,5 +214,5 @@ def settings(
         config = replace(config, plan=replace(config.plan, views=views))
     if up is not None:
         config = replace(config, up=vector_of_up(up))
-    check_config(config)
+    check_settings(config)
     return config

@@ -2,7 +2,7 @@
 
 Which rows are the object's is, in turn: a selection of the crop, a probability of each of its Gaussians, masks in
 views, and the members of a `Decomposition`. `resolve_overlaps` makes owners in the scene of the members of all objects,
-`assemble_object` the object of those that are its own.
+`assemble_object` makes `Pieces` of those that are an object's own.
 """
 
 from __future__ import annotations
