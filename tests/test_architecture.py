@@ -24,7 +24,7 @@ LAYERS = (
     BASE,
     ("geometry",),
     ("rendering",),
-    ("views", "scene_crop"),
+    ("views",),
     FILES,
     STAGES,
     ("removal",),
@@ -174,50 +174,6 @@ def test_heavy_packages_are_imported_late(trees: dict[Path, ast.Module]) -> None
     for path, tree in trees.items():
         heavy = set(loaded_with(tree)) & set(HEAVY)
         assert heavy <= {HEAVY_FILES.get(path.relative_to(PACKAGE).as_posix())}, path
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ("import torch", {"torch"}),
-        ("if True:\n    from torch.nn import Module", {"torch"}),
-        ("class A:\n    import gsplat.cuda", {"gsplat"}),
-        ("torch = import_module('torch.cuda')", {"torch"}),
-        ("def late():\n    import torch", set()),
-        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch", {"typing"}),
-    ],
-)
-def test_what_is_loaded_with_a_module(source: str, found: set[str]) -> None:
-    assert set(loaded_with(ast.parse(source))) == found
-
-
-@pytest.mark.parametrize(
-    ("importer", "imported", "allowed"),
-    [
-        ("trimming", "planning", True),
-        ("planning", "trimming", False),
-        ("planning", "segmentation", False),
-        ("decomposition", "rendering", True),
-        ("rendering", "geometry", True),
-        ("geometry", "rendering", False),
-        ("cameras", "gaussians", True),
-        ("cameras", "geometry", False),
-        ("formats", "geometry", True),
-        ("formats", "rendering", False),
-        ("selection_files", "formats", True),
-        ("formats", "selection_files", False),
-        ("output", "evaluation", False),
-        ("selecting", "finding", True),
-        ("finding", "selecting", True),
-        ("evaluation", "output", True),
-        ("evaluation", "commands", False),
-        ("output", "trimming", False),
-        ("commands", "output", True),
-        ("segmentation", "segmentation", True),
-    ],
-)
-def test_the_rule(importer: str, imported: str, allowed: bool) -> None:
-    assert may_import(importer, imported) == allowed
 
 
 def test_names_in_tables_are_those_of_the_classes() -> None:

@@ -210,7 +210,7 @@ def test_signal_that_stops_a_trim_leaves_the_earlier_results(number, code, monke
     command = ["trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, "--overwrite", "--views", 2]
     (tmp_path / "notes.txt").write_text("mine")
     stop = getattr(signal, number)
-    monkeypatch.setattr("gaussian_trimmer.commands.trimming.trim_objects", lambda *_, **__: signal.raise_signal(stop))
+    monkeypatch.setattr("gaussian_trimmer.commands.trim_run.trim_objects", lambda *_, **__: signal.raise_signal(stop))
     assert run(*command, *SMALL) == code
     assert capsys.readouterr().err == ""
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]

@@ -8,8 +8,7 @@ import toy
 
 from gaussian_trimmer.config import EvidenceConfig
 from gaussian_trimmer.decomposition.alpha_targets import OutlineViews
-from gaussian_trimmer.decomposition.halo import prune_halo
-from gaussian_trimmer.decomposition.splitting import Decomposition
+from gaussian_trimmer.decomposition.evidence import Decomposition, prune_halo
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.geometry.planes import Plane
 from gaussian_trimmer.rendering.reference import ReferenceRenderer

@@ -9,7 +9,8 @@ import pytest
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.decomposition.alpha_targets import ObjectRender, OutlineViews, coverage_target, resized_mask
 from gaussian_trimmer.decomposition.fitting import Target, fit
-from gaussian_trimmer.decomposition.refinement import RefineConfig, refine
+from gaussian_trimmer.decomposition.refinement import Pieces, RefineConfig
+from gaussian_trimmer.decomposition.refinement import refine as refine_pieces
 from gaussian_trimmer.gaussians import Gaussians, concatenate, rotation_matrices
 from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.planning.camera_rings import Lens, ring
@@ -64,6 +65,13 @@ def _error(ball: Gaussians, cameras: list[Camera], masks: list[np.ndarray]) -> f
     return float(np.mean([np.abs(draw(ball, camera).image[3] - mask).mean() for camera, mask in pairs]))
 
 
+def refine(
+    ball: Gaussians, background: Gaussians, views: OutlineViews, config: RefineConfig
+) -> tuple[Pieces, str | None]:
+    """Fit Gaussians of a scene that has nothing else."""
+    return refine_pieces(Pieces.of(ball, np.arange(len(ball))), background, views, config)
+
+
 def _elongation(gaussians: Gaussians) -> np.ndarray:
     return np.asarray(np.ptp(gaussians.log_scales, axis=1))
 
@@ -71,39 +79,39 @@ def _elongation(gaussians: Gaussians) -> np.ndarray:
 def test_a_ball_that_sticks_out_of_its_masks_is_fitted_to_them_from_other_views_too() -> None:
     ball = _sphere(150, 0.8, 0.15, 0.5)
     nothing, cameras = ball.select(slice(0, 0)), _views()
-    refined = refine(ball, nothing, OutlineViews(cameras, _true_masks(cameras), 1.0), _CONFIG)
+    refined, _ = refine(ball, nothing, OutlineViews(cameras, _true_masks(cameras), 1.0), _CONFIG)
     others = small_views_around(_BOUNDS, 3, (30.0,), 96)
     masks = _true_masks(others)
-    assert _error(refined.object, others, masks) < 0.4 * _error(ball, others, masks)
+    assert _error(refined.gaussians, others, masks) < 0.4 * _error(ball, others, masks)
 
 
 def test_what_shows_no_wrong_pixel_is_left_as_it_was() -> None:
     ball, core = _sphere(150, 0.8, 0.15, 0.5), _sphere(30, 0.2, 0.05, 0.2, seed=1)
     whole, cameras = concatenate([ball, core]), _views()
-    refined = refine(whole, ball.select(slice(0, 0)), OutlineViews(cameras, _true_masks(cameras), 1.0), _CONFIG)
+    refined, _ = refine(whole, ball.select(slice(0, 0)), OutlineViews(cameras, _true_masks(cameras), 1.0), _CONFIG)
     untouched = np.flatnonzero(~refined.fitted)
-    assert set(refined.parent[untouched]) >= set(range(150, 180))
+    assert set(refined.source[untouched]) >= set(range(150, 180))
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc"):
-        before, after = getattr(whole, name)[refined.parent[untouched]], getattr(refined.object, name)[untouched]
+        before, after = getattr(whole, name)[refined.source[untouched]], getattr(refined.gaussians, name)[untouched]
         np.testing.assert_array_equal(after, before)
-    np.testing.assert_array_equal(refined.object.sh_rest, whole.sh_rest[refined.parent])
+    np.testing.assert_array_equal(refined.gaussians.sh_rest, whole.sh_rest[refined.source])
 
 
 def test_parts_come_last_and_every_gaussian_of_the_object_is_still_there() -> None:
     ball, cameras = _sphere(40, 0.8, 0.3, 0.5), _views()
-    refined = refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, _true_masks(cameras), 1.0), _CONFIG)
+    refined, _ = refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, _true_masks(cameras), 1.0), _CONFIG)
     assert refined.part.any() and np.all(np.diff(refined.part.astype(int)) >= 0)
-    assert set(refined.parent) == set(range(40))
-    np.testing.assert_array_equal(refined.part, np.bincount(refined.parent)[refined.parent] > 1)
+    assert set(refined.source) == set(range(40))
+    np.testing.assert_array_equal(refined.part, np.bincount(refined.source)[refined.source] > 1)
 
 
 def test_no_gaussian_becomes_a_needle_or_flies_away() -> None:
     ball, cameras = _sphere(60, 0.8, 0.2, 0.5), _views()
     config = RefineConfig(cut_above=1e6)
     masks = [np.zeros_like(mask) for mask in _true_masks(cameras)]  # Nothing can satisfy these.
-    refined = refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, masks, 1.0), config)
-    assert (_elongation(refined.object) < np.log(5.0)).all()
-    moved = np.linalg.norm(refined.object.means - ball.means[refined.parent], axis=1)
+    refined, _ = refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, masks, 1.0), config)
+    assert (_elongation(refined.gaussians) < np.log(5.0)).all()
+    moved = np.linalg.norm(refined.gaussians.means - ball.means[refined.source], axis=1)
     assert (moved <= 2.0 * np.sqrt(3) * 0.2 + 1e-5).all()
 
 
@@ -114,12 +122,14 @@ def test_the_result_does_not_depend_on_the_number_of_threads() -> None:
         for threads in (1, numba.config.NUMBA_NUM_THREADS):
             numba.set_num_threads(threads)
             found.append(
-                refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, masks, 1.0), RefineConfig(steps=6)).object
+                refine(ball, ball.select(slice(0, 0)), OutlineViews(cameras, masks, 1.0), RefineConfig(steps=6))[
+                    0
+                ].gaussians
             )
     finally:
         numba.set_num_threads(before)
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc"):
-        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+        np.testing.assert_array_equal(getattr(found[0].gaussians, name), getattr(found[1].gaussians, name))
 
 
 def test_degenerate_gaussians_stay_numbers() -> None:
@@ -128,11 +138,11 @@ def test_degenerate_gaussians_stay_numbers() -> None:
     scales[0], scales[1, 2], scales[2, 0], logits[3], logits[4] = -60, -np.inf, 5, np.inf, -np.inf
     quaternions[5] *= 1e-6
     odd = ball.replace(log_scales=scales, opacity_logits=logits, quaternions=quaternions)
-    refined = refine(
+    refined, _ = refine(
         odd, ball.select(slice(0, 0)), OutlineViews(cameras, _true_masks(cameras), 1.0), RefineConfig(steps=6)
     )
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc"):
-        assert not np.isnan(getattr(refined.object, name)).any()
+        assert not np.isnan(getattr(refined.gaussians, name)).any()
 
 
 def test_what_something_nearer_hides_says_nothing_about_coverage() -> None:
@@ -187,14 +197,14 @@ def test_thin_things_are_not_fitted_to_what_labels_show_of_them() -> None:
         np.tile([1.0, 0, 0, 0], (60, 1)), np.full(60, 4.0), np.zeros((60, 3)), np.zeros((60, 3, 0)),
     )  # fmt: skip
     haze = _sphere(40, 0.6, 0.2, 0.4)
-    left = refine(wire, haze, OutlineViews(cameras, None, 1.0), _CONFIG)
-    assert "three pixels" in left.skipped_because and not left.fitted.any() and left.object is wire
-    fitted = refine(wire, haze, OutlineViews(cameras, None, 1.0), RefineConfig(steps=2, max_thin=1))
-    assert fitted.skipped_because is None and fitted.fitted.any()
+    left, reason = refine(wire, haze, OutlineViews(cameras, None, 1.0), _CONFIG)
+    assert reason is not None and "three pixels" in reason and not left.fitted.any() and left.gaussians is wire
+    fitted, reason = refine(wire, haze, OutlineViews(cameras, None, 1.0), RefineConfig(steps=2, max_thin=1))
+    assert reason is None and fitted.fitted.any()
 
 
 @pytest.mark.parametrize("n", [0, 1])
 def test_objects_of_hardly_any_gaussian_are_no_problem(n: int) -> None:
     few, cameras = _sphere(n, 0.5, 0.2, 0.5), _views(32)
-    refined = refine(few, few.select(slice(0, 0)), OutlineViews(cameras, None, 1.0), RefineConfig(steps=2))
-    assert set(refined.parent) == set(range(n))
+    refined, _ = refine(few, few.select(slice(0, 0)), OutlineViews(cameras, None, 1.0), RefineConfig(steps=2))
+    assert set(refined.source) == set(range(n))

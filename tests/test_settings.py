@@ -12,7 +12,7 @@ import pytest
 from command_line import run
 
 import gaussian_trimmer
-from gaussian_trimmer.config import TrimConfig, check_config, paper_config
+from gaussian_trimmer.config import TrimConfig, paper_config
 from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
@@ -48,7 +48,7 @@ def test_every_number_of_a_configuration_has_a_finite_range():
             for allowed in numbers_of(hint):
                 assert allowed is not None, f"{kind.__name__}.{name} has a number without a range"
                 assert math.isfinite(allowed.low) and math.isfinite(allowed.high) and allowed.low < allowed.high
-    check_config(paper_config())
+    check_settings(paper_config())
 
 
 @dataclass(frozen=True)

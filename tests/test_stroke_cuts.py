@@ -9,6 +9,7 @@ from app_session import BALL
 from command_line import run, save_ball
 
 import gaussian_trimmer as gt
+from gaussian_trimmer.decomposition.refinement import Pieces
 from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut, cut_at_stroke
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
@@ -29,6 +30,12 @@ def under(gaussians, mask=None):
     return float(RENDERER.render(gaussians, CAMERA).alpha[:, mask].sum())
 
 
+def cut_up(gaussians, pieces, spared):
+    """What is left of Gaussians, of which some are pieces, and what is cut off."""
+    whole = Pieces.of(gaussians, np.arange(len(gaussians)))
+    return cut_at_stroke(replace(whole, part=np.array(pieces)), cut(spared), RENDERER)
+
+
 def cut(spared):
     mask = np.tile(np.arange(CAMERA.width) < 0.47 * CAMERA.width, (CAMERA.height, 1))
     return StrokeCut(CAMERA, mask, np.array(spared))
@@ -36,21 +43,20 @@ def cut(spared):
 
 def test_what_crosses_the_edge_of_a_stroke_is_split_there_and_nothing_is_lost():
     wide = toy.gaussians([[0.2, 0, 1], [0.3, 0, 0], [2, 0, 1]], (1.0, 0.05, 0.2), toy.RED)
-    made = cut_at_stroke(wide, np.array([True, True, False]), np.zeros(3, np.bool_), cut([False] * 3), RENDERER)
-    assert made.parent[: len(made.parent) - made.n_parts].tolist() == [2]  # it is spared
-    assert set(made.parent[-made.n_parts :]) == set(made.cut_off_parent) == {0, 1}
-    assert under(made.object.select(made.parent < 2)) < 0.15 * under(wide.select(slice(0, 2)))
+    made, off = cut_up(wide, [False] * 3, [False, False, True])
+    assert made.source[~made.part].tolist() == [2]  # it is spared
+    assert set(made.source[made.part]) == set(off.source) == {0, 1}
+    assert under(made.gaussians.select(made.source < 2)) < 0.15 * under(wide.select(slice(0, 2)))
     right = np.arange(CAMERA.width) > 0.55 * CAMERA.width
-    assert under(made.object, right) == pytest.approx(under(wide, right), rel=0.05)
-    whole = RENDERER.render(concatenate([made.object, made.cut_off]), CAMERA).alpha
+    assert under(made.gaussians, right) == pytest.approx(under(wide, right), rel=0.05)
+    whole = RENDERER.render(concatenate([made.gaussians, off.gaussians]), CAMERA).alpha
     assert np.abs(whole - RENDERER.render(wide, CAMERA).alpha).mean() < 0.02
 
 
 def test_parts_under_a_stroke_go_and_whole_gaussians_there_stay():
     away = toy.gaussians([[-2, 0, 1], [-2, 0, 0.5], [2, 0, 1]], (0.1, 0.1, 0.1), toy.RED)
-    pieces = np.array([True, False, True])
-    made = cut_at_stroke(away, np.ones(3, np.bool_), pieces, cut([False] * 3), RENDERER)
-    assert made.parent.tolist() == [1, 2] and made.cut_off_parent.tolist() == [0]
+    made, off = cut_up(away, [True, False, True], [False] * 3)
+    assert made.source.tolist() == [1, 2] and off.source.tolist() == [0]
 
 
 def test_a_stroke_is_saved_with_its_mark_and_cuts_what_is_trimmed_until_it_is_put_back(tmp_path):

@@ -8,8 +8,7 @@ from toy import BLUE, RED, WHITE, any_rotation, gaussians
 
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.geometry.bounds import Bounds
-from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
-from gaussian_trimmer.segmentation.attached_pieces import attached_to_object
+from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, attached_to_object, find_support_plane
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig, correct_labels
 
 CONFIG = SupportPlaneConfig()

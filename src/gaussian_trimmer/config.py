@@ -10,12 +10,11 @@ from typing import Annotated, Any, Literal
 from gaussian_trimmer.cameras import vector_of_up
 from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.decomposition.refinement import RefineConfig
-from gaussian_trimmer.decomposition.splitting import SplitConfig
-from gaussian_trimmer.decomposition.straddlers import BoundaryConfig
+from gaussian_trimmer.decomposition.straddlers import BoundaryConfig, SplitConfig
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig
 from gaussian_trimmer.segmentation.acceptance import AcceptanceConfig
 from gaussian_trimmer.segmentation.label_crf import LabelCrfConfig
-from gaussian_trimmer.settings import Range, Vector, check_settings, from_plain
+from gaussian_trimmer.settings import Range, Vector, from_plain
 
 __all__ = [
     "CONTEXT_RADIUS",
@@ -27,7 +26,6 @@ __all__ = [
     "RefineConfig",
     "SplitConfig",
     "TrimConfig",
-    "check_config",
     "paper_config",
 ]
 
@@ -97,12 +95,3 @@ def paper_config(config: TrimConfig | None = None) -> TrimConfig:
         refine="off",
         background="exact",
     )
-
-
-def check_config(config: TrimConfig) -> None:
-    """Refuse settings that make no sense, before any work is done.
-
-    Raises:
-        InputError: a setting is out of its range; the message names it as the command line does.
-    """
-    check_settings(config)

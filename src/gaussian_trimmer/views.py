@@ -102,15 +102,15 @@ def without_pictures(trimmed: TrimmedView) -> TrimmedView:
     )
 
 
-def to_reference(weights: FloatArray, cameras: Sequence[Camera]) -> FloatArray:
-    """Blend weights summed over some of a set of views, in pixels of five views of 512 x 512.
+def visible_weight(weights: Sequence[FloatArray], cameras: Sequence[Camera]) -> FloatArray:
+    """Sum blend weights over views, in pixels of five views of 512 x 512.
 
     Args:
-        weights: the sums, in pixels of these views, of any shape.
-        cameras: the cameras of the whole set.
+        weights: blend weights in each view, in pixels of that view, of any shape.
+        cameras: the cameras of all views, also of those without weights.
     """
     pixels = sum(camera.height * camera.width for camera in cameras)
-    return np.asarray(weights * np.float32(REFERENCE_PIXELS / pixels))
+    return np.asarray(np.sum(weights, axis=0) * np.float32(REFERENCE_PIXELS / pixels))
 
 
 def clearly_nearer(nearest_depth: FloatArray, depth: FloatArray, radius: float) -> BoolArray:

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.config import TrimConfig, check_config
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.saving import suffix_of
@@ -134,7 +134,7 @@ def _check_settings(item: Item, known: set[int]) -> None:
     if id(item.selection_options) not in known:
         check_settings(item.selection_options, "selection")
     if id(item.config) not in known:
-        check_config(item.config)
+        check_settings(item.config)
     known |= {id(item.selection_options), id(item.config)}
     assert item.suffix
 

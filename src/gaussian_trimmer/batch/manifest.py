@@ -34,7 +34,7 @@ from gaussian_trimmer.options import arg, parse
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.object_ids import count_ids
 from gaussian_trimmer.selection_files.selection_file import open_selection
-from gaussian_trimmer.trimming.options import TrimOptions
+from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 COLUMNS = ("scene", "selection", "labels", "objects", "name", "cameras", "up", "options")
 Row = Mapping[str, Any]

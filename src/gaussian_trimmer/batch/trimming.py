@@ -26,8 +26,8 @@ from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
 from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
-from gaussian_trimmer.trimming.options import views_of_masks
 from gaussian_trimmer.trimming.trim import trim
+from gaussian_trimmer.trimming.trim_options import views_of_masks
 
 SECONDS_TO_COMPILE = 300.0
 """What the first item of a process is granted beyond the time limit."""

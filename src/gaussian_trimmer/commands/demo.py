@@ -12,7 +12,7 @@ from gaussian_trimmer.commands.console import PrintOptions, open_console
 from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
 from gaussian_trimmer.commands.trim import Trim
-from gaussian_trimmer.commands.trimming import ResultOptions
+from gaussian_trimmer.commands.trim_run import ResultOptions
 from gaussian_trimmer.options import arg
 
 _FOLDER = Path("trimmed") / "demo"

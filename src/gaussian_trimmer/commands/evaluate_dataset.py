@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from gaussian_trimmer.commands.console import open_console
 from gaussian_trimmer.commands.evaluate import RuleOptions
 from gaussian_trimmer.commands.tables import Findings, TableOptions, print_run
-from gaussian_trimmer.config import TrimConfig, check_config
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.evaluation.dataset_tables import table_beside_published, table_of_looks, table_of_tasks
 from gaussian_trimmer.evaluation.dataset_tasks import chosen_tasks, trials_of
@@ -27,7 +27,7 @@ from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, SEGMENTERS, options_of, segmenter_with
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.settings import check_settings, to_plain
-from gaussian_trimmer.trimming.options import SegmenterOptions, preset_values
+from gaussian_trimmer.trimming.trim_options import SegmenterOptions, preset_values
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class _EvaluateDataset:
         Raises:
             InputError: something that the user gave cannot be used; everything is looked for before the first trim.
         """
-        check_config(self.config)
+        check_settings(self.config)
         check_settings(self.segmenter_options)
         check_settings(self.selection_options, "selection")
         self.tables.publish(self._measure, open_console(quiet=self.quiet))

@@ -26,8 +26,7 @@ from gaussian_trimmer.selection_files.array_kinds import LABEL_NAMES
 from gaussian_trimmer.selection_files.feature_kinds import classifier_of
 from gaussian_trimmer.selection_files.method_files import method_files_in
 from gaussian_trimmer.selection_files.object_ids import count_ids, list_ids, list_names
-from gaussian_trimmer.selection_files.options import flag
-from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, open_selection
+from gaussian_trimmer.selection_files.selection_file import SUFFIXES, SelectionFile, flag, open_selection
 from gaussian_trimmer.selection_files.splat_kinds import MASK
 from gaussian_trimmer.selection_files.splat_rows import has_identity_features
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from gaussian_trimmer.batch.manifest import write_manifest
 from gaussian_trimmer.commands.console import in_lengths, print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
-from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
+from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.editing import chosen_objects
 from gaussian_trimmer.finding.find import find_objects
@@ -28,7 +28,7 @@ from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.trimming.options import TrimOptions
+from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 _KIND = "objects"
 _MOST_LISTED = 40
@@ -135,7 +135,7 @@ class Objects:
             suffix=self.inputs.suffix(self.options),
             options=self.options,
             results=self.results,
-            inputs=self.inputs.as_json(self.options) | said,
+            for_report=self.inputs.as_json(self.options) | said,
             files=[self.inputs.scene],
             several=True,
         )

@@ -15,7 +15,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.options import Positional, arg
 from gaussian_trimmer.output.saving import suffix_of
-from gaussian_trimmer.trimming.options import TrimOptions
+from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 _NAMES_OF_ALL = re.compile(r"scene|splats?|point_cloud|iteration_\d+|meta|lod-meta|output", re.IGNORECASE)
 """What trainings and converters call every scene's file, and the folders around it."""

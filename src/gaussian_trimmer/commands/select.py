@@ -16,7 +16,7 @@ from gaussian_trimmer.cameras import CameraSet, up_frame
 from gaussian_trimmer.commands.console import in_lengths, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
-from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
+from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
@@ -35,7 +35,7 @@ from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.settings import Range
-from gaussian_trimmer.trimming.options import TrimOptions
+from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 _LISTING = "select --list-views"
 _END_PERCENTILES = (2, 98)
@@ -124,7 +124,7 @@ class Select:
             suffix=inputs.suffix(self.options),
             options=self.options,
             results=results,
-            inputs=inputs.as_json(self.options) | {"selection": str(path)},
+            for_report=inputs.as_json(self.options) | {"selection": str(path)},
             files=[file for file in (inputs.scene, path, inputs.cameras, *used) if isinstance(file, Path)],
             source=path,
         )

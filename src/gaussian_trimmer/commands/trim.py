@@ -15,8 +15,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.replay import inputs_of_report
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
-from gaussian_trimmer.commands.trimming import ResultOptions, TrimInputs, TrimRun
-from gaussian_trimmer.config import check_config
+from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.reading import is_folder
@@ -32,8 +31,8 @@ from gaussian_trimmer.selection_files.method_files import scene_of_selection
 from gaussian_trimmer.selection_files.selection_file import open_selection
 from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
-from gaussian_trimmer.settings import to_plain
-from gaussian_trimmer.trimming.options import TrimOptions
+from gaussian_trimmer.settings import check_settings, to_plain
+from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 if TYPE_CHECKING:  # most selections need no kernels
     from gaussian_trimmer.selecting.select import SelectionResult
@@ -99,7 +98,7 @@ class Trim:
             suffix=inputs.suffix(self.options),
             options=self.options,
             results=self.results,
-            inputs=self.inputs.as_json(self.options) | self._inputs(),
+            for_report=self.inputs.as_json(self.options) | self._for_report(),
             files=self._files(),
             source=self.selection,
             several=self.labels is not None,
@@ -124,7 +123,7 @@ class Trim:
         is_scene = formats.has_splats(scene) or is_folder(scene)
         if self.selection is not None and formats.has_splats(self.selection) and not is_scene:
             raise InputError(f"'{scene.name}' is not a splat file; the scene comes before the selection.")
-        check_config(self.options.settings())
+        check_settings(self.options.settings())
         self.results.pages.check(self.folder(), overwrite=self.results.overwrite)
         marks = self.marks.marks()
         if self.labels is None:
@@ -203,7 +202,7 @@ class Trim:
         given = [self.inputs.scene, self.selection, cameras, labels, *self.exclude, *within, *self.marks.files]
         return [path for path in given if isinstance(path, Path)]
 
-    def _inputs(self) -> dict[str, Any]:
+    def _for_report(self) -> dict[str, Any]:
         """Return what the report says of the selection."""
         return {
             "selection": str(self.selection) if self.selection else None,

@@ -52,36 +52,61 @@ class RefineConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
-    """An object of M Gaussians after the fit, and what it gave to the background."""
+class Pieces:
+    """M Gaussians of an object, or cut off from it: whole ones, and parts of those that were cut."""
 
-    object: Gaussians
-    """Whole Gaussians in their order, then the parts of split ones."""
-    parent: IntArray
-    """Row of the object before the fit that each comes from, (M,)."""
+    gaussians: Gaussians
+    source: IntArray
+    """Scene row that each comes from, (M,)."""
     part: BoolArray
-    """Which of them are parts of a Gaussian that was split, (M,)."""
+    """Which of them are parts, (M,)."""
     fitted: BoolArray
-    """Which of them changed, (M,)."""
-    skipped_because: str | None = None
-    """Why nothing was fitted, if the views do not tell enough."""
+    """Which of them a fit cut or changed, (M,)."""
+
+    @classmethod
+    def of(cls, gaussians: Gaussians, source: IntArray, *, part: bool = False) -> Pieces:
+        """Return Gaussians that no fit has touched, all of them whole or all of them parts."""
+        return cls(gaussians, source, np.full(len(source), part), np.zeros(len(source), np.bool_))
+
+    def select(self, rows: IntArray) -> Pieces:
+        """Return those with some row numbers."""
+        return Pieces(self.gaussians.select(rows), self.source[rows], self.part[rows], self.fitted[rows])
+
+    def parts(self, gaussians: Gaussians) -> Pieces:
+        """Return one part of each."""
+        return Pieces(gaussians, self.source, np.ones_like(self.part), self.fitted)
+
+    def followed_by(self, other: Pieces) -> Pieces:
+        """Return these and others after them."""
+        return Pieces(
+            concatenate([self.gaussians, other.gaussians]),
+            np.concatenate([self.source, other.source]),
+            np.concatenate([self.part, other.part]),
+            np.concatenate([self.fitted, other.fitted]),
+        )
 
 
-def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config: RefineConfig) -> Refined:
+def refine(
+    whole: Pieces, background: Gaussians, views: OutlineViews, config: RefineConfig
+) -> tuple[Pieces, str | None]:
     """Fit the boundary of an object to its coverage in some views.
 
     Args:
-        inner: the object's Gaussians.
+        whole: the object's Gaussians.
         background: those around it.
         views: views to fit in.
         config: settings.
+
+    Returns:
+        The object, what was cut in the fit last, and why nothing was fitted, if the views do not tell enough.
     """
+    inner = whole.gaussians
     renders = views.render(inner, background)
     drawings = [render.alone for render in renders]
     thin = thin_share(drawings) if views.masks is None else 0.0
     if thin > config.max_thin:
         limit = f"the limit is {100 * config.max_thin:g} %"
-        return _unchanged(inner, f"{100 * thin:.1f} % of the object is thinner than three pixels; {limit}")
+        return whole, f"{100 * thin:.1f} % of the object is thinner than three pixels; {limit}"
     targets = [coverage_target(render) for render in renders]
     wrong = np.sum(list(parallel_map(_wrong_weight, drawings, targets)), axis=0)
     is_boundary = np.asarray(wrong[:, 0] > config.wrong_share * wrong[:, 1])
@@ -94,14 +119,10 @@ def refine(inner: Gaussians, background: Gaussians, views: OutlineViews, config:
     widths = np.exp(inner.largest_log_scales[parent] - pieces.largest_log_scales)
     siblings = np.bincount(parent)[parent]
     pieces = fit(pieces, moving, targets, config.steps, _FIRST_STEP, widths, siblings)
-    part = siblings > 1
-    order = np.argsort(part, kind="stable")
-    return Refined(pieces.select(order), parent[order], part[order], (moving | part)[order])
-
-
-def _unchanged(inner: Gaussians, reason: str) -> Refined:
-    none = np.zeros(len(inner), np.bool_)
-    return Refined(inner, np.arange(len(inner)), none, none, reason)
+    cut = siblings > 1
+    order = np.argsort(cut, kind="stable")
+    source, part = whole.source[parent], whole.part[parent] | cut
+    return Pieces(pieces.select(order), source[order], part[order], (moving | cut)[order]), None
 
 
 def _wrong_weight(alone: Drawing, target: Target) -> FloatArray:

@@ -1,15 +1,17 @@
-"""Boundary Gaussian Decomposition, detection: contour pixels, the Gaussians that show there, and their cut planes."""
+"""Boundary Gaussian Decomposition: the Gaussians that show at the masks' contours, their cut planes, and the cut."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.decomposition.evidence import Decomposition
+from gaussian_trimmer.decomposition.split_rules import SPLIT_RULES
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.rendering import Renderer, parallel_map
@@ -34,6 +36,15 @@ class BoundaryConfig:
     """Number of Gaussians looked up at each of these pixels, those of largest blend weight."""
 
 
+@dataclass(frozen=True)
+class SplitConfig:
+    """What is done with Gaussians that straddle the boundary."""
+
+    rule: Literal["plane", "principal_axis", "sagd", "none"] = "none"
+    """`plane`: cut at the silhouette; `principal_axis`: eqs. 8 and 9 of the paper; `sagd`: SAGD's single, smaller
+    child; `none`: no Gaussian is split."""
+
+
 @dataclass(frozen=True, eq=False)
 class Straddlers:
     """Gaussians that show on both sides of a mask's contour, each with the plane that cuts it best."""
@@ -46,6 +57,34 @@ class Straddlers:
     """Signed distance of the centre from the plane, positive inside, in standard deviations along the normal, (S,)."""
     minor_weight: Float64Array
     """Blend weight on the side that the Gaussian shows less on, in the view that gave the plane, (S,)."""
+
+
+def split_straddlers(
+    gaussians: Gaussians,
+    candidates: BoolArray,
+    accepted: Sequence[TrimmedView],
+    renderer: Renderer,
+    boundary: BoundaryConfig,
+    config: SplitConfig,
+) -> Decomposition:
+    """Cut the Gaussians that straddle the outline of the object in the views.
+
+    Args:
+        gaussians: what the views show: L Gaussians, of which the first N may be cut.
+        candidates: which of these N may be, (N,).
+        accepted: views whose masks were accepted.
+        renderer: gives blend weights, and the contributors of the contours' pixels.
+        boundary: which Gaussians straddle.
+        config: the rule that cuts them.
+
+    Returns:
+        A division of the N Gaussians of which nothing is decided yet: all candidates are members.
+    """
+    if config.rule == "none" or not candidates.any():
+        return Decomposition(candidates, np.zeros(0, np.int64))
+    found = find_straddlers(gaussians, candidates, accepted, renderer, boundary)
+    cut = SPLIT_RULES[config.rule](gaussians.select(found.rows), found.normals, found.offsets)
+    return Decomposition(candidates, found.rows, *cut)
 
 
 def find_straddlers(

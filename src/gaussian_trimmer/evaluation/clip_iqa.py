@@ -125,13 +125,13 @@ def whole_box(mask: BoolArray) -> Box:
     return _square((x0 + x1) // 2, (y0 + y1) // 2, max(side, _SMALLEST_CROP_PIXELS))
 
 
-def boundary_boxes(mask: BoolArray, n: int = CROPS) -> list[Box]:
-    """n squares of a third of the object's size, their centres evenly spread along its outer contours."""
+def boundary_boxes(mask: BoolArray) -> list[Box]:
+    """`CROPS` squares of a third of the object's size, their centres evenly spread along its outer contours."""
     x0, y0, x1, y1 = bounding_box(mask)
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     points = np.concatenate([contour[:, 0] for contour in contours])
     side = max(round(_CROP_SHARE * max(x1 - x0, y1 - y0)), _SMALLEST_CROP_PIXELS)
-    return [_square(int(x), int(y), side) for x, y in points[[i * len(points) // n for i in range(n)]]]
+    return [_square(int(x), int(y), side) for x, y in points[[i * len(points) // CROPS for i in range(CROPS)]]]
 
 
 def cut_square(picture: FloatArray, box: Box) -> FloatArray:

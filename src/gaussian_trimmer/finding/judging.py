@@ -40,8 +40,8 @@ class FindConfig:
     max_size: Annotated[float, Range(0.1, 100)] = 1.25
     """Largest length of an object, relative to what a picture's longer side spans at the usual depth."""
     parts: bool = False
-    """Also name the parts of things, such as the cushions of a sofa; the thing is then what is left of it. Only in rooms
-    and large captures, which are looked at in tiles."""
+    """Also name the parts of things, such as the cushions of a sofa; the thing is then what is left of it. Only in
+    captures that are looked at in tiles."""
     surfaces: bool = False
     """Also name the surfaces of the room: table tops, floors and walls; not in captures that are looked at in tiles."""
 

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray
 
 _LLOYD_STEPS = 20
+_SIZE = 256
+"""Values in a codebook, so that an index is a byte."""
 
 
-def scalar_codebook(values: FloatArray, size: int = 256) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Return a rising codebook (size,) for values of any shape, and the index of the nearest entry for each value.
+def scalar_codebook(values: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Return a rising codebook (256,) for values of any shape, and the index of the nearest entry for each value.
 
     Lloyd's algorithm in one dimension on the sorted values. No more distinct values than entries are held exactly.
 
@@ -23,10 +25,10 @@ def scalar_codebook(values: FloatArray, size: int = 256) -> tuple[FloatArray, ND
     """
     ordered = np.sort(values, axis=None).astype(np.float64)
     distinct = ordered[np.diff(ordered, prepend=-np.inf) > 0]
-    if len(distinct) <= size:
-        centres = np.pad(distinct, (0, size - len(distinct)), mode="edge")
+    if len(distinct) <= _SIZE:
+        centres = np.pad(distinct, (0, _SIZE - len(distinct)), mode="edge")
     else:
-        centres = _lloyd(ordered, size)
+        centres = _lloyd(ordered, _SIZE)
     codebook = centres.astype(np.float32)
     # Left of the midpoint belongs to the lower entry, so that repeated last entries are never used.
     return codebook, np.searchsorted(_midpoints(codebook), values).astype(np.uint8)

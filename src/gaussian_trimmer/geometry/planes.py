@@ -16,6 +16,8 @@ MIN_INLIERS = 20
 _MAX_TILT_COSINE = np.cos(np.radians(8))
 """Cosine of the largest angle between a fitted plane and the direction that it was found along."""
 _FITTING_ROUNDS = 5
+_WALLS = 48
+"""Directions in which walls are looked for."""
 _PLANES_AT_ONCE = 64
 """Planes that are compared with all points at once, so that the distances fit into the processor's cache."""
 
@@ -41,10 +43,10 @@ class Plane:
         return np.asarray(heights < self.offset)
 
 
-def floor_and_wall_directions(walls: int = 48) -> Float64Array:
-    """Return the normals that planes may have where z is up: up itself, then horizontal ones all around, (W + 1, 3)."""
-    turns = 2 * np.pi * np.arange(walls) / walls
-    return np.concatenate([[[0.0, 0.0, 1.0]], np.column_stack([np.cos(turns), np.sin(turns), np.zeros(walls)])])
+def floor_and_wall_directions() -> Float64Array:
+    """Return the normals that planes may have where z is up: up itself, then horizontal ones all around, (49, 3)."""
+    turns = 2 * np.pi * np.arange(_WALLS) / _WALLS
+    return np.concatenate([[[0.0, 0.0, 1.0]], np.column_stack([np.cos(turns), np.sin(turns), np.zeros(_WALLS)])])
 
 
 def find_plane(

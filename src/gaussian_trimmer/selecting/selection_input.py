@@ -16,7 +16,7 @@ from gaussian_trimmer.selecting.marks import FromFile, Mark
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
-from gaussian_trimmer.selection_files.options import flag
+from gaussian_trimmer.selection_files.selection_file import flag
 
 if TYPE_CHECKING:  # most files hold no marks, and need no kernels
     from gaussian_trimmer.selecting.select import SelectionResult

@@ -26,7 +26,6 @@ from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.min_cut import min_cut
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, ring, ring_directions
-from gaussian_trimmer.segmentation.view_rendering import visible_weight
 from gaussian_trimmer.selecting.surface_estimates import (
     colour_bins,
     colour_evidence,
@@ -34,7 +33,7 @@ from gaussian_trimmer.selecting.surface_estimates import (
     estimate_surface,
 )
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene, shown_weight, shown_weights
-from gaussian_trimmer.views import HALF
+from gaussian_trimmer.views import HALF, visible_weight
 
 _REACH_RADII = 3.0
 """Distance from the point within which Gaussians are looked at, in radii."""

@@ -12,8 +12,7 @@ from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.selection_files.object_ids import select_ids
-from gaussian_trimmer.selection_files.options import SelectionOptions, flag
-from gaussian_trimmer.selection_files.selection_file import SelectionFile
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions, flag
 
 CLUSTERS = "leaf_ind"
 """OpenGaussian's array of cluster ids, beside others in `cluster_lang.npz`."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray
-from gaussian_trimmer.selection_files.options import flag
+from gaussian_trimmer.selection_files.selection_file import flag
 
 _LISTED = 24
 

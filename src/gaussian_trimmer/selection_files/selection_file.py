@@ -1,11 +1,11 @@
-"""Opens a selection file of any container, before it is known what its numbers mean."""
+"""A selection file of any container, before it is known what its numbers mean, and what the user may say of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from gaussian_trimmer.formats.checkpoints import Checkpoint, is_checkpoint, pars
 from gaussian_trimmer.formats.checks import check_values
 from gaussian_trimmer.gaussians import FloatArray, Gaussians, IntArray
 from gaussian_trimmer.io.reading import is_file, reading
-from gaussian_trimmer.selection_files.options import SelectionOptions
 from gaussian_trimmer.selection_files.read_array import read_json, read_npy, read_npz, read_text
 from gaussian_trimmer.selection_files.row_matching import match_rows
 from gaussian_trimmer.selection_files.splat_rows import (
@@ -25,13 +24,55 @@ from gaussian_trimmer.selection_files.splat_rows import (
     identity_features,
     read_splat_rows,
 )
+from gaussian_trimmer.settings import Range
 
+Kind = Literal[
+    "auto", "mask", "labels", "indices", "subset", "property", "classifier", "similarity", "checkpoint", "flashsplat",
+    "trimmed",
+]  # fmt: skip
 TEXT_SUFFIXES = (".txt", ".csv")
 SUFFIXES = (".npy", ".npz", *TEXT_SUFFIXES, ".json", *torch_files.SUFFIXES)
 _LISTED_ARRAYS = 12
 _FREE_ARCHIVE_BYTES = 1 << 26
 _ARCHIVE_BYTES_PER_GAUSSIAN = 1 << 9
 _ARCHIVE_BYTES_WITHOUT_SCENE = 1 << 28
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """How a selection file is read. The defaults suffice unless the file can be understood in several ways."""
+
+    kind: Kind = "auto"
+    """What the file holds; detected from its content by default."""
+    object_id: tuple[Annotated[int, Range(-(1 << 31), 1 << 31)], ...] = ()
+    """Id of the object, if the file has several; several ids are selected together."""
+    property: str | None = None
+    """Name of the PLY property, or of the array in an .npz, that holds the selection."""
+    threshold: Annotated[float, Range(-1e30, 1e30)] | None = None
+    """Values above it are selected. Default: 0 for a property, 0.3 for a classifier's probability, 0.9 for a similarity
+    and for a checkpoint's probability; scores in an array have no default."""
+    classifier: Path | None = None
+    """Classifier of the identity features that the PLY or the checkpoint holds."""
+    query_row: Annotated[int, Range(0, 1 << 32)] | None = None
+    """Row number, from 0, of a Gaussian on the object; Gaussians with similar identity features are selected."""
+    query_point: tuple[Annotated[int, Range(0, 1 << 20)], Annotated[int, Range(0, 1 << 20)]] | None = None
+    """The same by a pixel X Y on the object, in the view that --view or --view-index names."""
+    gamma: Annotated[float, Range(-1, 1)] = 0.0
+    """FlashSplat's background bias: positive values select less, negative ones more; -1 to 1 is useful."""
+
+    def given(self) -> frozenset[str]:
+        """Return names of the options other than `kind` that differ from their defaults."""
+        changed = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
+        return frozenset(changed) - {"kind"}
+
+
+def flag(option: str) -> str:
+    """Return how an option is spelt on the command line.
+
+    >>> flag("object_id")
+    '--selection.object-id'
+    """
+    return "--selection." + option.replace("_", "-")
 
 
 @dataclass(frozen=True, eq=False)

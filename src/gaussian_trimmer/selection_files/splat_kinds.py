@@ -13,9 +13,8 @@ import numpy as np
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.selection_files.object_ids import list_names, select_ids
-from gaussian_trimmer.selection_files.options import SelectionOptions, flag
 from gaussian_trimmer.selection_files.row_matching import match_changed_rows
-from gaussian_trimmer.selection_files.selection_file import SelectionFile
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions, flag
 
 MASK = "mask"
 """The property that SA3D-GS adds."""

@@ -7,8 +7,7 @@ import numpy as np
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians, mask_of_rows
 from gaussian_trimmer.selection_files.object_ids import check_ids
-from gaussian_trimmer.selection_files.options import SelectionOptions
-from gaussian_trimmer.selection_files.selection_file import SelectionFile
+from gaussian_trimmer.selection_files.selection_file import SelectionFile, SelectionOptions
 
 SOURCE, LABEL, OBJECTS = "source_index", "label", "n_object"
 """Arrays of every such file: scene row of each row of the objects and then of the background, what happened to it, and

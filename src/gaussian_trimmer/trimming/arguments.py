@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaussian_trimmer.cameras import Camera, vector_of_up
-from gaussian_trimmer.config import TrimConfig, check_config
+from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, IntArray, check_gaussians, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, check_gaussians, mask_of_rows
 from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.parallel import parallel_map
+from gaussian_trimmer.planning.up_vector import UpVector
+from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.segmentation.segmenters import Segmenter
+from gaussian_trimmer.settings import check_settings
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +43,30 @@ class RoughObject:
     def mask(self, n: int) -> BoolArray:
         """Return which of n Gaussians were selected, (N,)."""
         return mask_of_rows(self.rows, n)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setup:
+    """A scene of N Gaussians, how its objects are trimmed, and what draws and segments them."""
+
+    scene: Gaussians
+    config: TrimConfig
+    renderer: Renderer
+    segmenter: Segmenter
+    cameras: CameraSet | None = None
+    """The cameras that the scene was trained with."""
+    view_cameras: Sequence[Camera] | None = None
+    """Cameras to look from in place of virtual ones."""
+    excluded: BoolArray | None = None
+    """Which Gaussians join no object unless they are selected, (N,); None: all may."""
+    up: UpVector | None = None
+    """The up vector of all objects; None if each must find the plane that it stands on."""
+    up_warning: str | None = None
+    """What speaks against it."""
+
+    def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
+        """Like `map`, for work with renderer and segmenter."""
+        return parallel_map(work, *items, using=[self.renderer, self.segmenter])
 
 
 def check_scene(scene: Any) -> None:
@@ -188,5 +219,5 @@ def settings(
         config = replace(config, plan=replace(config.plan, views=views))
     if up is not None:
         config = replace(config, up=vector_of_up(up))
-    check_config(config)
+    check_settings(config)
     return config

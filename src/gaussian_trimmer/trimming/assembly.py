@@ -7,22 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
-from gaussian_trimmer.decomposition.refinement import refine
+from gaussian_trimmer.decomposition.refinement import Pieces, refine
 from gaussian_trimmer.decomposition.stroke_cuts import cut_at_stroke
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate, mask_of_rows
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, LabelArray, concatenate
 from gaussian_trimmer.output.result import RowLabel, TrimmedObject, TrimResult
 from gaussian_trimmer.removal.inpainting import scale_radiance
 from gaussian_trimmer.removal.remove import Removal
 from gaussian_trimmer.segmentation.segmenters import description_of, name_of
+from gaussian_trimmer.trimming.arguments import Setup
 from gaussian_trimmer.trimming.clock import LOG
 from gaussian_trimmer.trimming.decision import Decision
-from gaussian_trimmer.trimming.setup import Setup
 
 
 def assemble_object(
     setup: Setup, owner: LabelArray, hidden: BoolArray, decision: Decision, removal: Removal | None, number: int
-) -> tuple[TrimmedObject, Gaussians, IntArray]:
-    """Put an object together and fit its outline; returns it, the outer parts of split Gaussians, and their scene rows.
+) -> tuple[TrimmedObject, Pieces]:
+    """Put an object together and fit its outline; return it, and what was cut off from it.
 
     Args:
         setup: what all objects have in common.
@@ -32,40 +32,25 @@ def assemble_object(
         removal: the scene without it; None if that was not looked at.
         number: its number in `owner`.
     """
-    scene, rough, crop = setup.scene, decision.rough, decision.crop
-    rows = decision.owned(owner, number)
-    split, inner, outer = _split_rows(decision, scene, rows)
-    whole = np.setdiff1d(rows, split, assume_unique=True)
-    label = np.where(np.isin(whole, rough.rows, assume_unique=True), RowLabel.KEPT, RowLabel.ADDED)
-    gaussians = concatenate([scene.select(whole), inner])
-    source = np.concatenate([whole, split])
-    label = np.concatenate([label, np.full(len(split), RowLabel.SPLIT_INSIDE)]).astype(np.uint8)
-    fitted, not_fitted = np.zeros(0, np.int64), None
+    rough, crop, not_fitted = decision.rough, decision.crop, None
+    pieces, cut_off = _split(decision, setup.scene, decision.owned(owner, number))
     if decision.outline is not None and setup.config.refine == "fit":
         others = (owner[crop.rows] != number) & ~hidden[crop.rows]
-        around = concatenate([crop.local.select(others), outer])
-        refined = refine(gaussians, around, decision.outline, setup.config.refinement)
-        gaussians, source, not_fitted = refined.object, source[refined.parent], refined.skipped_because
-        label = np.where(refined.part, RowLabel.SPLIT_INSIDE, label[refined.parent]).astype(np.uint8)
-        fitted = np.flatnonzero(refined.fitted)
-    cut_off = split[: len(outer)]
+        around = concatenate([crop.local.select(others), cut_off.gaussians])
+        pieces, not_fitted = refine(pieces, around, decision.outline, setup.config.refinement)
     for cut in rough.cuts:
-        is_fitted = mask_of_rows(fitted, len(source))
-        pieces = (label == RowLabel.SPLIT_INSIDE) | is_fitted
-        made = cut_at_stroke(gaussians, ~cut.spared[source], pieces, cut, setup.renderer)
-        outer, cut_off = concatenate([outer, made.cut_off]), np.concatenate([cut_off, source[made.cut_off_parent]])
-        gaussians, source, fitted = made.object, source[made.parent], np.flatnonzero(is_fitted[made.parent])
-        label = label[made.parent]
-        label[len(label) - made.n_parts :] = RowLabel.SPLIT_INSIDE
+        pieces, fallen = cut_at_stroke(pieces, cut, setup.renderer)
+        cut_off = cut_off.followed_by(fallen)
+    unsplit = np.where(np.isin(pieces.source, rough.rows), RowLabel.KEPT, RowLabel.ADDED)
     if decision.refused:
         LOG.info("not trimmed: %s", decision.refused)
-    LOG.info("%s: %d Gaussians from a selection of %d", rough.name, len(gaussians), len(rough.rows))
+    LOG.info("%s: %d Gaussians from a selection of %d", rough.name, len(pieces.source), len(rough.rows))
     trimmed = TrimmedObject(
         id=rough.id,
         name=rough.name,
-        gaussians=gaussians,
-        source_index=source,
-        label=label,
+        gaussians=pieces.gaussians,
+        source_index=pieces.source,
+        label=np.where(pieces.part, RowLabel.SPLIT_INSIDE, unsplit).astype(np.uint8),
         selected_rows=rough.rows,
         up=decision.up,
         bounds=crop.bounds,
@@ -74,30 +59,34 @@ def assemble_object(
         warnings=decision.warnings + (removal.warnings if removal else ()),
         floaters=len(rough.rows) - int(crop.selected.sum()) if decision.views else 0,
         lost=int(np.count_nonzero(owner[decision.rows] != number)),
-        fitted=fitted,
+        fitted=np.flatnonzero(pieces.fitted),
         not_fitted=not_fitted,
         not_filled=removal.not_filled if removal else None,
         seconds=decision.seconds,
     )
-    return trimmed, outer, cut_off
+    return trimmed, cut_off
 
 
-def _split_rows(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[IntArray, Gaussians, Gaussians]:
-    """Scene rows of an object's split Gaussians, and their parts inside and outside, without those it lost."""
-    none = scene.select(slice(0))
-    if decision.parts is None or decision.parts.inner is None:
-        return np.zeros(0, np.int64), none, none
-    split = decision.crop.rows[decision.parts.split]
-    kept, outer = np.isin(split, rows), decision.parts.outer
-    return split[kept], decision.parts.inner.select(kept), none if outer is None else outer.select(kept)
+def _split(decision: Decision, scene: Gaussians, rows: IntArray) -> tuple[Pieces, Pieces]:
+    """Return an object's Gaussians, parts of split ones last, and the outer parts, by its scene rows."""
+    nothing = Pieces.of(scene.select(slice(0)), np.zeros(0, np.int64))
+    parts = decision.parts
+    if parts is None or parts.inner is None:
+        return Pieces.of(scene.select(rows), rows), nothing
+    split = decision.crop.rows[parts.split]
+    kept, whole = np.isin(split, rows), np.setdiff1d(rows, split, assume_unique=True)
+    inner = Pieces.of(parts.inner.select(kept), split[kept], part=True)
+    outer = nothing if parts.outer is None else Pieces.of(parts.outer.select(kept), split[kept], part=True)
+    return Pieces.of(scene.select(whole), whole).followed_by(inner), outer
 
 
 def assemble_result(
     setup: Setup,
-    assembled: Sequence[tuple[TrimmedObject, Gaussians, IntArray]],
+    assembled: Sequence[tuple[TrimmedObject, Pieces]],
     owner: LabelArray,
     hidden: BoolArray,
-    removals: Sequence[tuple[IntArray, Removal]],
+    decisions: Sequence[Decision],
+    removals: Sequence[Removal | None],
     contested: int,
     seconds: dict[str, float],
 ) -> TrimResult:
@@ -108,22 +97,25 @@ def assemble_result(
         assembled: what `assemble_object` returns for each.
         owner: number of the object that has each Gaussian of the scene, 0 for none, (N,).
         hidden: what only objects hid, (N,).
-        removals: the scene without each object that was removed, and the scene rows that this is about.
+        decisions: what belongs to each object.
+        removals: the scene without each object; None for those that were left as they were.
         contested: number of Gaussians that several objects claimed.
         seconds: time taken by each stage.
     """
-    scene, (objects, outer, split) = setup.scene, zip(*assembled, strict=True)
+    scene, (objects, cut_off) = setup.scene, zip(*assembled, strict=True)
+    outer, split = [pieces.gaussians for pieces in cut_off], [pieces.source for pieces in cut_off]
+    removed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
     discarded, selected, gain = hidden.copy(), np.zeros(len(scene), np.bool_), np.ones(len(scene), np.float32)
     for part in objects:
         selected[part.selected_rows] = True
-    for rows, removal in removals:
+    for rows, removal in removed:
         discarded[rows[removal.replaced]] = True
         gain[rows] = np.maximum(gain[rows], removal.relight_factor)
     unowned = owner == 0
     discarded &= unowned
     relit = np.flatnonzero(unowned & ~discarded & (gain > 1))
     whole = np.flatnonzero(unowned & ~discarded & (gain == 1))
-    filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in removals)])
+    filled = concatenate([scene.select(slice(0)), *(removal.inpainted for _, removal in removed)])
     labels = [
         np.where(selected[whole], RowLabel.REMOVED, RowLabel.KEPT),
         np.full(sum(map(len, outer)), RowLabel.SPLIT_OUTSIDE),

@@ -1,26 +1,92 @@
-"""Which part of the scene is looked at for one object, and from where."""
+"""The part of the scene that is looked at for one object: what is in it, from where it is seen, and what is seen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera, training_cameras
 from gaussian_trimmer.config import CONTEXT_RADIUS
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians, IntArray, mask_of_rows
+from gaussian_trimmer.gaussians import (
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    Gaussians,
+    IntArray,
+    concatenate,
+    mask_of_rows,
+)
 from gaussian_trimmer.geometry.bounds import Bounds, touching
+from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
-from gaussian_trimmer.scene_crop import SceneCrop
-from gaussian_trimmer.trimming.setup import Setup
+from gaussian_trimmer.rendering import Renderer, Rendering, parallel_map
+from gaussian_trimmer.trimming.arguments import Setup
+from gaussian_trimmer.views import HALF, View, bounding_box, clearly_nearer, visible_weight
 
 _MOST_STEPS = 8
 """Limit to the work: steps from Gaussian to touching Gaussian in which what is selected hangs together with the
 object."""
 _SEEN_DEVIATIONS = 3.0
 """Standard deviations from its centre up to which a Gaussian may show in a picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCrop:
+    """L Gaussians of a scene, and the cameras of the views that show them."""
+
+    scene: Gaussians
+    """All N Gaussians."""
+    bounds: Bounds
+    """Bounds of the selected object; their third axis is up."""
+    cameras: Sequence[Camera]
+    rows: IntArray
+    """Scene rows of the Gaussians, ascending, (L,)."""
+    selected: BoolArray
+    """Which of them are selected, without floaters far from the object, (L,)."""
+    excluded: BoolArray
+    """Which of them may not become part of the object, (L,)."""
+    occluders: Gaussians
+    """What else the cameras see before the object, if they were given: photographs and masks show that, too."""
+
+    @cached_property
+    def local(self) -> Gaussians:
+        """The L Gaussians themselves; a copy of the crop does not keep them."""
+        return self.scene.select(self.rows)
+
+    @cached_property
+    def shown(self) -> Gaussians:
+        """What the views show: the L Gaussians, and the occluders after them."""
+        return concatenate([self.local, self.occluders]) if len(self.occluders) else self.local
+
+    def support_plane(self, members: BoolArray, visible: FloatArray, config: SupportPlaneConfig) -> SupportPlane | None:
+        """The plane that the object stands on, if there is one.
+
+        Args:
+            members: which Gaussians are the object, (L,).
+            visible: blend weight of each Gaussian in the views, (L,).
+            config: what counts as a plane.
+        """
+        positions = self.local.means / np.float32(self.bounds.radius)
+        return find_support_plane(positions, members, visible.astype(np.float64), self.bounds, config)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRenderings:
+    """What the cameras of a crop see, with the blend weights of its L Gaussians, of which S are selected."""
+
+    pictures: Sequence[Rendering]
+    """The object, the Gaussians around it, and what hides them."""
+    isolated: Sequence[Rendering]
+    """The selected object alone."""
+    visible: FloatArray
+    """Blend weight of each Gaussian in the pictures, in pixels of five views of 512 x 512, (L,)."""
+    visible_alone: FloatArray
+    """Blend weight of each selected Gaussian rendered alone, (S,)."""
 
 
 def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Float64Array) -> SceneCrop:
@@ -47,6 +113,43 @@ def crop_scene(setup: Setup, selection: BoolArray, excluded: BoolArray, up: Floa
         occluding = _before(scene, setup.view_cameras, bounds)
         occluding[rows] = False
     return SceneCrop(scene, bounds, planned, rows, selected, (excluded & ~selection)[rows], scene.select(occluding))
+
+
+def render_crop(crop: SceneCrop, renderer: Renderer) -> SceneRenderings:
+    """Draw a crop and the selected object in it for each of its cameras."""
+
+    def drawn(gaussians: Gaussians) -> list[Rendering]:
+        return list(parallel_map(lambda c: renderer.render(gaussians, c, weights=True), crop.cameras, using=[renderer]))
+
+    pictures, isolated = drawn(crop.shown), drawn(crop.local.select(crop.selected))
+    visible, alone = (visible_weight([p.weights for p in shown], crop.cameras) for shown in (pictures, isolated))
+    return SceneRenderings(pictures, isolated, visible[: len(crop.local)], alone)
+
+
+def complete_views(
+    crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray, renderer: Renderer
+) -> list[View]:
+    """What the segmenter is given for each camera of a crop.
+
+    Args:
+        crop: the object and the Gaussians around it, L of them.
+        renderings: what its cameras see.
+        probability: the corrected labels, (L,).
+        renderer: draws the labels.
+    """
+    shares = np.zeros((len(crop.shown), 2), np.float32)
+    shares[: len(probability)] = np.stack([crop.selected, probability], axis=1)
+    views = []
+    values = parallel_map(
+        lambda camera: renderer.blend_values(crop.shown, camera, shares), crop.cameras, using=[renderer]
+    )
+    drawn = zip(crop.cameras, renderings.pictures, renderings.isolated, values, strict=True)
+    for camera, picture, alone, shown in drawn:
+        visible, expected = np.ascontiguousarray(shown[..., 0]), np.ascontiguousarray(shown[..., 1])
+        whole = alone.alpha > HALF
+        hidden = whole & (visible <= HALF) & clearly_nearer(picture.depth, alone.depth, crop.bounds.radius)
+        views.append(View(camera, picture, alone.alpha, visible, expected, bounding_box(whole), hidden))
+    return views
 
 
 def _surroundings(

@@ -2,7 +2,7 @@
 
 Which rows are the object's is, in turn: a selection of the crop, a probability of each of its Gaussians, masks in
 views, and the members of a `Decomposition`. `resolve_overlaps` makes owners in the scene of the members of all objects,
-`assemble_object` the object of those that are its own.
+`assemble_object` makes `Pieces` of those that are an object's own.
 """
 
 from __future__ import annotations
@@ -14,24 +14,20 @@ import numpy as np
 
 from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, resized_mask
-from gaussian_trimmer.decomposition.evidence import vote
-from gaussian_trimmer.decomposition.halo import prune_halo
-from gaussian_trimmer.decomposition.splitting import Decomposition, split_straddlers
+from gaussian_trimmer.decomposition.evidence import Decomposition, prune_halo, vote
+from gaussian_trimmer.decomposition.straddlers import split_straddlers
 from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray
 from gaussian_trimmer.geometry.support_plane import SupportPlane
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
-from gaussian_trimmer.planning.outline_views import close_up_of, views_at_heights
+from gaussian_trimmer.planning.small_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
-from gaussian_trimmer.scene_crop import SceneCrop
 from gaussian_trimmer.segmentation.acceptance import check_masks, excessive_loss, rejection
 from gaussian_trimmer.segmentation.label_crf import correct_labels
 from gaussian_trimmer.segmentation.segmenters import knows_outlines, mask_source_of
-from gaussian_trimmer.segmentation.view_rendering import complete_views, render_crop
-from gaussian_trimmer.trimming.arguments import RoughObject
+from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
-from gaussian_trimmer.trimming.crop import crop_scene
+from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_crop
 from gaussian_trimmer.trimming.plugin_checks import segment
-from gaussian_trimmer.trimming.setup import Setup
 from gaussian_trimmer.views import HALF, TrimmedView, without_pictures
 
 

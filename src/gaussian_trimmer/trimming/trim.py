@@ -16,19 +16,25 @@ from gaussian_trimmer.gaussians import Gaussians, LabelArray
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.planning.diagnosis import up_warning
-from gaussian_trimmer.planning.place_views import views_of_place
+from gaussian_trimmer.planning.small_views import views_of_place
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, find_up
 from gaussian_trimmer.removal.remove import Removal, remove
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
-from gaussian_trimmer.trimming.arguments import RoughObject, check_scene, mask_of_excluded, rough_objects, settings
+from gaussian_trimmer.trimming.arguments import (
+    RoughObject,
+    Setup,
+    check_scene,
+    mask_of_excluded,
+    rough_objects,
+    settings,
+)
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
 from gaussian_trimmer.trimming.decision import Decision, decide
 from gaussian_trimmer.trimming.overlaps import resolve_overlaps
 from gaussian_trimmer.trimming.plugin_checks import check_renderer
-from gaussian_trimmer.trimming.setup import Setup
 
 
 def trim(
@@ -144,8 +150,7 @@ def trim_objects(
         fitted = partial(assemble_object, setup, owner, hidden)
         assembled = list(setup.map(fitted, _light(decisions), removals, numbers))
     with clock("assemble"):
-        placed = [(d.crop.rows, removal) for d, removal in zip(decisions, removals, strict=True) if removal]
-        return assemble_result(setup, assembled, owner, hidden, placed, contested, clock.seconds)
+        return assemble_result(setup, assembled, owner, hidden, decisions, removals, contested, clock.seconds)
 
 
 def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> list[Decision]:

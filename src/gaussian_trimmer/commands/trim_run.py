@@ -44,8 +44,8 @@ from gaussian_trimmer.selecting.marks import Click, Marks
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
-from gaussian_trimmer.trimming.options import TrimOptions, views_of_masks
 from gaussian_trimmer.trimming.trim import trim_objects
+from gaussian_trimmer.trimming.trim_options import TrimOptions, views_of_masks
 
 _USUAL_PHOTOS = 8
 """Number of photographs that are looked at, unless more views or another number are asked for."""
@@ -112,8 +112,8 @@ class TrimRun:
     """Ending of the splat files."""
     options: TrimOptions
     results: ResultOptions
-    inputs: Mapping[str, Any]
-    """Files and choices, for the report."""
+    for_report: Mapping[str, Any]
+    """Files and choices, as the report names them."""
     files: Sequence[Path]
     """Files, and folders of masks, that are read, and that results may not replace."""
     source: Path | None = None
@@ -138,7 +138,7 @@ class TrimRun:
             clicked = rough.marks is not None and all(isinstance(mark, Click) for mark in rough.marks.marks)
             if self.source is not None and not clicked:  # a click means what is seen there, also if that is all
                 for mask in rough.masks.values():
-                    refuse_whole_scene(np.asarray(mask), self.source, self.inputs["scene"])
+                    refuse_whole_scene(np.asarray(mask), self.source, self.for_report["scene"])
             seconds = {"read": time.perf_counter() - start}
             report, said = self._write(part, rough, seconds, stage, console)
         entries, taken = object_entries(report), time.perf_counter() - start
@@ -196,7 +196,7 @@ class TrimRun:
             progress=stage,
         )
         stage("write")
-        pages, inputs = self.results.pages, dict(self.inputs) | self._choices()
+        pages, inputs = self.results.pages, dict(self.for_report) | self._choices()
         if rough.marks is not None:
             write_marks(rough.marks, part / MARKS)
             inputs["marks"] = MARKS
@@ -206,7 +206,7 @@ class TrimRun:
         placing, said = self.results.placing, list[str]()
         if placing.wished:
             said.append(placing.sentence(placing.write(result, part, self.suffix), result.objects[0].up))
-        own = Path(self.inputs["scene"]).name
+        own = Path(self.for_report["scene"]).name
         same = self.options.format is None or formats.is_named(own, self.suffix)
         source = self.suffix if same else Path(own).suffix.lower()
         if lost := formats.losses(rough.scene, self.suffix, source):

@@ -1,4 +1,4 @@
-"""Many small views of an object: from several heights in between the planned views, or cut out of larger ones."""
+"""Many small views: of an object, from several heights or cut out of larger views, and of the place where it stands."""
 
 from __future__ import annotations
 
@@ -28,6 +28,9 @@ _SINGLE_VIEW_SPAN = np.radians(30)
 """Span of yaws around a single view."""
 _CLOSE_UP_MARGIN = 0.15
 """Margin around the object in a view that is cut out, as a share of its box."""
+_PLACE_RINGS = ((12.0, 4), (45.0, 4))
+"""Pitches in degrees of the views of a place, and how many views have each."""
+_PLACE_RINGS_ABOVE = ((70.0, 5),)
 
 
 def views_at_heights(
@@ -76,6 +79,26 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
             (x0, y0), (x1, y1) = first.tolist(), last.tolist()
     part = camera.part(x0, y0, x1, y1)
     return part.resized(min(1.0, size / max(part.width, part.height))), (slice(y0, y1), slice(x0, x1))
+
+
+def views_of_place(bounds: Bounds, size: int, above: bool = False) -> list[Camera]:
+    """Small views from all sides at two heights, those of the upper one between those of the lower one.
+
+    They go around the whole circle even where the object was seen from one side only: with views of that side alone,
+    hidden Gaussians behind the object pass for parts of it (docs/decisions/filled-background.md).
+
+    Args:
+        bounds: the object's bounds, which the views frame; their third axis is up.
+        size: width and height of the views in pixels.
+        above: steep views in place of these, which see the ground before walls and in corners.
+    """
+    fov, cameras = float(np.radians(PlanConfig.fov_degrees)), []
+    lens = Lens(size, fov, NEAR_RADII * bounds.radius)
+    for i, (pitch, count) in enumerate(_PLACE_RINGS_ABOVE if above else _PLACE_RINGS):
+        yaws = 2 * np.pi * (np.arange(count) + 0.5 * i) / count
+        distance = framing_distance(bounds, yaws, np.radians(pitch), fov, PlanConfig.fill)
+        cameras += ring(bounds.centre, bounds.axes, distance, yaws, np.radians(pitch), lens)
+    return cameras
 
 
 def angles_around(cameras: Sequence[Camera], bounds: Bounds) -> tuple[Float64Array, Float64Array]:
