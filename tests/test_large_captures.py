@@ -16,12 +16,13 @@ from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
 from gaussian_trimmer.finding.visible_surface import NothingShowsError
 from gaussian_trimmer.gaussians import concatenate, mask_of_rows
-from gaussian_trimmer.planning.standing import stand_in_rooms
+from gaussian_trimmer.planning.standing import stands_in_rooms
 from gaussian_trimmer.planning.storey import Storey, find_storey
 from gaussian_trimmer.planning.up_vector import up_from_layers
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting import interpretation
 from gaussian_trimmer.selecting.marks import Click, Grow, Marks, Viewpoint
+from gaussian_trimmer.selecting.overview import OverviewConfig, plan_views
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -55,11 +56,23 @@ def test_the_storey_turns_and_scales_with_the_scene():
 
 def test_a_person_stands_in_a_room_between_floor_and_ceiling_and_nowhere_outdoors():
     inside = concatenate([room.floor(), ceiling(2.6), *furniture()])
-    eye, target = stand_in_rooms(inside, UP, get_renderer("numba"))
+    [(eye, target)] = stands_in_rooms(inside, UP, get_renderer("numba"))
     storey, ways = find_storey(inside, UP), inside.means[:, :2]
     assert storey.floor < eye[2] < storey.ceiling and target[2] < eye[2]
     assert (ways.min(axis=0) < eye[:2]).all() and (eye[:2] < ways.max(axis=0)).all()
-    assert stand_in_rooms(toy.ball_on_floor()[0], UP, get_renderer("numba")) is None
+    assert stands_in_rooms(toy.ball_on_floor()[0], UP, get_renderer("numba")) == []
+
+
+def test_views_to_click_in_are_those_of_a_person_in_rooms_and_together_show_all_furniture():
+    scene, part = room.scene_of(room.floor(), ceiling(2.6), *furniture())
+    views = plan_views(scene, UP, OverviewConfig(ring=3)).views
+    assert 1 < len(views) <= 6
+    shown = sum(get_renderer("numba").render(scene, view.camera, weights=True).weights for view in views)
+    for number in (2, 3):
+        assert (shown[part == number] > 0).mean() > 0.5
+    assert all(0 < view.camera.centre[2] < 2.6 for view in views)
+    aimed = plan_views(scene, UP, OverviewConfig(target=(1.0, 1.0, 0.2)))
+    assert aimed.views[0].drawn_centre == (1.0, 1.0, 0.2)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

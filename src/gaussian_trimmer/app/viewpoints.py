@@ -12,7 +12,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, rotation_matrices
 from gaussian_trimmer.geometry.bounds import dominant_cluster
-from gaussian_trimmer.planning.standing import stand_in_rooms
+from gaussian_trimmer.planning.standing import stands_in_rooms
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
@@ -86,8 +86,8 @@ def first_look(
     That is as its first camera does; without cameras, in rooms, as a person who stands where most things are seen, and
     otherwise from outside.
     """
-    if cameras is None and (stand := stand_in_rooms(scene, up, renderer)) is not None:
-        return point_of(stand[0]), point_of(stand[1])
+    if cameras is None and (stands := stands_in_rooms(scene, up, renderer)):
+        return point_of(stands[0][0]), point_of(stands[0][1])
     camera = cameras.cameras[0] if cameras is not None else views_to_click_in(scene, None, up)[0].camera
     ahead = (scene.means - camera.centre) @ camera.forward
     depth = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else 1.0

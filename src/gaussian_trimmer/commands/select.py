@@ -30,7 +30,7 @@ from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_mas
 from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks
-from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_rows, plan_overview
+from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_rows, plan_views
 from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
 from gaussian_trimmer.selecting.select import select
 from gaussian_trimmer.selecting.view_lookup import resolve_views
@@ -46,10 +46,10 @@ _END_PERCENTILES = (2, 98)
 class Select:
     """Select an object roughly: by clicks and boxes in views, volumes, other selections, or masks of training pictures.
 
-    The views are those of --cameras or, without cameras, numbered views from all around; --list-views writes them as
-    pictures in which to find pixels. A mask belongs to the picture with the same name: IMG_7.png or IMG_7.JPG.png to
-    IMG_7.JPG; pictures without a mask are skipped. The marks are saved beside the selection, as a .json file from which
-    --marks makes it again and goes on.
+    The views are those of --cameras or, without cameras, numbered ones: what a person sees in rooms, otherwise views
+    from all around. --list-views writes them as pictures in which to find pixels. A mask belongs to the picture with
+    the same name: IMG_7.png or IMG_7.JPG.png to IMG_7.JPG; pictures without a mask are skipped. The marks are saved
+    beside the selection, as a .json file from which --marks makes it again and goes on.
     """
 
     COMMON_OPTIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -212,7 +212,7 @@ class Select:
 
     def _overview(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
         if cameras is None:
-            return plan_overview(scene, up.direction, self.overview)
+            return plan_views(scene, up.direction, self.overview)
         return Overview([Viewpoint(camera) for camera in cameras.pinhole_cameras()], range(0))
 
     def _write_views(self, folder: Path, console: Console) -> None:

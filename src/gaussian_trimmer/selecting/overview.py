@@ -1,4 +1,4 @@
-"""Views to click in, for scenes without cameras: from all around the part with most detail, and of all of it."""
+"""Views to click in, for scenes without cameras: those of a person in rooms, elsewhere from around and from outside."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.cameras import Camera, up_frame
+from gaussian_trimmer.cameras import Camera, intrinsics, look_at, up_frame
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.bounds import Bounds, robust_bounds
 from gaussian_trimmer.geometry.limits import check_size
 from gaussian_trimmer.planning.camera_rings import NEAR_RADII, Lens, framing_distance, ring
+from gaussian_trimmer.planning.standing import stands_in_rooms
+from gaussian_trimmer.rendering import DEFAULT_RENDERER, get_renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint
 from gaussian_trimmer.settings import Range, Vector
 
@@ -55,6 +57,23 @@ class Overview:
     views: list[Viewpoint]
     whole: range
     """Numbers of those that frame the whole capture."""
+
+
+def plan_views(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = OverviewConfig()) -> Overview:
+    """Return views to click in: those of a person who looks around in rooms, elsewhere an overview from outside.
+
+    Args:
+        gaussians: of the capture.
+        up: the scene's up vector, (3,).
+        config: where the views stand; in rooms only their number counts, unless it names a point.
+    """
+    if config.target is not None:
+        return plan_overview(gaussians, up, config)
+    lens, views = intrinsics(_FOV_RADIANS, _SIZE_PIXELS, _SIZE_PIXELS), []
+    for eye, target in stands_in_rooms(gaussians, up, get_renderer(DEFAULT_RENDERER), 2 * config.ring):
+        near = NEAR_RADII * float(np.linalg.norm(target - eye))
+        views.append(Viewpoint(Camera(look_at(eye, target, up), lens, _SIZE_PIXELS, _SIZE_PIXELS, near=near)))
+    return Overview(views, range(0)) if views else plan_overview(gaussians, up, config)
 
 
 def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = OverviewConfig()) -> Overview:

@@ -67,7 +67,7 @@ def select(
         marks: a list of marks; or marks that were saved, or their file: then `cameras` and `up` are known.
         cameras: the cameras that the scene was trained with, if known. Marks name their views.
         up: the up vector in the scene's coordinates, if known: three numbers, or an axis, "z" or "-y".
-        views: the views that marks can name, in place of those of `cameras`, or of eight from all around.
+        views: the views that marks can name, in place of those of `cameras`, or of planned ones.
         renderer: a renderer, or the name of one.
         model: draws masks for boxes, and for first clicks where nothing stands on a surface.
 

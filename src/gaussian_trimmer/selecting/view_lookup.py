@@ -15,7 +15,7 @@ from gaussian_trimmer.gaussians import Float64Array, Gaussians
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Box, Click, Mark, Marks, View, Viewpoint, point_of
-from gaussian_trimmer.selecting.overview import plan_overview
+from gaussian_trimmer.selecting.overview import plan_views
 from gaussian_trimmer.selecting.viewed_scene import check_pixel
 from gaussian_trimmer.selection_files import SelectionOptions
 
@@ -36,7 +36,7 @@ def resolve_views(
         marks: name their views, or hold them.
         cameras: the training cameras, if known.
         up: the scene's up vector, (3,), if known.
-        views: the views that marks can name, in place of those of `cameras`, or of eight from all around.
+        views: the views that marks can name, in place of those of `cameras`, or of planned ones.
         camera_path: where the cameras came from, if known.
 
     Raises:
@@ -56,10 +56,10 @@ def resolve_views(
 
 
 def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
-    """The views of the cameras or, without cameras, eight from all around."""
+    """The views of the cameras or, without cameras, those that `plan_views` plans."""
     if cameras is not None:
         return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
-    return plan_overview(scene, up).views
+    return plan_views(scene, up).views
 
 
 def with_query_row(
