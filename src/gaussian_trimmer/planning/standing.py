@@ -57,7 +57,7 @@ def stands_in_rooms(
     found, known = [], np.zeros(shown.shape[2], np.float32)
     for _ in range(count):
         new = np.maximum(shown - known, 0).sum(axis=2)  # (places, directions)
-        place, turn = np.unravel_index(np.argmax(new), new.shape)
+        place, turn = divmod(int(np.argmax(new)), _YAWS)
         if new[place, turn] <= 0:
             break
         found.append((eyes[place], eyes[place] + targets[turn]))
