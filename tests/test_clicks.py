@@ -338,3 +338,11 @@ def test_crumbs_beside_a_thing_are_no_surface_below_it():
         for shown in (np.ones(len(scene)), weights)
     ]
     assert found[0] is not None and found[1] is None
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_box_on_hardly_any_gaussians_is_answered(count):
+    means = np.array(toy.CENTRE) + np.array([[0, 0, 0], [0, 0.3, 0], [0, 0, 0.3]])[:count]
+    blobs = toy.gaussians(means, (0.3, 0.3, 0.3), (0.5, 0.5, 0.5))
+    with pytest.raises(NothingFoundError):
+        box_in(blobs, toy.camera_at((5, 0, 3)), (80, 80, 120, 120))

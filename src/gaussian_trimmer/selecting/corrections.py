@@ -16,7 +16,7 @@ from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.geometry.distances import distance_to_outside
 from gaussian_trimmer.selecting.marks import Effect
-from gaussian_trimmer.selecting.surface_cut import MIN_NODES, SurfaceCut
+from gaussian_trimmer.selecting.surface_cut import SurfaceCut
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, build_surface_graph
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 
@@ -81,9 +81,9 @@ def correct_at_click(scene: ViewedScene, selection: BoolArray, seed: Seed, earli
     everything = np.ones(len(selection), np.bool_)
     radius = _graph_radius(scene.gaussians.means, selection, seed)
     graph = build_surface_graph(scene, seed.point, radius, everything)
-    best = _best_region(graph, selection[graph.rows], seed, earlier) if len(graph.rows) >= MIN_NODES else None
+    best = _best_region(graph, selection[graph.rows], seed, earlier) if graph is not None else None
     result = selection.copy()
-    if best is None:  # there is no surface to follow
+    if graph is None or best is None:  # there is no surface to follow
         result[np.linalg.norm(scene.gaussians.means - seed.point, axis=1) < seed.radius] = seed.inside
         return result
     changed = best != selection[graph.rows]

@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray
 from gaussian_trimmer.rendering import Rendering
-from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, MIN_NODES, SurfaceCut
+from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, SurfaceCut
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
 from gaussian_trimmer.selecting.viewed_scene import ViewedScene
 from gaussian_trimmer.views import bounding_box
@@ -54,7 +54,7 @@ def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> B
     margin = _SURROUNDINGS_RADII * radius / depth * camera.K[0, 0]
     candidates = (depths > 0) & ((pixels > np.array(box[:2]) - margin) & (pixels < np.array(box[2:]) + margin)).all(1)
     graph = build_surface_graph(scene, centre, radius, candidates)
-    if len(graph.rows) < MIN_NODES:
+    if graph is None:
         return nothing
 
     possible = ~_visible_background(picture, mask, _IN_FRONT_DEPTH * radius)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, mask_of_rows
-from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, MIN_NODES, SurfaceCut
+from gaussian_trimmer.selecting.surface_cut import HIDDEN_UNARY, SurfaceCut
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph, axis_ends, build_surface_graph
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, ViewedScene, surface_depths
 from gaussian_trimmer.views import Box, bounding_box, box_slices
@@ -68,7 +68,7 @@ def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
     best, best_overlap, best_score = np.zeros(len(gaussians), np.bool_), 0.0, -1.0
     for centre, radius in _surfaces(scene, box):
         graph = build_surface_graph(scene, centre, radius, candidates, reach)
-        if len(graph.rows) < MIN_NODES:
+        if graph is None:
             continue
         nothing = np.zeros(len(graph.rows), np.bool_)
         cut = SurfaceCut(graph, nothing, True, graph.areas, _COLOUR_ROUNDS)

@@ -15,8 +15,6 @@ import numpy as np
 from gaussian_trimmer.gaussians import BoolArray, Float64Array
 from gaussian_trimmer.selecting.surface_graph import SurfaceGraph
 
-MIN_NODES = 20
-"""Smallest number of nodes of a surface graph that can be cut."""
 HIDDEN_UNARY = -0.05
 """Unary term of surface that is hidden in the user's view, by area in squared radii."""
 _LENGTH_PENALTY = 0.25

@@ -47,6 +47,8 @@ _REFERENCE_RADIUS = 64.0
 """Radius in pixels to which the weights of the user's view are scaled, whatever its resolution."""
 _MIN_VISIBLE, _MIN_VISIBLE_IN_VIEW = 0.5, 0.3
 """Smallest visible weight of a node, in pixels over all views, and in the user's view to be judged by it."""
+_MIN_NODES = 20
+"""Fewer visible Gaussians are no surface that can be cut."""
 _MAX_NODES = 15_000
 _GAP_RADII, _GAP_SPACINGS = 0.1, 3.0
 """Largest gap within a connected piece, in radii, or in distances between neighbouring nodes if that is more."""
@@ -142,8 +144,8 @@ class SurfaceGraph:
 
 def build_surface_graph(
     scene: ViewedScene, centre: Float64Array, radius: float, candidates: BoolArray, reach: float = 1.0
-) -> SurfaceGraph:
-    """The visible surface around a point, from the user's view and from all around.
+) -> SurfaceGraph | None:
+    """Return the visible surface around a point, from the user's view and from all around; None if hardly any shows.
 
     Args:
         scene: the scene in the user's view.
@@ -163,6 +165,8 @@ def build_surface_graph(
     nodes = candidates[near] & (visible > _MIN_VISIBLE)
     if np.count_nonzero(nodes) > _MAX_NODES:
         nodes &= visible >= np.partition(visible[nodes], -_MAX_NODES)[-_MAX_NODES]
+    if np.count_nonzero(nodes) < _MIN_NODES:
+        return None
     facing = np.zeros((np.count_nonzero(nodes), 3), np.float32)
     for weight, view in zip([*weights, in_view], [*views, camera], strict=True):
         facing += weight[nodes, None] * directions_to(local.means[nodes], view.centre)
