@@ -253,6 +253,27 @@ def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_g
     assert app.session.now.object.cut.state is CutState.STALE and app.jobs.due is Due.NOTHING
 
 
+def test_the_ghost_stops_no_trim_that_follows(app):
+    mark(app, BALL)
+    act(app.cut_out)
+    stages, shown = [], app.panels.busy
+
+    def busy(doing, share):
+        stages.append(doing)
+        app.haunt(None, on=len(stages) % 2 == 1)
+        shown(doing, share)
+
+    app.panels.busy = busy
+    try:
+        gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
+    finally:
+        app.panels.busy = shown
+    finish(app)
+    assert app.session.now.object.fresh is not None
+    assert stages.count("Cutting out again: plan") == 1
+    act(app.haunt, None, on=False)
+
+
 def test_the_scene_without_the_object_is_one_button_away(app):
     mark(app, BALL)
     act(app.show_part, WITHOUT)
