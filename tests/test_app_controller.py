@@ -398,6 +398,18 @@ def test_what_is_looked_at_fills_the_picture_and_strays_do_not_count():
     away = look_at(np.array(eye), np.array(target), toy.UP)
     pixels, _ = replace(camera, world_to_camera=away).project(scene.means[ball].astype(np.float64))
     assert np.ptp(pixels[:, 1]) == pytest.approx(0.76 * 200, rel=0.05)
+    assert pixels[:, 1].min() == pytest.approx(0.08 * 200, abs=1) and np.ptp(pixels[:, 0]) < 0.76 * 200
+
+
+def test_what_reaches_towards_the_eye_stays_in_the_picture():
+    """A bar along the view, whose near end is seen larger than its far end."""
+    camera = toy.camera_at((0, -9, 4))
+    points = np.random.default_rng(0).uniform((-0.5, -0.5, -3), (0.5, 0.5, 3), (2000, 3)) @ camera.rotation
+    rod = toy.gaussians(points, [0.05] * 3, (1, 1, 1))
+    eye, target = framed(rod, camera)
+    away = look_at(np.array(eye), np.array(target), toy.UP)
+    pixels, depths = replace(camera, world_to_camera=away).project(rod.means.astype(np.float64))
+    assert (depths > 0).all() and (pixels > 0.07 * 200).all() and (pixels < 0.89 * 200).all()
     assert np.allclose(pixels.mean(axis=0), (100, 92), atol=5)
 
 
