@@ -66,10 +66,14 @@ class Tab:
 
     def place(self, point):
         """Pixels of the page at which a point of the scene shows."""
-        view = self.app.controller.tools.viewpoint(self.app.server.get_clients()[self.client])
-        x, y = view.camera.project(np.array(point, np.float64)[None])[0][0]
-        box = self.page.locator("canvas").first.bounding_box()
-        assert abs(box["width"] - view.camera.width) < 2
+
+        def looked():  # the program hears of another size of the picture a moment later
+            camera = self.app.controller.tools.viewpoint(self.app.server.get_clients()[self.client]).camera
+            box = self.page.locator("canvas").first.bounding_box()
+            return (camera, box) if abs(box["width"] - camera.width) < 2 else None
+
+        camera, box = until(looked, "the program to know how large the picture is")
+        x, y = camera.project(np.array(point, np.float64)[None])[0][0]
         return box["x"] + float(x), box["y"] + float(y)
 
     def colour(self, point, half=3):

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.needs("browser", "viser")
 UP = np.array([0, 0, 0.16])
 SHOWN = 4000
 """Gaussians that are shown: software rendering of all of them takes seconds."""
-LAPTOP, SMALL = (1366, 768), (1000, 640)
+LAPTOP, SMALL, LARGE = (1280, 720), (1000, 640), (1920, 1080)
 
 
 @pytest.fixture(scope="module")
@@ -108,9 +108,12 @@ def test_who_sees_the_app_for_the_first_time_cuts_the_sample_out(browser, lighth
 
 
 @pytest.mark.slow
-def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app, lighthouse, tmp_path, monkeypatch):
+@pytest.mark.parametrize("size", [LAPTOP, LARGE])
+def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(
+    browser, app, lighthouse, tmp_path, monkeypatch, size
+):
     panels, session = app.controller.panels, app.controller.session
-    tab = Tab(browser, app, *LAPTOP)
+    tab = Tab(browser, app, *size)
     tab.wait("59,472 Gaussians")
     before = tab.until_colour(lighthouse, lambda colour: colour.max() > 100)  # once it has faded in
     marked(tab, lighthouse)
@@ -146,6 +149,15 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(browser, app,
     until(lambda: session.now.object.fresh not in (None, first), "the corrected object")
     assert len(session.now.object.fresh.object) < len(first.object)
     assert panels.showing.part == "object"
+
+    tab.page.get_by_label("For", exact=True).select_option("Unreal")
+    with tab.page.expect_download() as download:
+        tab.press("Download: Object")
+    download.value.save_as(tmp_path / "unreal.ply")
+    upright, lying = formats.read(tmp_path / "unreal.ply"), session.now.object.fresh.object
+    np.testing.assert_allclose(upright.opacity_logits, lying.opacity_logits, atol=1e-5)
+    np.testing.assert_allclose(upright.means.max(axis=0)[1], 0, atol=0.05)  # it stands on the origin, y down
+    np.testing.assert_allclose(np.ptp(upright.means[:, 1]), np.ptp(lying.means[:, 2]), rtol=0.05)
 
     tab.press("Scene without it")
     tab.until_colour(beside, lambda colour: colour.min() < 200)

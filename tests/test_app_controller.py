@@ -253,6 +253,27 @@ def test_a_trim_that_follows_is_given_up_when_the_user_cancels_and_not_when_it_g
     assert app.session.now.object.cut.state is CutState.STALE and app.jobs.due is Due.NOTHING
 
 
+def test_the_ghost_stops_no_trim_that_follows(app):
+    mark(app, BALL)
+    act(app.cut_out)
+    stages, shown = [], app.panels.busy
+
+    def busy(doing, share):
+        stages.append(doing)
+        app.haunt(None, on=len(stages) % 2 == 1)
+        shown(doing, share)
+
+    app.panels.busy = busy
+    try:
+        gesture(app, controls.BRUSH, (0.5, 0.45), effect="remove")
+    finally:
+        app.panels.busy = shown
+    finish(app)
+    assert app.session.now.object.fresh is not None
+    assert stages.count("Cutting out again: plan") == 1
+    act(app.haunt, None, on=False)
+
+
 def test_the_scene_without_the_object_is_one_button_away(app):
     mark(app, BALL)
     act(app.show_part, WITHOUT)
@@ -377,6 +398,18 @@ def test_what_is_looked_at_fills_the_picture_and_strays_do_not_count():
     away = look_at(np.array(eye), np.array(target), toy.UP)
     pixels, _ = replace(camera, world_to_camera=away).project(scene.means[ball].astype(np.float64))
     assert np.ptp(pixels[:, 1]) == pytest.approx(0.76 * 200, rel=0.05)
+    assert pixels[:, 1].min() == pytest.approx(0.08 * 200, abs=1) and np.ptp(pixels[:, 0]) < 0.76 * 200
+
+
+def test_what_reaches_towards_the_eye_stays_in_the_picture():
+    """A bar along the view, whose near end is seen larger than its far end."""
+    camera = toy.camera_at((0, -9, 4))
+    points = np.random.default_rng(0).uniform((-0.5, -0.5, -3), (0.5, 0.5, 3), (2000, 3)) @ camera.rotation
+    rod = toy.gaussians(points, [0.05] * 3, (1, 1, 1))
+    eye, target = framed(rod, camera)
+    away = look_at(np.array(eye), np.array(target), toy.UP)
+    pixels, depths = replace(camera, world_to_camera=away).project(rod.means.astype(np.float64))
+    assert (depths > 0).all() and (pixels > 0.07 * 200).all() and (pixels < 0.89 * 200).all()
     assert np.allclose(pixels.mean(axis=0), (100, 92), atol=5)
 
 

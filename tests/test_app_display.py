@@ -187,7 +187,7 @@ def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_their
         assert np.array_equal(changed_rows(stale)[1], before & inside)
         red = len(painter.paint(session.now, changes))
         assert shown_rows(session.now, changes)[before & inside].all()  # until it is cut out again
-        session.do(edits.cut_out_again, TrimChoices(), joined=True)
+        session.do(edits.cut_out, TrimChoices(), joined=True, again=True)
         fresh = session.now.object
         assert np.array_equal(changed_rows(fresh)[1], before & ~fresh.mask)
         assert len(painter.paint(session.now, changes)) < red

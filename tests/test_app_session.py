@@ -250,7 +250,7 @@ def test_a_cut_out_is_none_fresh_stale_or_wanted(session, tmp_path):
     had = session.now.object.before
     mark(session, FLOOR)
     assert session.now.object.before is had  # since the cut-out
-    session.do(edits.cut_out_again, DEFAULT, joined=True)  # belongs to the step before
+    session.do(edits.cut_out, DEFAULT, joined=True, again=True)  # belongs to the step before
     assert cut().state is CutState.FRESH and cut().result is not first
     session.undo()
     assert cut().state is CutState.STALE

@@ -19,7 +19,13 @@ from gaussian_trimmer.gaussians import Gaussians, concatenate
 from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.geometry.support_plane import SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.selecting.clicks import NothingFoundError, select_around_click, select_by_box, select_by_click
+from gaussian_trimmer.selecting.clicks import (
+    NothingFoundError,
+    select_around_click,
+    select_by_box,
+    select_by_click,
+    select_by_colour,
+)
 from gaussian_trimmer.selecting.marks import Box3D, Click, Viewpoint
 from gaussian_trimmer.selecting.overview import OverviewConfig, drawn_rows, plan_overview
 from gaussian_trimmer.selecting.segment_on_plane import pieces_on_plane, windows_around
@@ -292,6 +298,21 @@ def test_overview_stands_where_it_is_told_to():
     for camera in (view.camera for view in level.views):
         assert np.allclose(pixel_of(camera, (2.0, 0.0, 1.0)), 320, atol=1)
         assert np.isclose(camera.centre[2], 1.0)
+
+
+@pytest.mark.parametrize(("name", "view"), [("fern", 5), ("mug", 5), ("lighthouse", 0)])
+def test_a_small_tolerance_stays_within_a_thing_of_a_trained_scene(name, view):
+    """It takes a part of it in a like colour, and a larger one takes that and more."""
+    scene = benchmark_scene("tabletop")
+    camera = scene.training_cameras[view]
+    mask = (scene.coverage(name, camera.name) > 0.5).astype(np.uint8)
+    depth = cv2.distanceTransform(mask, cv2.DIST_L2, 5)
+    y, x = np.unravel_index(np.argmax(depth), depth.shape)
+    looked_at = ViewedScene(scene.gaussians, camera, scene.up, RENDERER)
+    small, larger = (select_by_colour(looked_at, int(x), int(y), tolerance).selection for tolerance in (0.06, 0.1))
+    thing = np.load(scene.folder / "coarse" / name / "exact.npy")
+    assert thing[larger].mean() > 0.9
+    assert 0 < small.sum() < larger.sum() and (larger | ~small).all()
 
 
 @pytest.mark.slow

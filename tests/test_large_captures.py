@@ -244,6 +244,28 @@ def test_where_the_finder_sees_nothing_a_click_takes_what_is_near(clicks):
     assert (np.linalg.norm(scene.means[state.mask] - middle, axis=1) < 0.6 * np.linalg.norm(eye - middle)).all()
 
 
+def test_where_the_finder_sees_nothing_a_click_takes_what_is_seen_alone_or_the_region_around(monkeypatch):
+    """A balloon high above the furniture, and the bare floor."""
+    balloon = room.ball((0, 0), 0.4, room.RED)
+    balloon = balloon.replace(means=balloon.means + np.float32([0, 0, 3]))
+    scene, part = room.scene_of(room.floor(), balloon, *furniture())
+    monkeypatch.setattr(interpretation, "LARGEST_LOOK", 1000)
+    interpreter = interpretation.MarkInterpreter(scene, Marks((), (0.0, 0.0, 1.0)))
+    interpreter._things = SimpleNamespace(at=lambda point, seen: [])
+
+    def click(eye, target):
+        mark = Click(120, 120, Viewpoint(toy.camera_at(eye, target, 240)))
+        return interpreter.apply(interpretation.SelectionState.nothing(len(scene)), mark)
+
+    above = click((0, -2.5, 1), (0, 0, 3.4))
+    assert above.interpretations == (interpretation.INTERPRETATIONS["alone"],)
+    assert toy.jaccard(above.mask, part == 1) > 0.95
+    below = click((2, -5, 2), (1.5, -1.5, 0))
+    assert below.interpretations == (interpretation.INTERPRETATIONS["around"],)
+    assert (part[below.mask] == 0).all()
+    assert (np.linalg.norm(scene.means[below.mask] - [1.5, -1.5, 0], axis=1) < 1).all()
+
+
 def test_the_same_click_made_again_takes_the_other_sizes_in_turn(clicks):
     scene, part, interpreter, click = clicks
     upper = (part == 3) & (scene.means[:, 2] > 0.3)

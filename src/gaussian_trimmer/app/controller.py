@@ -88,12 +88,11 @@ class Controller:
     def show_part(self, part: str, client: Any = None) -> None:
         """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet."""
 
-        def work() -> str:
+        def work() -> str | None:
             now = self.session.now
             self.panels.part.value = part
-            if part == files.WITHOUT and now.object.n_selected and now.object.cut.result is None:
-                return self._cut_out()
-            return self.panels.status_text
+            wanted = part == files.WITHOUT and now.object.n_selected and now.object.cut.result is None
+            return self._cut_out() if wanted else None
 
         self.jobs.do("Showing", work, Event.PART_CHOSEN)
 
@@ -104,9 +103,9 @@ class Controller:
         changes = {"active": (choose, Event.STEPPED), "delete": (delete, Event.STEPPED)}
         asked = self.session.glance()
 
-        def describe() -> str:
+        def describe() -> str | None:
             if asked is None or asked.document.scene is not self.session.document.scene:
-                return self.panels.status_text  # it was meant for the scene before
+                return None  # it was meant for the scene before
             return self.session.do(edits.describe, number, what, value)
 
         self.jobs.do("Changing", *changes.get(what, (describe, None)))
@@ -120,12 +119,11 @@ class Controller:
     def focus(self, client: Any, *, whole: bool = False) -> None:
         """Let a tab look at the object from the side that it sees, or at the scene as it did at first."""
 
-        def work() -> str:
+        def work() -> None:
             if whole or not self.session.now.object.n_selected:
                 self._view.look(client, *self._start)
             else:
                 self._look_at_object(client)
-            return self.panels.status_text
 
         self.jobs.do("Looking", work)
 
@@ -152,10 +150,9 @@ class Controller:
         self.jobs.do("Comparing", lambda: self._presenter.compare(on=on))
 
     def haunt(self, client: Any, *, on: bool) -> None:
-        """Show what is not the object's as a ghost beside it, to be marked, or no longer."""
+        """Show what is not the object's as a ghost beside it, to be marked, or no longer; no trim stops for it."""
         self.panels.ghost = on
-        if self.panels.part.value == files.OBJECT:
-            self.refresh()
+        self.jobs.worker.submit_if_idle(self._presenter.refresh)
 
     def choose_next(self, control: Control, client: Any = None) -> None:
         """Take the next option of a control."""
@@ -164,7 +161,7 @@ class Controller:
 
     def refresh(self, client: Any = None) -> None:
         """Show what the controls ask for."""
-        self.jobs.do("Showing", lambda: self.panels.status_text)
+        self.jobs.do("Showing", lambda: None)
 
     def save(self, client: Any = None, *, together: bool = False) -> None:
         """Save the cut-out in the folder that the panel names, or all objects, trimmed together."""
@@ -201,12 +198,12 @@ class Controller:
         else:
             self.load(path, client)
 
-    def _load_or_open(self, path: Path, client: Any) -> str:
+    def _load_or_open(self, path: Path, client: Any) -> str | None:
         """Take splats as a selection where they are a part of the open scene, and open them otherwise."""
         with suppress(InputError):
             return self.session.do(edits.load, path, whole=True)
         self._open(str(path), "", client)
-        return self.panels.status_text
+        return None
 
     def _open(self, path: str, camera_path: str, client: Any) -> None:
         """Open a scene or a project, and look at it if it is another scene."""

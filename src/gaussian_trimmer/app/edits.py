@@ -150,25 +150,25 @@ def set_up(now: Snapshot, given: Point | None) -> Change:
     return Change(replace(now, up=up, basis=basis).understood_anew("up vector"), describe_up(up))
 
 
-def cut_out(now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None) -> Change:
+def cut_out(
+    now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None, *, again: bool = False
+) -> Change:
     """Trim the active object.
 
     Args:
         now: the state before.
         choices: settings.
         progress: called with the name of each stage when it begins.
+        again: after further marks, as part of the step that made them.
 
     Raises:
         InputError: nothing is selected, or the trim is not possible.
     """
     part = _cut_out(now, now.object, choices, progress)
+    if again:
+        return Change(now.with_object(part, now.last), "Cut out again.")
     after = now.with_object(replace(part, before=None), "cut out")
     return Change(after, after.object.summary)
-
-
-def cut_out_again(now: Snapshot, choices: TrimChoices, progress: Progress = lambda stage: None) -> Change:
-    """Trim the active object after further marks, as part of the step that made them. Raises as `cut_out`."""
-    return Change(now.with_object(_cut_out(now, now.object, choices, progress), now.last), "Cut out again.")
 
 
 def cut_out_wanted(now: Snapshot, progress: Progress = lambda stage: None) -> Change:

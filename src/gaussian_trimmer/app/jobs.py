@@ -51,8 +51,8 @@ class Jobs:
         self.presenter.refresh()
         server.on_client_connect(self._welcome)
 
-    def do(self, name: str, work: Callable[[], str], event: Event | None = None) -> None:
-        """Have something done in the worker's thread, show its sentence and, after success, what an event shows."""
+    def do(self, name: str, work: Callable[[], str | None], event: Event | None = None) -> None:
+        """Have something done in the worker's thread, show its sentence, if any, and what an event then shows."""
 
         def job() -> None:
             self._job(name, work, event)
@@ -68,14 +68,14 @@ class Jobs:
         self.panels.say(PROGRAM_ENDED, wrong=True)
         self.server.flush()
 
-    def _job(self, name: str, work: Callable[[], str], event: Event | None) -> None:
+    def _job(self, name: str, work: Callable[[], str | None], event: Event | None) -> None:
         """Do some work, and show its sentence and, if it succeeds, what is to be seen after an event."""
         self.panels.busy(name, 0)
         self.presenter.compare(on=False)
         text, wrong = "", True
         try:
             try:
-                text = work()
+                text = work() or self.panels.status_text
                 if event is not None:
                     now = self.session.now
                     self.panels.showing = showing_after(event, now, self.panels.showing)
@@ -103,7 +103,7 @@ class Jobs:
             try:
                 if self.due is Due.WORK_OF_LAST_TIME:
                     return self.session.do(edits.cut_out_wanted, stages, joined=True)
-                return f"{said} {self.session.do(edits.cut_out_again, self.panels.choices, stages, joined=True)}"
+                return f"{said} {self.session.do(edits.cut_out, self.panels.choices, stages, joined=True, again=True)}"
             except Cancelled:
                 return self.session.now.sentence
             finally:

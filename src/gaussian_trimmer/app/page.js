@@ -162,7 +162,6 @@
     if (!again) sayDrawn(tool, [at], event);
   });
 
-  listen("dblclick", (event) => active === "Polygon" && drawn.length > 2 && finish("Polygon", event));
   listen("resize", surface.changed);
   listen("contextmenu", (event) => event.target instanceof HTMLCanvasElement && event.preventDefault());
 

@@ -50,8 +50,8 @@ class Presenter:
         if self._is_new("state", now):  # otherwise, what somebody is typing is kept
             controls.refresh(now, self._idle())
 
-    def compare(self, *, on: bool) -> str:
-        """Show another state in place of what is shown, or no longer; return what is seen.
+    def compare(self, *, on: bool) -> None:
+        """Show another state in place of what is shown, or no longer.
 
         Raises:
             InputError: the object has not been cut out.
@@ -60,7 +60,6 @@ class Presenter:
             raise InputError("There is nothing to compare yet: cut the object out first.")
         self._other, name = compared(self._panels.showing) if on else (None, "")
         self._page.show(compared=name)
-        return self._panels.status_text
 
     def look_from(self, eye: Camera) -> None:
         """Show the scene as it looks from an eye, and what is near it in full, if that differs from what is shown."""

@@ -32,7 +32,6 @@ class Event(Enum):
     OPENED = "a scene, a project or a selection was opened, or objects were found"
     MARKED = "the active object was marked"
     CUT_OUT = "the active object was cut out"
-    CUT_OUT_AGAIN = "a corrected object, or the work of last time, was cut out again"
     PART_CHOSEN = "another part is to be seen"
     STEPPED = "a step was undone or redone, the object cleared, or another one chosen"
 
@@ -63,8 +62,6 @@ def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
             return replace(showing, when="after" if corrected else "before", colours=colours)
         case Event.CUT_OUT:  # in its own colours: a tint would hide what is wrong at the edge
             return Showing("object", "after", "own")
-        case Event.CUT_OUT_AGAIN:
-            return replace(showing, when="after")
         case Event.PART_CHOSEN:
             colours = "objects" if showing.part == "both" else "own"
             when: When = "after" if showing.part == "background" and cut else showing.when

@@ -15,10 +15,10 @@
     Invert: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM10 3v14M10 6l5 0M10 10h7M10 14h5",
     Undo: "M7 4L3 8l4 4M3 8h9a4 4 0 0 1 0 8H8",
     Redo: "M13 4l4 4-4 4M17 8H8a4 4 0 0 0 0 8h4",
-    hidden: "M2 10s3-5 8-5 8 5 8 5-3 5-8 5-8-5-8-5zM10 8a2 2 0 1 0 0 4 2 2 0 0 0 0-4z",
     locked: "M5 9h10v8H5zM7 9V6a3 3 0 0 1 6 0v3",
     delete: "M4 6h12M8 6V4h4v2M6 6l1 11h6l1-11",
   };
+  ICONS.hidden = ICONS.Look;
   const DRAWN = ["Box", "Lasso", "Polygon", "Brush"];
   const SETTINGS = {
     Mode: ["Click", ...DRAWN, "3D box"], Reach: DRAWN, "Take by": DRAWN, "Brush radius": ["Brush"],
@@ -149,7 +149,7 @@
   }
 
   function chooser(parent) {
-    button(parent, "Choose a file, or drop one on the page", () => document.querySelector('input[type="file"]')?.click());
+    button(parent, "Choose a file", () => document.querySelector('input[type="file"]')?.click());
   }
   function up(parent) {
     follows(make(parent, "div"), (element, state) => (element.textContent = state.up ?? ""));
@@ -210,7 +210,7 @@
   function addDrop(picture) {
     const drop = make(picture, "div", { className: "gt-drop" }, make(null, "h2", {}, "Drop a splat scene here"));
     make(drop, "div", {}, "PLY, SPLAT, SPZ, SOG, KSPLAT or glTF");
-    button(drop, "Choose a file", () => document.querySelector('input[type="file"]')?.click());
+    chooser(drop);
     let shown;
     follows(drop, (element, { scene, share, starts }) => {
       element.hidden = Boolean(scene) || (share ?? null) !== null;

@@ -9,27 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gaussian_trimmer.app import edits
+from gaussian_trimmer.app import edits, panels
 from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.panels import (
-    ADD,
-    ANEW,
-    BOX,
-    BOX3D,
-    BRUSH,
-    CENTRES,
-    CLICK,
-    EFFECTS,
-    HINTS,
-    KEEP_ONLY,
-    LASSO,
-    LOOK,
-    POINTS,
-    POLYGON,
-    THROUGH,
-    Panels,
-)
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Event
@@ -68,7 +50,7 @@ from gaussian_trimmer.views import HALF
 class Do(Protocol):
     """Has something done in the worker's thread."""
 
-    def __call__(self, name: str, work: Callable[[], str], event: Event | None = None) -> None:
+    def __call__(self, name: str, work: Callable[[], str | None], event: Event | None = None) -> None:
         """Do some work; if it succeeds, show what is to be seen after an event."""
 
 
@@ -87,8 +69,8 @@ _BRUSH_STEP = 1.25
 class Tools:
     """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
-    def __init__(self, session: Session, panels: Panels, view: SceneView, do: Do) -> None:
-        self._session, self._panels, self._view, self._do = session, panels, view, do
+    def __init__(self, session: Session, controls: panels.Panels, view: SceneView, do: Do) -> None:
+        self._session, self._panels, self._view, self._do = session, controls, view, do
         self._corners: list[Point] = []
         self._clicked: tuple[tuple[Mark, ...], Click | None] = ((), None)
         """The marks after the last click, and that click."""
@@ -112,12 +94,12 @@ class Tools:
         self._view.show_points([])
         self._view.hide_box()
         if self._session.glance() is None:
-            self._panels.tool.value = LOOK
+            self._panels.tool.value = panels.LOOK
             raise InputError("Open a scene first.")
         tool: str = self._panels.tool.value
-        if tool == BOX3D:
+        if tool == panels.BOX3D:
             self._show_box(client)
-        return HINTS[tool]
+        return panels.HINTS[tool]
 
     def resize_brush(self, client: Any, *, larger: bool) -> None:
         """Let the brush be larger or smaller by a step."""
@@ -128,15 +110,15 @@ class Tools:
     def heard(self, gesture: Gesture, client: Any) -> None:
         """Do what was meant by a gesture."""
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
-            CLICK: self._click,
-            BOX: self._box,
-            LASSO: self._draw,
-            POLYGON: self._draw,
-            BRUSH: self._draw,
-            POINTS: self._corner,
+            panels.CLICK: self._click,
+            panels.BOX: self._box,
+            panels.LASSO: self._draw,
+            panels.POLYGON: self._draw,
+            panels.BRUSH: self._draw,
+            panels.POINTS: self._corner,
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
-            view, event = self.viewpoint(client), None if gesture.tool == POINTS else Event.MARKED
+            view, event = self.viewpoint(client), None if gesture.tool == panels.POINTS else Event.MARKED
             self._do("Marking", lambda: work[gesture.tool](view, gesture), event)
 
     def change_selection(self, way: str, client: Any) -> None:
@@ -167,16 +149,12 @@ class Tools:
             centre = (low + high) / 2 @ turn
         else:
             view = self.viewpoint(client)
-            (point,) = self._surface_points(view, [_SCREEN_MIDDLE])
-            if point is None:
-                raise InputError("Nothing is in the middle of the picture; turn towards the object, then choose again.")
-            centre = np.array(point)
+            centre = np.array(self._surface_point(view, _SCREEN_MIDDLE))
             size = np.full(3, _BOX_SHARE * float(np.linalg.norm(centre - view.camera.centre)))
-        sides = point_of(size)
-        self._view.show_box(point_of(centre), sides, now.up.direction)
+        self._view.show_box(point_of(centre), point_of(size), now.up.direction)
 
     def _effect(self, asked: Effect | None) -> Effect:
-        return asked or EFFECTS[self._panels.effect.value]
+        return asked or panels.EFFECTS[self._panels.effect.value]
 
     def _click(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was clicked on; without a key or another mode, go on with the object that has it."""
@@ -192,10 +170,10 @@ class Tools:
     def tolerate(self, client: Any) -> None:
         """Make the last click again with the tolerance that is chosen, if nothing was done after it."""
 
-        def work() -> str:
+        def work() -> str | None:
             tolerance, (marks, click) = self._panels.tolerance.value / 100, self._clicked
             if click is None or self._session.now.object.marks is not marks or click.tolerance == tolerance:
-                return self._panels.status_text
+                return None
             self._session.undo()
             try:
                 return self._mark(replace(click, tolerance=tolerance))
@@ -234,8 +212,8 @@ class Tools:
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
         controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
-        stroke = Stroke(view, gesture.places, float(controls.brush.value) if gesture.tool == BRUSH else None)
-        through, by_centres = controls.reach.value == THROUGH, controls.taking.value == CENTRES
+        stroke = Stroke(view, gesture.places, float(controls.brush.value) if gesture.tool == panels.BRUSH else None)
+        through, by_centres = controls.reach.value == panels.THROUGH, controls.taking.value == panels.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
         showing = controls.showing
@@ -256,7 +234,7 @@ class Tools:
             return f"{3 - len(self._corners)} more on the ground."
         corners, self._corners = self._corners, []
         said = self._session.do(edits.set_up, edits.normal_of(corners, point_of(view.camera.centre)))
-        self._panels.tool.value = LOOK
+        self._panels.tool.value = panels.LOOK
         self.begin(None)
         return said
 
@@ -274,12 +252,12 @@ class Tools:
 
     def _mark(self, mark: Mark, gesture: Gesture | None = None) -> str:
         """Make a mark; what was drawn without a key replaces the selection where the mode says so."""
-        anew = self._panels.effect.value == ANEW and gesture is not None and gesture.effect is None
+        anew = self._panels.effect.value == panels.ANEW and gesture is not None and gesture.effect is None
         among = markable_rows(self._session.now, self._panels.showing)
         sentence = self._session.do(edits.mark, mark, among=among, anew=anew)
         self._clicked = self._session.now.object.marks, mark if isinstance(mark, Click) else None
-        if self._panels.effect.value == KEEP_ONLY:  # else the next mark would keep nothing
-            self._panels.effect.value = ADD
+        if self._panels.effect.value == panels.KEEP_ONLY:  # else the next mark would keep nothing
+            self._panels.effect.value = panels.ADD
         return sentence
 
     def _shown_rows(self) -> Any:
@@ -297,11 +275,9 @@ class Tools:
             return view
         return before_what_shows(shown, view, places, document.renderer)
 
-    def _surface_points(self, view: Viewpoint, places: Sequence[Place]) -> list[Point | None]:
-        return surface_points(self._shown(), view, places, self._session.document.renderer)
-
     def _surface_point(self, view: Viewpoint, place: Place) -> Point:
-        (point,) = self._surface_points(view, [place])
+        (point,) = surface_points(self._shown(), view, [place], self._session.document.renderer)
         if point is None:
-            raise InputError("Nothing is seen there; click on a surface.")
+            middle = "in the middle of the picture; turn towards the object, then choose again"
+            raise InputError(f"Nothing is seen {middle if place == _SCREEN_MIDDLE else 'there; click on a surface'}.")
         return point

@@ -25,9 +25,9 @@ _MEDIAN_DISTANCE = 5.0
 """Median distance of the Gaussians from their middle, in the viewer's units."""
 _LARGEST_PICTURE = 1 << 14
 _SMALLEST_FOV, _LARGEST_FOV = 0.01, 3.1
-_FRAMED_SHARE, _RAISED_SHARE, _ENDS = 0.76, 0.04, (0.01, 0.99)
-"""Share of the picture's height, or width, that what is looked at fills; how far it is above the middle, as the tools
-are below; quantiles that are taken for its ends."""
+_FRAMED_SHARE, _RAISED_SHARE = 0.76, 0.04
+"""Share of the picture's height, or width, that what is looked at fills, and by how much it is above the middle, as the
+tools are below."""
 _BEFORE_SURFACE = 0.999
 """Depth of a near plane that hides what stands before a surface, relative to the surface's."""
 
@@ -96,14 +96,18 @@ def first_look(
 
 def framed(gaussians: Gaussians, camera: Camera) -> tuple[Point, Point]:
     """Return from where Gaussians fill a camera's picture as it looks now, and at which point; strays do not count."""
-    local = gaussians.means[dominant_cluster(gaussians)] @ camera.rotation.T.astype(np.float32)
-    middle = np.quantile(local, _ENDS, axis=0).mean(axis=0)
-    slopes = _FRAMED_SHARE * np.array([camera.width, camera.height]) / 2 / np.diag(camera.K)[:2]
-    distances = (np.abs(local - middle)[:, :2] / slopes).max(axis=1) - (local - middle)[:, 2]
-    distance = max(float(np.quantile(distances, _ENDS[1])), 1e-9)
-    lower = np.array([0, _RAISED_SHARE * camera.height / camera.K[1, 1] * distance, 0])
-    centre = camera.rotation.T @ (middle + lower)
-    return point_of(centre - distance * camera.forward), point_of(centre)
+    local = gaussians.means[dominant_cluster(gaussians)].astype(np.float64) @ camera.rotation.T
+    sizes, focal = np.array([camera.width, camera.height]), np.diag(camera.K)[:2]
+    half, raised = _FRAMED_SHARE * sizes / 2 / focal, np.array([0, _RAISED_SHARE]) * sizes / focal
+    upper, lower = half + raised, half - raised
+    # An eye at (x, y, -depth) has a point (px, py, pz) in its frame where -upper <= (p - eye) / (pz + depth) <= lower.
+    low = (local[:, :2] + upper * local[:, 2:]).min(axis=0)
+    high = (local[:, :2] - lower * local[:, 2:]).max(axis=0)
+    middle = float(np.median(local[:, 2]))
+    distance = max(float(((high - low) / (upper + lower)).max()) + middle, 1e-9)
+    across = (high + low + (upper - lower) * (distance - middle)) / 2
+    eye = camera.rotation.T @ np.array([*across, middle - distance])
+    return point_of(eye), point_of(eye + distance * camera.forward)
 
 
 def pixel_at(view: Viewpoint, place: Place) -> tuple[int, int]:
