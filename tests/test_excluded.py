@@ -12,7 +12,7 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.selecting.marks import FromFile, Sphere
 from gaussian_trimmer.selecting.saved_selection import excluded_from, save_selection
-from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
+from gaussian_trimmer.selecting.selection_input import read_selection_result
 from gaussian_trimmer.trimming.trim import trim_objects
 
 SCENE, TRUTH = toy.ball_on_floor()
@@ -77,7 +77,7 @@ def test_rows_and_marks_are_written_together_or_the_difference_is_said(tmp_path,
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     np.save(tmp_path / "a.npy", TRUTH)  # as when a run was killed between the two
     said = []
-    assert not read_selected_and_removed(tmp_path / "a.npy", SCENE, say=said.append)[1].any()
+    assert read_selection_result(tmp_path / "a.npy", SCENE, say=said.append).excluded is None
     assert len(said) == 1 and "a.json" in said[0]
 
 

@@ -21,8 +21,8 @@ from gaussian_trimmer.config import RefineConfig, SplitConfig
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.selecting.marks import Sphere
 from gaussian_trimmer.selecting.saved_selection import save_selection
-from gaussian_trimmer.selecting.select import SelectionResult
-from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
+from gaussian_trimmer.selecting.selection_input import read_selection_result
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 BALL, TRUTH = toy.ball_on_floor()
@@ -59,7 +59,7 @@ def check_same(result, expected):
 
 def as_marked(mask, excluded):
     """A selection as marks make it, which removed some Gaussians."""
-    return SelectionResult(mask, gt.marks.Marks((), None, None), (), excluded)
+    return SelectionResult(mask, excluded=excluded)
 
 
 @pytest.mark.parametrize("stages", STAGES.values(), ids=STAGES)
@@ -137,9 +137,9 @@ def splats(folder, name="object"):
 
 def test_the_command_makes_what_python_does(files):
     scene = gt.read(files / "scene.ply")
-    selection, removed, _ = read_selected_and_removed(files / "rough.npy", scene)
-    assert removed.any()
-    result = gt.trim(scene, selection, excluded=removed, up=toy.UP)
+    selection = read_selection_result(files / "rough.npy", scene)
+    assert selection.excluded.any()
+    result = gt.trim(scene, selection, up=toy.UP)
     result.save(files / "python")
     assert splats(files / "python") == splats(files / "trim")
 

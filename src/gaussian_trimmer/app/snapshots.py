@@ -19,7 +19,7 @@ from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.planning.up_vector import FROM_FORMAT, UpVector
 from gaussian_trimmer.selecting.interpretation import MarkInterpreter, SelectionState
 from gaussian_trimmer.selecting.marks import Mark, Marks, Point, point_of
-from gaussian_trimmer.selecting.select import SelectionResult
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 
 Colour = tuple[int, int, int]
 

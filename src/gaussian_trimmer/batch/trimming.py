@@ -24,7 +24,7 @@ from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.output.saving import write_trim
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters import get_segmenter
-from gaussian_trimmer.selecting.selection_input import read_selected_and_removed
+from gaussian_trimmer.selecting.selection_input import read_selection_result
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.trim import trim
 from gaussian_trimmer.trimming.trim_options import views_of_masks
@@ -151,7 +151,7 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
     Raises:
         InputError: the item cannot be trimmed.
     """
-    selection, removed, made = read_selected_and_removed(
+    selection = read_selection_result(
         item.selection,
         scene,
         item.selection_options,
@@ -161,18 +161,17 @@ def trim_item(scene: Gaussians, item: Item, cameras: CameraSet | None) -> TrimRe
         renderer=item.renderer,
     )
     if item.selection is not None:
-        refuse_whole_scene(selection, item.selection, item.scene)
+        refuse_whole_scene(selection.mask, item.selection, item.scene)
     options = [] if item.segmenter_options is None else [item.segmenter_options]
     segmenter = get_segmenter(item.segmenter, *options)
     return trim(
         scene,
-        selection if made is None else made,
+        selection,
         config=item.config,
         renderer=get_renderer(item.renderer),
         segmenter=segmenter,
         cameras=cameras,
         view_cameras=views_of_masks(segmenter, cameras, item.config),
-        excluded=removed,
     )
 
 

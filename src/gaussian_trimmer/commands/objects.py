@@ -15,7 +15,7 @@ from rich.console import Console
 from gaussian_trimmer.batch.manifest import write_manifest
 from gaussian_trimmer.commands.console import in_lengths, print_up, progress_over_stages
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words, reading_words
-from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
+from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding.editing import chosen_objects
 from gaussian_trimmer.finding.find import find_objects
@@ -28,6 +28,7 @@ from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import get_renderer
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.trim_options import TrimOptions
 
 _KIND = "objects"
@@ -123,8 +124,10 @@ class Objects:
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)
         numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
-        masks = {int(name) if numbered else name: mask for name, mask in chosen.items()}
-        self._run_of(self.trim, folder, list(masks)).run(console, lambda: TrimInputs(scene, cameras, masks))
+        selections = {int(name) if numbered else name: SelectionResult(mask) for name, mask in chosen.items()}
+        self._run_of(self.trim, folder, list(selections)).run(
+            console, lambda: SelectedScene(scene, cameras, selections)
+        )
 
     def _run_of(self, folder: Path, found: Path, chosen: list[int | str]) -> TrimRun:
         """Return the trim of the chosen objects together."""

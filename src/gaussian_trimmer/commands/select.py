@@ -6,17 +6,16 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from gaussian_trimmer.cameras import CameraSet, up_frame
 from gaussian_trimmer.commands.console import in_lengths, print_up, refuse_existing
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.scene_inputs import SceneInputs, changed_words
-from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
+from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.io.manifest import is_made_of
@@ -26,13 +25,13 @@ from gaussian_trimmer.output.result import THE_OBJECT
 from gaussian_trimmer.output.view_listing import VIEW_FILES, write_view_listing
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
-from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
+from gaussian_trimmer.selecting.lifting import lift_id_masks
 from gaussian_trimmer.selecting.marks import FromMasks, Mark, Marks, Viewpoint
 from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.overview import Overview, OverviewConfig, drawn_rows, plan_views
 from gaussian_trimmer.selecting.saved_selection import note_on, save_array, save_selection
 from gaussian_trimmer.selecting.select import select
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selecting.view_lookup import resolve_views
 from gaussian_trimmer.settings import Range
 from gaussian_trimmer.trimming.trim_options import TrimOptions
@@ -109,8 +108,9 @@ class Select:
             return self._run_of(self.trim).run(console, lambda: self._select(console))
         else:
             made = self._select(console)
-            console.print(f"Now: {self._next_command(made.marks)}")
-            counts = {"selected": int(np.count_nonzero(made.masks[THE_OBJECT])), "scene": len(made.scene)}
+            selection = made.selections[THE_OBJECT]
+            console.print(f"Now: {self._next_command(selection.marks)}")
+            counts = {"selected": int(np.count_nonzero(selection.mask)), "scene": len(made.scene)}
             self.results.printing.print_json({"selection": str(self.selection_path), "counts": counts})
         return 0
 
@@ -129,16 +129,18 @@ class Select:
             source=path,
         )
 
-    def _select(self, console: Console) -> TrimInputs:
+    def _select(self, console: Console) -> SelectedScene:
         """Make the selection and save it; returns it, and what it was made from."""
         scene, cameras = self.inputs.read(self.options, console)
         if self.object_ids:
-            labels, how = self._label(scene, cameras)
+            assert self.masks is not None, "checked before"
+            labels, n_masks = lift_id_masks(scene, cameras, self.masks, get_renderer(self.options.renderer), self.gamma)
             if not labels.any():
                 raise InputError("No Gaussian was selected; check that the cameras and masks belong to this scene.")
             save_array(labels, self.selection_path)
-            console.print(f"{self.selection_path}: {np.count_nonzero(labels):,} of {len(scene):,} Gaussians, {how}")
-            return TrimInputs(scene, cameras, {THE_OBJECT: labels != 0})
+            count = f"{np.count_nonzero(labels):,} of {len(scene):,} Gaussians"
+            console.print(f"{self.selection_path}: {count}, {n_masks} masks")
+            return SelectedScene(scene, cameras, {THE_OBJECT: SelectionResult(labels != 0)})
         up = find_up(scene, cameras, self.options.config.up)
         print_up(console, up)
         marks, model = self._resolved(scene, cameras, up), self.options.promptable_model()
@@ -148,7 +150,7 @@ class Select:
         size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
         count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
         console.print(f"{self.selection_path}: {count}, {size}, {understood}")
-        return TrimInputs(scene, cameras, {THE_OBJECT: made}, marks=made.marks)
+        return SelectedScene(scene, cameras, {THE_OBJECT: made})
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""
@@ -201,14 +203,6 @@ class Select:
         refuse_existing(path, inputs=inputs, overwrite=overwrite or again)
         if not self.object_ids:
             refuse_existing(path.with_suffix(".json"), inputs=inputs, overwrite=overwrite or again)
-
-    def _label(self, scene: Gaussians, cameras: CameraSet | None) -> tuple[NDArray[Any], str]:
-        """Object numbers (N,) by the masks, and how they came about."""
-        assert self.masks is not None and cameras is not None
-        posed = cameras_with_masks(cameras.pinhole_cameras(), self.masks)
-        labels = [ids_of(camera, self.masks) for camera in posed]
-        found = lift_objects_by_assignment(scene, posed, labels, get_renderer(self.options.renderer), self.gamma)
-        return found, f"{len(posed)} masks"
 
     def _overview(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Overview:
         if cameras is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from rich.console import Console
@@ -15,16 +15,16 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.commands.mark_options import MarkOptions
 from gaussian_trimmer.commands.replay import inputs_of_report
 from gaussian_trimmer.commands.scene_inputs import SceneInputs
-from gaussian_trimmer.commands.trim_run import ResultOptions, TrimInputs, TrimRun
+from gaussian_trimmer.commands.trim_run import ResultOptions, SelectedScene, TrimRun
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
 from gaussian_trimmer.io.reading import is_folder
 from gaussian_trimmer.options import Names, Positional, arg
 from gaussian_trimmer.output.result import THE_OBJECT
 from gaussian_trimmer.rendering import get_renderer
-from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
-from gaussian_trimmer.selecting.lifting import lift_objects_by_assignment
-from gaussian_trimmer.selecting.selection_input import read_selected_and_removed, read_selection
+from gaussian_trimmer.selecting.lifting import lift_id_masks
+from gaussian_trimmer.selecting.selection_input import read_selection, read_selection_result
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selecting.view_lookup import with_query_row
 from gaussian_trimmer.selection_files import SelectionOptions
 from gaussian_trimmer.selection_files.method_files import scene_of_selection
@@ -33,9 +33,6 @@ from gaussian_trimmer.selection_files.several import load_objects
 from gaussian_trimmer.selection_files.trimmed import is_trimmed
 from gaussian_trimmer.settings import check_settings, to_plain
 from gaussian_trimmer.trimming.trim_options import TrimOptions
-
-if TYPE_CHECKING:  # most selections need no kernels
-    from gaussian_trimmer.selecting.select import SelectionResult
 
 
 @dataclass(frozen=True)
@@ -91,11 +88,13 @@ class Trim:
         Raises:
             InputError: something that the user gave cannot be used; nothing has been written then.
         """
-        console, inputs = self.results.console(), self._scene_inputs()
+        console = self.results.console()
+        # Of a folder that is given as both scene and selection, the scene is the selection's own.
+        to_read = replace(self.inputs, scene=scene_of_selection(self.inputs.scene, self.selection))
         self._check()
         run = TrimRun(
             folder=self.folder(),
-            suffix=inputs.suffix(self.options),
+            suffix=to_read.suffix(self.options),
             options=self.options,
             results=self.results,
             for_report=self.inputs.as_json(self.options) | self._for_report(),
@@ -103,7 +102,7 @@ class Trim:
             source=self.selection,
             several=self.labels is not None,
         )
-        return run.run(console, lambda: self._read(console))
+        return run.run(console, lambda: self._read(to_read, console))
 
     def folder(self) -> Path:
         """The folder for the results."""
@@ -112,10 +111,6 @@ class Trim:
         given = self.selection or self.labels
         names = [self.inputs.name, *([given.name.split(".")[0]] if given else [])]
         return Path("trimmed") / "-".join([*names, *map(str, self.objects or self.selection_options.object_id)])
-
-    def _scene_inputs(self) -> SceneInputs:
-        """Return the inputs, whose scene is the selection's own where a folder is given as both."""
-        return replace(self.inputs, scene=scene_of_selection(self.inputs.scene, self.selection))
 
     def _check(self) -> None:
         """Refuse what is not possible, or cannot go together, before anything is read."""
@@ -137,35 +132,32 @@ class Trim:
                 "give --labels a folder of masks whose pixels are ids."
             )
 
-    def _read(self, console: Console) -> TrimInputs:
-        scene, cameras = self._scene_inputs().read(self.options, console)
+    def _read(self, to_read: SceneInputs, console: Console) -> SelectedScene:
+        """Return the scene and what is selected in it, without what --exclude names."""
+        scene, cameras = to_read.read(self.options, console)
         if self.labels is None:
-            selection, removed, made = self._selected(scene, cameras, console)
-            masks: dict[Any, BoolArray] = {THE_OBJECT: selection}
+            selections: dict[Any, SelectionResult] = {THE_OBJECT: self._selected(scene, cameras, console)}
         else:
-            masks, removed, made = dict(self._labelled(scene, cameras)), np.zeros(len(scene), np.bool_), None
-        others = np.zeros(len(scene), np.bool_)
+            selections = {number: SelectionResult(mask) for number, mask in self._labelled(scene, cameras).items()}
+        left, others = {}, np.zeros(len(scene), np.bool_)
         for path in self.exclude:
             others |= _rows_of(path, scene)
-        left = {number: mask & ~others for number, mask in masks.items()}
-        for number, mask in left.items():
+        for number, selection in selections.items():
+            mask, removed = selection.mask & ~others, selection.excluded
             if not mask.any():
                 what = "the selection" if self.labels is None else f"object {number}"
                 raise InputError(f"Nothing is left of {what}, since --exclude takes all of it; leave a file out.")
-        if made is None:
-            return TrimInputs(scene, cameras, left, others | removed)
-        cut = replace(made, mask=left[THE_OBJECT])
-        return TrimInputs(scene, cameras, {THE_OBJECT: cut}, others | removed, made.marks)
+            excluded = others if removed is None else others | removed
+            left[number] = replace(selection, mask=mask, excluded=excluded)
+        return SelectedScene(scene, cameras, left)
 
-    def _selected(
-        self, scene: Gaussians, cameras: CameraSet | None, console: Console
-    ) -> tuple[BoolArray, BoolArray, SelectionResult | None]:
-        """Return what SELECTION and marks select, what marks removed, each (N,), and all that marks say."""
+    def _selected(self, scene: Gaussians, cameras: CameraSet | None, console: Console) -> SelectionResult:
+        """Return what SELECTION and marks select."""
         options, renderer = self.selection_options, self.options.renderer
         if options.query_point is not None:
             views: list[str | int] = [*self.marks.view, *self.marks.view_index]
             options = with_query_row(options, scene, views[0] if views else None, cameras, get_renderer(renderer))
-        return read_selected_and_removed(
+        return read_selection_result(
             self.selection,
             scene,
             options,
@@ -182,11 +174,7 @@ class Trim:
         assert self.labels is not None
         if not self.labels.is_dir():
             return load_objects(self.labels, scene, self.objects, self.selection_options)
-        if cameras is None:
-            raise InputError("Masks with ids need the cameras of their pictures: --cameras PATH.")
-        posed = cameras_with_masks(cameras.pinhole_cameras(), self.labels)
-        images = [ids_of(camera, self.labels) for camera in posed]
-        labels = lift_objects_by_assignment(scene, posed, images, get_renderer(self.options.renderer))
+        labels, _ = lift_id_masks(scene, cameras, self.labels, get_renderer(self.options.renderer))
         present = [int(number) for number in np.unique(labels) if number > 0]
         if absent := sorted(set(self.objects) - set(present)):
             raise InputError(f"The masks in '{self.labels}' show no object {absent[0]}; they show {present[:24]}.")

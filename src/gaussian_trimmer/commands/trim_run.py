@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import ArrayLike
 from rich.console import Console
 
 from gaussian_trimmer import formats
@@ -27,7 +25,7 @@ from gaussian_trimmer.commands.console import (
 from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
@@ -40,8 +38,9 @@ from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
-from gaussian_trimmer.selecting.marks import Click, Marks
+from gaussian_trimmer.selecting.marks import Click
 from gaussian_trimmer.selecting.marks_file import write_marks
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.settings import to_plain
 from gaussian_trimmer.trimming.arguments import refuse_whole_scene
 from gaussian_trimmer.trimming.trim import trim_objects
@@ -90,17 +89,18 @@ class ResultOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class TrimInputs:
-    """What is read before a trim: a scene, and its objects as they were selected."""
+class SelectedScene:
+    """What is read before a trim: a scene, and what is selected in it."""
 
     scene: Gaussians
     cameras: CameraSet | None
-    masks: Mapping[Any, ArrayLike]
-    """Selections (N,), by the objects' ids or names."""
-    excluded: BoolArray | None = None
-    """What may not join an object, (N,): marks removed it, or another object has it."""
-    marks: Marks | None = None
-    """The marks that made the selection, if marks did."""
+    selections: Mapping[Any, SelectionResult]
+    """By the objects' ids or names."""
+
+    @property
+    def first(self) -> SelectionResult:
+        """The selection of the first object; marks and photographs are for one alone."""
+        return next(iter(self.selections.values()))
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class TrimRun:
     several: bool = False
     """Objects have ids or names, also if there is but one."""
 
-    def run(self, console: Console, read: Callable[[], TrimInputs]) -> int:
+    def run(self, console: Console, read: Callable[[], SelectedScene]) -> int:
         """Trim and write the results; return the exit code, 3 where nothing was trimmed.
 
         Args:
@@ -134,13 +134,14 @@ class TrimRun:
         start = time.perf_counter()
         with self._locked_folder() as part, progress_over_stages(console) as stage:
             stage("read")
-            rough = read()
-            clicked = rough.marks is not None and all(isinstance(mark, Click) for mark in rough.marks.marks)
+            selected = read()
+            marks = selected.first.marks
+            clicked = marks is not None and all(isinstance(mark, Click) for mark in marks.marks)
             if self.source is not None and not clicked:  # a click means what is seen there, also if that is all
-                for mask in rough.masks.values():
-                    refuse_whole_scene(np.asarray(mask), self.source, self.for_report["scene"])
+                for selection in selected.selections.values():
+                    refuse_whole_scene(selection.mask, self.source, self.for_report["scene"])
             seconds = {"read": time.perf_counter() - start}
-            report, said = self._write(part, rough, seconds, stage, console)
+            report, said = self._write(part, selected, seconds, stage, console)
         entries, taken = object_entries(report), time.perf_counter() - start
         for entry in entries:
             print_refusal(entry)
@@ -172,35 +173,34 @@ class TrimRun:
     def _write(
         self,
         part: Path,
-        rough: TrimInputs,
+        selected: SelectedScene,
         seconds: dict[str, float],
         stage: Callable[[str], None],
         console: Console,
     ) -> tuple[dict[str, Any], list[str]]:
         """Trim and write the results to a folder; return the report, and what to say of the files."""
         renderer, segmenter = get_renderer(self.options.renderer), self.options.make_segmenter()
-        views = views_of_masks(segmenter, rough.cameras, self.options.settings())
+        views = views_of_masks(segmenter, selected.cameras, self.options.settings())
         if self.results.photos is not None:
-            views, segmenter = self._photo_views(rough, self.results.photos, segmenter, renderer)
+            views, segmenter = self._photo_views(selected, self.results.photos, segmenter, renderer)
         if renderer.name == "numba":
             announce_compiling(console)
         result = trim_objects(
-            rough.scene,
-            rough.masks,
+            selected.scene,
+            selected.selections,
             config=self.options.settings(),
             renderer=renderer,
             segmenter=segmenter,
-            cameras=rough.cameras,
+            cameras=selected.cameras,
             view_cameras=views,
-            excluded=rough.excluded,
             progress=stage,
         )
         stage("write")
-        pages, inputs = self.results.pages, dict(self.for_report) | self._choices()
-        if rough.marks is not None:
-            write_marks(rough.marks, part / MARKS)
-            inputs["marks"] = MARKS
-        report = describe(result, inputs, seconds, self.suffix)
+        pages, for_report = self.results.pages, dict(self.for_report) | self._choices()
+        if selected.first.marks is not None:
+            write_marks(selected.first.marks, part / MARKS)
+            for_report["marks"] = MARKS
+        report = describe(result, for_report, seconds, self.suffix)
         write_trim(result, report, part, self.suffix, html=pages.html)
         pages.write_viewer(result, self.folder, part)
         placing, said = self.results.placing, list[str]()
@@ -209,7 +209,7 @@ class TrimRun:
         own = Path(self.for_report["scene"]).name
         same = self.options.format is None or formats.is_named(own, self.suffix)
         source = self.suffix if same else Path(own).suffix.lower()
-        if lost := formats.losses(rough.scene, self.suffix, source):
+        if lost := formats.losses(selected.scene, self.suffix, source):
             said.append(lost)
         return report, said
 
@@ -224,19 +224,19 @@ class TrimRun:
         }  # fmt: skip
 
     def _photo_views(
-        self, rough: TrimInputs, photos: Path, segmenter: Segmenter, renderer: Renderer
+        self, selected: SelectedScene, photos: Path, segmenter: Segmenter, renderer: Renderer
     ) -> tuple[list[Camera], Segmenter]:
         """Return crops of the training pictures that show the object best, and the segmenter that is shown these."""
-        if rough.cameras is None or hasattr(segmenter, "own_cameras"):
+        if selected.cameras is None or hasattr(segmenter, "own_cameras"):
             raise InputError("--photos needs the cameras that took the pictures, --cameras, and a segmenter for them.")
-        selection = np.asarray(next(iter(rough.masks.values())))
-        listed = zip(rough.cameras.pinhole_cameras(), rough.cameras.train, strict=True)
+        selection = selected.first.mask
+        listed = zip(selected.cameras.pinhole_cameras(), selected.cameras.train, strict=True)
         known = cameras_with_photos([camera for camera, train in listed if train], photos)
         settings = self.options.settings()
-        up = find_up(rough.scene, rough.cameras, settings.up, selection)
-        bounds = robust_bounds(rough.scene.select(selection), up_frame(up.direction))
+        up = find_up(selected.scene, selected.cameras, settings.up, selection)
+        bounds = robust_bounds(selected.scene.select(selection), up_frame(up.direction))
         number = self.options.views or max(settings.plan.views, _USUAL_PHOTOS)
-        share = partial(visible_share, rough.scene, selection, renderer=renderer)
+        share = partial(visible_share, selected.scene, selection, renderer=renderer)
         views = photo_views(known, bounds, number, settings.plan.size, settings.plan.fill, share)
         if not views:
             raise InputError(f"None of the {len(known)} cameras with pictures in '{photos}' sees the object.")

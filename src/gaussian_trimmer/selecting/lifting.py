@@ -7,16 +7,18 @@ may be one image of object numbers a view. The cameras must be those of the mask
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaussian_trimmer.cameras import Camera
+from gaussian_trimmer.cameras import Camera, CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.rendering.lifting import label_weights
+from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
 from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.views import HALF_COVERAGE
 
@@ -97,6 +99,21 @@ def lift_objects_by_assignment(
     length = np.sqrt(squared_length + np.square(background))
     length[length == 0] = 1.0
     return np.where(largest / length > background / length + gamma, winner, 0)
+
+
+def lift_id_masks(
+    gaussians: Gaussians, cameras: CameraSet | None, folder: Path, renderer: Renderer, gamma: float = 0.0
+) -> tuple[Ids, int]:
+    """Number of the object of each Gaussian (N,) by a folder of masks whose pixels are ids, and how many masks it has.
+
+    Raises:
+        InputError: there are no cameras, a mask cannot be read, or as `lift_objects_by_assignment`.
+    """
+    if cameras is None:
+        raise InputError("Masks with ids need the cameras of their pictures: --cameras PATH.")
+    posed = cameras_with_masks(cameras.pinhole_cameras(), folder)
+    images = [ids_of(camera, folder) for camera in posed]
+    return lift_objects_by_assignment(gaussians, posed, images, renderer, gamma), len(posed)
 
 
 def _places(image: Ids, numbers: Ids) -> LabelArray:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,8 @@ from gaussian_trimmer.io.reading import file_bytes, is_file, read_json
 from gaussian_trimmer.io.writing import atomic_file, write_json, write_whole
 from gaussian_trimmer.selecting.marks_file import is_marks_file, marks_as_json, relative_to
 from gaussian_trimmer.selecting.row_packing import pack_rows, unpack_rows
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.settings import from_plain, to_plain
-
-if TYPE_CHECKING:  # most that read a selection need no kernels
-    from gaussian_trimmer.selecting.select import SelectionResult
 
 
 @dataclass(frozen=True)
@@ -57,6 +55,7 @@ def save_selection(selection: SelectionResult, path: Path, scene: Path | None = 
     Raises:
         InputError: a file cannot be written.
     """
+    assert selection.marks is not None and selection.excluded is not None, "marks made it"
     rows, removed = _as_npy(selection.mask), pack_rows(selection.excluded)
     note = SelectionNote(zlib.crc32(rows), int(np.count_nonzero(selection.mask)), removed, path.name, scene)
     document = marks_as_json(selection.marks, path.parent)

@@ -3,51 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gaussian_trimmer.cameras import CameraSet
-from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, check_gaussians
+from gaussian_trimmer.gaussians import Gaussians, check_gaussians
 from gaussian_trimmer.geometry.limits import check_places
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.interpretation import apply_marks
 from gaussian_trimmer.selecting.marks import Mark, Marks, Viewpoint
-from gaussian_trimmer.selecting.marks_file import read_marks, write_marks
+from gaussian_trimmer.selecting.marks_file import read_marks
 from gaussian_trimmer.selecting.model_masks import PromptableModel
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selecting.view_lookup import resolve_views
-
-
-@dataclass(frozen=True, eq=False)
-class SelectionResult:
-    """What marks select; `trim` takes it as it is."""
-
-    mask: BoolArray
-    """(N,)."""
-    marks: Marks
-    """The marks, with everything that their meaning depends on."""
-    interpretations: tuple[str, ...]
-    """How each mark was understood."""
-    excluded: BoolArray
-    """What marks removed and none selected again, which a trim does not take in, (N,)."""
-    cuts: tuple[StrokeCut, ...] = ()
-    """Strokes at which a trim cuts."""
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The mask, for NumPy."""
-        return np.array(self.mask, dtype, copy=bool(copy) or dtype not in (None, np.bool_))
-
-    def save_marks(self, path: str | Path) -> None:
-        """Write the marks to a .json file, from which `select` makes the selection again.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
-        write_marks(self.marks, Path(path))
 
 
 def select(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,9 @@ from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer
 from gaussian_trimmer.selecting.marks import FromFile, Mark
 from gaussian_trimmer.selecting.marks_file import is_marks_file, read_marks
 from gaussian_trimmer.selecting.saved_selection import excluded_from, note_beside
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.selection_files import SelectionOptions, load_selection
 from gaussian_trimmer.selection_files.selection_file import flag
-
-if TYPE_CHECKING:  # most files hold no marks, and need no kernels
-    from gaussian_trimmer.selecting.select import SelectionResult
 
 
 def read_selection(
@@ -41,10 +39,10 @@ def read_selection(
             be of several kinds, or selects nothing.
     """
     check_gaussians(scene)
-    return read_selected_and_removed(path, scene, options, say=say)[0]
+    return read_selection_result(path, scene, options, say=say).mask
 
 
-def read_selected_and_removed(
+def read_selection_result(
     path: str | Path | None,
     scene: Gaussians,
     options: SelectionOptions | None = None,
@@ -55,8 +53,8 @@ def read_selected_and_removed(
     up: Any = None,
     renderer: Renderer | str = DEFAULT_RENDERER,
     say: Callable[[str], None] = lambda note: None,
-) -> tuple[BoolArray, BoolArray, SelectionResult | None]:
-    """Return what a file or marks select, what marks removed and a trim keeps out, each (N,), and all that marks say.
+) -> SelectionResult:
+    """Return what a file or marks select, with all that marks say of it.
 
     Args:
         path: as for `read_selection`; None: only `further` selects, or everything is selected.
@@ -82,18 +80,17 @@ def read_selected_and_removed(
             further = [FromFile(path, options), *further]
         marks = resolve_views(scene, further, cameras=cameras, up=up, camera_path=camera_path)
         marks = marks if earlier is None else earlier.followed_by(marks, camera_path)
-        made = select(scene, marks, cameras=cameras, renderer=renderer)
-        return made.mask, made.excluded, made
+        return select(scene, marks, cameras=cameras, renderer=renderer)
     if path is None:
-        return np.ones(len(scene), np.bool_), np.zeros(len(scene), np.bool_), None
-    selection, removed = load_selection(path, scene, options, say), excluded_from(path, len(scene))
+        return SelectionResult(np.ones(len(scene), np.bool_))
+    found = SelectionResult(load_selection(path, scene, options, say), excluded=excluded_from(path, len(scene)))
     beside = path.with_suffix(".json")
-    if removed is None:
+    if found.excluded is None:
         if note_beside(path) is not None:
             say(f"{beside} is about another state of {path.name}, so what its marks removed is unknown; select again.")
-        return selection, np.zeros(len(scene), np.bool_), None
-    if removed.any():
-        say(f"{beside}: the {np.count_nonzero(removed):,} Gaussians that its marks removed stay out.")
+        return found
+    if found.excluded.any():
+        say(f"{beside}: the {np.count_nonzero(found.excluded):,} Gaussians that its marks removed stay out.")
     if read_marks(beside).have_cuts:
         say(f"An array holds no strokes, so those of {beside} cut nothing; 'select --marks {beside} --trim DIR' cuts.")
-    return selection, removed, None
+    return found
