@@ -106,8 +106,9 @@ def vote(
     cameras = [trimmed.view.camera for trimmed in accepted]
     of_views = list(label_weights(pieces, cameras, [trimmed.mask for trimmed in accepted], renderer))
     sums = visible_weight(of_views, [trimmed.view.camera for trimmed in views])  # (pieces, 2)
-    n, n_whole, n_split = len(selection), len(gaussians) - len(parts.split), len(parts.split)
-    inner, outer = sums[n_whole : n_whole + n_split], sums[n_whole + n_split :]
+    n, n_split = len(selection), len(parts.split)
+    n_uncut = len(gaussians) - n_split  # with what hides them
+    inner, outer = sums[n_uncut : n_uncut + n_split], sums[n_uncut + n_split :]
     weights = np.empty((n, 2), sums.dtype)
     weights[parts.whole()] = sums[: n - n_split]
     weights[parts.split] = inner + outer if len(outer) else inner

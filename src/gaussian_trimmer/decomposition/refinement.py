@@ -98,7 +98,8 @@ def refine(
         config: settings.
 
     Returns:
-        The object, what was cut in the fit last, and why nothing was fitted, if the views do not tell enough.
+        The object, with the Gaussians that were cut in the fit after all others, and why nothing was fitted; None if it
+        was.
     """
     inner = whole.gaussians
     renders = views.render(inner, background)

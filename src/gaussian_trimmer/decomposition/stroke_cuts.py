@@ -41,7 +41,7 @@ def cut_at_stroke(pieces: Pieces, cut: StrokeCut, renderer: Renderer) -> tuple[P
         renderer: tells what shows.
 
     Returns:
-        The object, what was cut last, and what was cut off.
+        The object, with the Gaussians that were cut after all others, and what was cut off.
     """
     inner, off = pieces, pieces.select(np.zeros(0, np.int64))
     for _ in range(_ROUNDS):

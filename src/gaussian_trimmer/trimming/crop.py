@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,13 +55,17 @@ class SceneCrop:
 
     @cached_property
     def local(self) -> Gaussians:
-        """The L Gaussians themselves; a copy of the crop does not keep them."""
+        """The L Gaussians themselves."""
         return self.scene.select(self.rows)
 
     @cached_property
     def shown(self) -> Gaussians:
         """What the views show: the L Gaussians, and the occluders after them."""
         return concatenate([self.local, self.occluders]) if len(self.occluders) else self.local
+
+    def without_copies(self) -> SceneCrop:
+        """The same crop, which copies `local` and `shown` from the scene again when they are asked for."""
+        return replace(self)
 
     def support_plane(self, members: BoolArray, visible: FloatArray, config: SupportPlaneConfig) -> SupportPlane | None:
         """The plane that the object stands on, if there is one.

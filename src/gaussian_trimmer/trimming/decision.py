@@ -27,7 +27,7 @@ from gaussian_trimmer.segmentation.segmenters import knows_outlines, mask_source
 from gaussian_trimmer.trimming.arguments import RoughObject, Setup
 from gaussian_trimmer.trimming.clock import Clock
 from gaussian_trimmer.trimming.crop import SceneCrop, complete_views, crop_scene, render_crop
-from gaussian_trimmer.trimming.plugin_checks import segment
+from gaussian_trimmer.trimming.plugin_checks import checked_masks
 from gaussian_trimmer.views import HALF, TrimmedView, without_pictures
 
 
@@ -66,7 +66,7 @@ class Decision:
 
     def without_pictures(self) -> Decision:
         """The same in little memory: neither Gaussians nor pixels are kept."""
-        return replace(self, crop=replace(self.crop), views=tuple(map(without_pictures, self.views)))
+        return replace(self, crop=self.crop.without_copies(), views=tuple(map(without_pictures, self.views)))
 
 
 def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
@@ -85,7 +85,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     with clock("render"):
         unsegmented = complete_views(crop, renderings, probability, renderer)
     with clock("segment"):
-        masks = segment(segmenter, unsegmented, crop.shown, renderer, lambda part: clock.part(f"segment {part}"))
+        masks = checked_masks(segmenter, unsegmented, crop.shown, renderer, lambda part: clock.part(f"segment {part}"))
         judged = mask_source_of(segmenter) != "labels"
         views = check_masks(unsegmented, masks, config.acceptance, judged)
     decision = replace(decision, views=tuple(views))
@@ -93,7 +93,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     if refused:
         return replace(decision, refused=refused)
     accepted = [view for view in views if not view.rejected]
-    with clock("split"):
+    with clock("split"):  # by default nothing is cut here: the fit cuts what the vote chose
         candidates = crop.selected | (probability > HALF)
         parts = split_straddlers(crop.shown, candidates, accepted, renderer, config.boundary, config.split)
     with clock("weigh"):

@@ -59,7 +59,7 @@ def _two_gaussians() -> tuple[Gaussians, Camera]:
     return gaussians, Camera(np.eye(4), K, _PIXELS, _PIXELS)
 
 
-def segment(
+def checked_masks(
     segmenter: Segmenter,
     views: Sequence[View],
     gaussians: Gaussians,
@@ -86,10 +86,10 @@ def segment(
         segmenter.report_to(report)
     together = getattr(segmenter, "segment_together", None)
     masks = segmenter.segment(views) if together is None else together(views, gaussians, renderer)
-    return _checked_masks(name_of(segmenter), views, masks)
+    return _as_booleans(name_of(segmenter), views, masks)
 
 
-def _checked_masks(name: str, views: Sequence[View], masks: Any) -> list[BoolArray]:
+def _as_booleans(name: str, views: Sequence[View], masks: Any) -> list[BoolArray]:
     try:
         arrays = [np.asarray(mask) for mask in masks]
     except (TypeError, ValueError, RuntimeError) as error:  # nothing to iterate over, ragged, or on a device
