@@ -310,7 +310,7 @@ def test_a_small_tolerance_stays_within_a_thing_of_a_trained_scene(name, view):
     y, x = np.unravel_index(np.argmax(depth), depth.shape)
     looked_at = ViewedScene(scene.gaussians, camera, scene.up, RENDERER)
     small, larger = (select_by_colour(looked_at, int(x), int(y), tolerance).selection for tolerance in (0.06, 0.1))
-    thing = np.load(scene.folder / "coarse" / name / "exact.npy")
+    thing = scene.coarse(name, "exact")
     assert thing[larger].mean() > 0.9
     assert 0 < small.sum() < larger.sum() and (larger | ~small).all()
 
