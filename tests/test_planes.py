@@ -56,7 +56,7 @@ def test_a_wall_is_found_between_the_directions(turn):
     wall = along + (2 + SHEET[:, 2:]) * normal
     points, order = np.concatenate([wall, CLOUD]), RNG.permutation(1000)
     for some in (points, points[order]):
-        plane, guess, held = find_plane(some, ONES, floor_and_wall_directions(), lambda d: ONES > 0, 0.02, 0.05)
+        plane, guess, held = find_plane(some, floor_and_wall_directions(), lambda d: ONES, 0.02, 0.05)
         side = np.sign(plane.normal @ normal)  # Opposite directions hold as much.
         np.testing.assert_allclose(side * plane.normal, normal, atol=0.01)
         assert side * plane.offset == pytest.approx(2, abs=0.01)

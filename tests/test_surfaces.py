@@ -17,10 +17,17 @@ CLOUD = RNG.uniform(-3, 3, (3000, 3))
 BOUNDS = Bounds(np.array([0.0, 0.0, 1.0]), np.eye(3), np.ones(3))
 
 
+def seen_from_all_around(means):
+    """Blend weights as if eight views saw everything, and where these look from."""
+    turns = 2 * np.pi * np.arange(8) / 8 + 0.1
+    eyes = np.column_stack([6 * np.cos(turns), 6 * np.sin(turns), np.full(8, 4.0)])
+    return np.ones((8, len(means)), np.float32), eyes
+
+
 def surfaces_of(*around):
     means = np.concatenate([BALL, *around]).astype(np.float32)
     members = np.arange(len(means)) < len(BALL)
-    return find_surfaces(means, members, np.ones(len(means), np.float32), BOUNDS)
+    return find_surfaces(means, members, *seen_from_all_around(means), BOUNDS)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 2.0])
@@ -59,5 +66,5 @@ def test_what_lies_before_the_object_is_no_support():
 def test_the_toy_floor_is_found():
     scene, truth = toy.ball_on_floor()
     bounds = Bounds(scene.means[truth].mean(axis=0).astype(np.float64), np.eye(3), np.ones(3))
-    (floor,) = find_surfaces(scene.means, truth, np.ones(len(scene), np.float32), bounds)
+    (floor,) = find_surfaces(scene.means, truth, *seen_from_all_around(scene.means), bounds)
     assert floor.axes[2, 2] > 0.99

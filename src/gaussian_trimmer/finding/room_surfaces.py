@@ -121,8 +121,11 @@ def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomS
     def facing_it(direction: Float64Array) -> BoolArray:
         return np.asarray(free & (surface.normals @ direction > _FACING))
 
+    def areas_facing(direction: Float64Array) -> Float64Array:
+        return np.where(facing_it(direction), surface.areas, 0)
+
     for _ in range(_MAX_LAYERS):
-        plane, guess, held = find_plane(surface.points, surface.areas, directions, facing_it, bin_height, core_height)
+        plane, guess, held = find_plane(surface.points, directions, areas_facing, bin_height, core_height)
         if held.max() < least:
             return
         normal, horizontal = plane.normal, bool(guess.normal[2] == 1)

@@ -51,9 +51,8 @@ def floor_and_wall_directions() -> Float64Array:
 
 def find_plane(
     points: Float64Array,  # (N, 3)
-    weights: Float64Array,  # (N,)
     directions: Float64Array,  # (D, 3)
-    considered: Callable[[Float64Array], BoolArray],
+    weights_along: Callable[[Float64Array], Float64Array],
     bin_height: float,
     tolerance: float,
 ) -> tuple[Plane, Plane, Float64Array]:
@@ -63,20 +62,21 @@ def find_plane(
 
     Args:
         points: where the surfaces are.
-        weights: how much each point counts.
         directions: normals that the plane may have, but for a few degrees.
-        considered: gives the points (N,) that may lie in a plane of a direction; fewer than twenty make none.
+        weights_along: gives how much each point (N,) counts for a plane of a direction; fewer than twenty make none.
         bin_height: a third of the thickness of a layer.
         tolerance: distance from the plane of the points that it is fitted to.
     """
     layers = []
     for direction in directions:
-        rows = np.flatnonzero(considered(direction))
+        weights = weights_along(direction)
+        rows = np.flatnonzero(weights)
         heights = points[rows] @ direction
         layers.append(densest_layer(heights, weights[rows], bin_height) if len(rows) >= MIN_INLIERS else None)
     held = np.array([layer[1] if layer else 0.0 for layer in layers])
     best = int(np.argmax(held))
-    layer, rows = layers[best], np.flatnonzero(considered(directions[best]))
+    layer, weights = layers[best], weights_along(directions[best])
+    rows = np.flatnonzero(weights)
     guess = Plane(directions[best], layer[0] if layer else 0.0)
     return fit_plane(guess, points[rows], weights[rows], tolerance, _MAX_TILT_COSINE), guess, held
 

@@ -114,12 +114,16 @@ def find_up(
 
 
 def _up_from_ground(gaussians: Gaussians, object_rows: BoolArray | None) -> UpVector | None:
-    """As `up_from_ground_plane`; in a room the plane may be the ceiling, and the furniture tells."""
+    """As `up_from_ground_plane`; in rooms that may be the ceiling, as the furniture tells, or a wall with a picture."""
     found = up_from_ground_plane(gaussians, object_rows)
-    if found is not None and object_rows is None:
+    if found is None:
+        return None
+    if object_rows is None:
         storey = find_storey(sampled(gaussians), found.direction)
-        if storey.is_room and not storey.is_upright:
-            return replace(found, direction=-found.direction)
+        return replace(found, direction=-found.direction) if storey.is_room and not storey.is_upright else found
+    if _is_flat(gaussians.means[object_rows], found.direction):
+        floor = up_from_layers(gaussians)
+        return found if floor is None or floor.direction @ found.direction > _AXIS_COSINE else floor
     return found
 
 
@@ -235,6 +239,13 @@ def _stands_above(plane: Plane, others: Float64Array, object_points: Float64Arra
         if np.median(abs(standing)) > _LYING_DISTANCE_RADII * _robust_radius(object_points):
             heights = standing
     return bool((heights > 0).sum() >= (heights < 0).sum())
+
+
+def _is_flat(points: FloatArray, direction: Float64Array) -> bool:
+    """Whether an object is as flat along a direction as a rug on its floor, or a picture on its wall."""
+    heights = points @ direction
+    limit = _LYING_DISTANCE_RADII * _robust_radius(points.astype(np.float64))
+    return bool(np.median(np.abs(heights - np.median(heights))) < limit)
 
 
 def _along_axis(normals: Float64Array) -> BoolArray:

@@ -45,7 +45,9 @@ def remove(views: RemovalViews, *, fill: bool, with_standing: bool = False) -> R
         fill: inpaint the surfaces that the object stood on or leaned against.
         with_standing: the things that stand on the object are fragments of it.
     """
-    surfaces = find_surfaces(views.gaussians.means, views.removed, views.total_visible, views.bounds)
+    centres = np.array([camera.centre for camera in views.cameras])
+    seen = views.visible_in_view.sum(axis=2)
+    surfaces = find_surfaces(views.gaussians.means, views.removed, seen, centres, views.bounds)
     interior, fragments, isolated = find_hidden(views, surfaces)
     things, remnants, splinters = find_hanging(views, interior | fragments, surfaces)
     joining = remnants | (things > 0) if with_standing else remnants

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -47,9 +47,14 @@ class RemovalViews:
         return self._render(self.gaussians)
 
     @cached_property
+    def visible_in_view(self) -> FloatArray:
+        """Blend weight of each Gaussian outside and inside the silhouette, with everything in each view, (V, N, 2)."""
+        return np.array(list(self._weigh_in_views(self.gaussians)))
+
+    @cached_property
     def visible(self) -> FloatArray:
-        """Blend weight of each Gaussian outside and inside the silhouettes, with everything in the views, (N, 2)."""
-        return self.weigh(np.ones(len(self.gaussians), np.bool_))
+        """The same, in all views together, (N, 2)."""
+        return np.asarray(self.visible_in_view.sum(axis=0))
 
     @cached_property
     def total_visible(self) -> FloatArray:
@@ -59,14 +64,15 @@ class RemovalViews:
     def weigh(self, part: BoolArray) -> FloatArray:
         """Return the same as `visible` where only a part (N,) is in the views, (N, 2)."""
         total = np.zeros((len(part), 2), np.float32)
-        drawn = self.gaussians if part.all() else self.gaussians.select(part)
+        for weights in self._weigh_in_views(self.gaussians.select(part)):
+            total[part] += weights
+        return total
 
+    def _weigh_in_views(self, drawn: Gaussians) -> Iterator[FloatArray]:
         def weighed(camera: Camera, silhouette: BoolArray) -> FloatArray:
             return self.renderer.blend_weights(drawn, camera, silhouette.astype(np.uint8), 2)
 
-        for weights in parallel_map(weighed, self.cameras, self.silhouettes, using=[self.renderer]):
-            total[part] += weights
-        return total
+        return parallel_map(weighed, self.cameras, self.silhouettes, using=[self.renderer])
 
     def _render(self, part: Gaussians) -> list[Rendering]:
         return list(parallel_map(lambda c: self.renderer.render(part, c), self.cameras, using=[self.renderer]))
