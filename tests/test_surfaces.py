@@ -52,6 +52,22 @@ def test_the_order_of_gaussians_does_not_matter():
     np.testing.assert_allclose(first.origin, second.origin, atol=1e-6)
 
 
+def test_what_hangs_behind_a_wall_does_not_move_it():
+    """A picture on a wall, and behind both a haze that only views from behind see."""
+    picture = np.column_stack([RNG.uniform(-1.0, -0.97, 400), RNG.uniform((-0.5, 0.5), (0.5, 1.5), (400, 2))])
+    its_haze = np.column_stack([RNG.uniform(-1.4, -1.02, 300), RNG.uniform((-0.5, 0.5), (0.5, 1.5), (300, 2))])
+    haze = np.column_stack([RNG.uniform(-1.8, -1.02, 4000), RNG.uniform(-2, 2, 4000), RNG.uniform(0, 3, 4000)])
+    means = np.concatenate([picture, its_haze, WALL, haze]).astype(np.float32)
+    visible, eyes = seen_from_all_around(means)
+    hidden = np.repeat([False, True, False, True], [400, 300, len(WALL), len(haze)])
+    visible[np.ix_(eyes[:, 0] > -1, hidden)] = 0
+    visible[np.ix_(eyes[:, 0] < -1, ~hidden)] = 0
+    bounds = Bounds(np.array([-1.0, 0.0, 1.0]), np.eye(3), np.full(3, 0.6))
+    (wall,) = find_surfaces(means, np.arange(len(means)) < 700, visible, eyes, bounds)
+    np.testing.assert_allclose(wall.axes[2], [1, 0, 0], atol=0.02)
+    assert wall.origin[0] == pytest.approx(-1, abs=0.02)
+
+
 def test_nothing_flat_nothing_found():
     assert surfaces_of(CLOUD) == []
     assert surfaces_of(FLOOR - np.array([0, 0, 2.0])) == []  # far below

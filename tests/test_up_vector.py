@@ -268,6 +268,23 @@ def test_up_of_a_rug_is_where_things_stand_on_it() -> None:
     assert up is not None and angle(up.direction, Z) < 1
 
 
+def test_the_wall_of_a_picture_is_not_the_ground_of_a_room() -> None:
+    parts = [
+        box(12000, (-3, -3, 0), (3, 3, 0)),
+        box(2000, (-3, 3, 0), (3, 3, 2)),
+        box(300, (0, 2.98, 1), (0.8, 3, 1.6)),
+    ]
+    kinds = np.repeat([0, 1, 2], [len(part) for part in parts])
+    scene = gaussians_at(np.concatenate(parts))
+    scene.log_scales[kinds == 0, 2] -= 3  # flat, level
+    scene.log_scales[kinds != 0, 1] -= 3  # flat, upright
+    on_its_wall = up_from_ground_plane(scene, kinds == 2)
+    assert on_its_wall is not None and angle(on_its_wall.direction, Z) > 80
+    found = find_up(scene, None, None, kinds == 2)
+    assert (found.source, angle(found.direction, Z) < 1) == ("floor", True)
+    assert find_up(scene, None, None, kinds == 0).source != "floor"  # a rug keeps what was found beneath it
+
+
 def test_the_ground_itself_has_the_up_vector_of_the_scene() -> None:
     scene, _ = room(n_wall=0)
     ground = np.abs(scene.means[:, 2]) < 0.006

@@ -22,8 +22,8 @@ _END_QUANTILE = 0.02
 """Share of what is seen of the object that may lie beyond its end, so that floaters do not count."""
 _BIN_RADII = 0.02
 _MIN_SHARE = 0.12
-"""Smallest share that a surface must hold of what is seen around the object: floors and walls of benchmark scenes hold 0.16
-and more, other layers 0.08 and less."""
+"""Smallest share that a surface must hold of what is seen around the object from before it: floors and walls of the
+benchmark's scenes hold 0.16 and more, other layers 0.09 and less."""
 _MIN_ABOVE = 0.9
 """Smallest share of the object's Gaussians that must lie on the surface's side."""
 _LEAST_RISE = 0.15
