@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shlex
-import zipfile
+import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -131,7 +131,7 @@ class Files:
             suffix = target.suffix(now.document)
             if what == ALL_FILES:
                 save(now, target)
-                path = _zipped(target.folder)
+                path = Path(shutil.make_archive(str(target.folder), "zip", folder, name))
             elif what == PAGE:
                 path = Path(folder) / f"{name}.html"
                 export_viewer(result, path)
@@ -228,15 +228,6 @@ def path_of(text: str) -> Path | None:
     """Return the path that a field names, as browsers and file managers copy it, too; None if there is none."""
     text = text.strip().strip("\"'")
     return Path(text.removeprefix("file://")).expanduser() if text else None
-
-
-def _zipped(folder: Path) -> Path:
-    """Return the archive of a folder, beside it."""
-    path = folder.with_name(f"{folder.name}.zip")
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for file in sorted(folder.rglob("*")):
-            archive.write(file, file.relative_to(folder.parent))
-    return path
 
 
 def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:

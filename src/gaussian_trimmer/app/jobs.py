@@ -20,7 +20,6 @@ from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Due, Event, due_after, showing_after
-from gaussian_trimmer.app.viewpoints import viewpoint_of
 from gaussian_trimmer.app.worker import Cancelled, Stop, Worker
 from gaussian_trimmer.errors import InputError, OutputExistsError
 
@@ -123,8 +122,11 @@ class Jobs:
         """Refine what a tab sees once its view rests."""
         if self._rest is not None:
             self._rest.cancel()
-        look = partial(self.worker.submit_if_idle, lambda: self._refine(client))
-        self._rest = threading.Timer(_REST_SECONDS, look)
+
+        def look() -> None:
+            self.presenter.look_from(self.view.viewpoint(client).camera)
+
+        self._rest = threading.Timer(_REST_SECONDS, lambda: self.worker.submit_if_idle(look))
         self._rest.daemon = True
         self._rest.start()
 
@@ -138,6 +140,3 @@ class Jobs:
             self.panels.busy((prefix + name).capitalize(), min(1.0, next(steps) / number))
 
         return stage
-
-    def _refine(self, client: Any) -> None:
-        self.presenter.look_from(viewpoint_of(client.camera, self.view.frame).camera)

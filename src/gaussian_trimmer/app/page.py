@@ -54,7 +54,9 @@ class Control:
 
     def __init__(self, page: Page, name: str, value: Any, **facts: Any) -> None:
         """Put a control on the page; `facts` are its `options`, or the `limits` of a number."""
-        self.facts, self._page, self._value, self._changed = facts, page, value, list[Act]()
+        self.facts, self._page, self._value = facts, page, value
+        self.changed: Act = lambda client: None
+        """Called with the tab in which the value was changed, or chosen again."""
         page.controls[name] = self
 
     @property
@@ -68,14 +70,10 @@ class Control:
             self._value = value
             self._page.tell()
 
-    def on_change(self, changed: Act) -> None:
-        """Call a function with the tab in which the value was changed, or chosen again."""
-        self._changed.append(changed)
-
-    def choose_next(self) -> None:
+    def choose_next(self, client: Any) -> None:
         """Take the next of the options."""
         options = self.facts["options"]
-        self.value = options[(options.index(self.value) + 1) % len(options)]
+        self.enter(options[(options.index(self.value) + 1) % len(options)], client)
 
     def enter(self, value: object, client: Any) -> None:
         """Take what a tab has sent, if it can be a value of this control."""
@@ -86,8 +84,7 @@ class Control:
             fits = type(value) is type(self._value) and value in self.facts.get("options", (value,))
         if fits and len(str(value)) <= _MOST_TYPED:
             self.value = value
-            for changed in self._changed:
-                changed(client)
+            self.changed(client)
 
 
 class Page:

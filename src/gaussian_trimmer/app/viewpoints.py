@@ -117,13 +117,6 @@ def pixel_at(view: Viewpoint, place: Place) -> tuple[int, int]:
     return x, y
 
 
-def box_at(view: Viewpoint, low: Place, high: Place) -> tuple[int, int, int, int]:
-    """Return the box of pixels between two places of the picture, as `pixel_at`; right and lower ends are exclusive."""
-    x0, y0 = pixel_at(view, low)
-    x1, y1 = pixel_at(view, high)
-    return x0, y0, x1 + 1, y1 + 1
-
-
 def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer) -> Viewpoint:
     """Return the view without what stands before some of the scene's Gaussians at places of the picture, as `pixel_at`.
 
