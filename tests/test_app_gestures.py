@@ -35,7 +35,8 @@ def page():
         ("on", True, {}),
         ("name", "", {}),
     ):
-        Control(page, name, value, **facts).on_change(lambda tab, name=name: done.append((name, tab.client_id)))
+        control = Control(page, name, value, **facts)
+        control.changed = lambda tab, name=name: done.append((name, tab.client_id))
     page.offer([Action("go", lambda tab: done.append("go"), "G", lambda tab: done.append("end"))])
     page.drawn = lambda gesture, tab: done.append(gesture)
     page.changed_object = lambda *change: done.append(change[:3])

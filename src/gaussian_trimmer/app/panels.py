@@ -8,9 +8,8 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.edits import describe_up
-from gaussian_trimmer.app.files import OBJECT, WITHOUT, Target
 from gaussian_trimmer.app.page import Control, Page
-from gaussian_trimmer.app.showing import Colouring, Part, Showing, When
+from gaussian_trimmer.app.showing import COLOURINGS, PARTS, WHENS, Showing
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
@@ -21,11 +20,6 @@ LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
 POINTS = "Up by 3 points"
 ADD, REMOVE, KEEP_ONLY, ANEW = "Add", "Remove", "Keep only", "Replace"
 EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect", ANEW: "add"}
-EVERYTHING = "Everything"
-PARTS: dict[str, Part] = {EVERYTHING: "both", OBJECT: "object", WITHOUT: "background"}
-SELECTION, CUT_OUT = "Selection", "Cut-out"
-WHENS: dict[str, When] = {SELECTION: "before", CUT_OUT: "after"}
-COLOURS: dict[str, Colouring] = {"Own": "own", "Objects": "objects", "Changes": "changes"}
 BACKDROPS: dict[str, Colour | None] = {
     "Black": (0, 0, 0),
     "Grey": (119, 119, 119),
@@ -83,8 +77,8 @@ class Panels:
         self.tolerance = Control(page, "Tolerance", 0, limits=(0, 100))
         self.ghost = False
         """Whether the rest is seen through while the object is shown."""
-        self.part, self.when = choice("Show", tuple(PARTS)), choice("Trim", tuple(WHENS))
-        self.colours, self.backdrop = choice("Colours", tuple(COLOURS)), choice("Backdrop", tuple(BACKDROPS))
+        self.part, self.when = choice("Show", PARTS), choice("Trim", WHENS)
+        self.colours, self.backdrop = choice("Colours", COLOURINGS), choice("Backdrop", tuple(BACKDROPS))
         self.showing = Showing()
         self.path, self.camera_path = Control(page, "Scene", path), Control(page, "Cameras", camera_path)
         self.selection_path, self.up = Control(page, "Selection", ""), choice("Up is", tuple(UPS))
@@ -102,12 +96,6 @@ class Panels:
         return TrimChoices(**{option: control.value for option, control in self._trim.items()})
 
     @property
-    def target(self) -> Target:
-        """Where to save, and how."""
-        folder = Path(self.folder.value.strip() or "trimmed").expanduser().absolute()
-        return Target(folder, self.ending, self.existing.value == REPLACE)
-
-    @property
     def ending(self) -> str | None:
         """The format of splat files; None: that of the scene."""
         return None if self.format.value == AS_SCENE else self.format.value
@@ -120,17 +108,12 @@ class Panels:
     @property
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
-        part = PARTS[self.part.value]
-        return Showing(part, WHENS[self.when.value], COLOURS[self.colours.value], self.ghost and part == "object")
+        part = self.part.value
+        return Showing(part, self.when.value, self.colours.value, self.ghost and part == "Object")
 
     @showing.setter
     def showing(self, showing: Showing) -> None:
-        for choice, options, value in (
-            (self.part, PARTS, showing.part),
-            (self.when, WHENS, showing.when),
-            (self.colours, COLOURS, showing.colours),
-        ):
-            choice.value = next(name for name, meaning in options.items() if meaning == value)
+        self.part.value, self.when.value, self.colours.value = showing.part, showing.when, showing.colours
 
     def start_afresh(self) -> None:
         """Forget what was chosen and entered for the scene before."""

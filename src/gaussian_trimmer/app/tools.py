@@ -38,7 +38,6 @@ from gaussian_trimmer.selecting.strokes import shows_under, under_stroke
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view
 from gaussian_trimmer.views import HALF
 
-
 _SCREEN_MIDDLE = (0.5, 0.5)
 _GROWN_PIXELS = 8
 """How far a selection grows or shrinks, in pixels as it is seen."""
@@ -191,7 +190,7 @@ class Tools:
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
         showing = controls.showing
-        if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("object", "after", False):
+        if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
             rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
         taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
