@@ -55,7 +55,7 @@ def hear(page, text, client=7):
     page._hear(text, SimpleNamespace(client_id=client))
 
 
-LASSO = {"tool": "Lasso", "places": [[0.1, 0.2], [1, 0]], "keys": "ctrl"}
+LASSO = {"tool": "Lasso", "places": [[0.1, 0.2], [1, 0]], "effect": "remove"}
 
 
 def test_gestures_actions_controls_and_objects_are_heard_once(page):
@@ -67,9 +67,9 @@ def test_gestures_actions_controls_and_objects_are_heard_once(page):
     assert page.done == expected
     tell(page, *messages, {"do": "go"}, client=8)  # another tab
     assert page.done == [*expected, *[("tool", 8) if each == ("tool", 7) else each for each in expected], "go"]
-    for keys, effect in (("both", "intersect"), ("", None)):
-        drawn = LASSO | {"keys": keys, "places": []}
-        assert tell(page, drawn, client=9 + len(keys))[-1] == Gesture("Lasso", (), effect)
+    for client, (said, effect) in enumerate((("intersect", "intersect"), ("", None), ({}, None)), 9):
+        drawn = LASSO | {"effect": said, "places": []}
+        assert tell(page, drawn, client=client)[-1] == Gesture("Lasso", (), effect)
 
 
 @pytest.mark.parametrize(

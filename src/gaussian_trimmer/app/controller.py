@@ -107,17 +107,16 @@ class Controller:
 
     def change_object(self, number: int, what: str, value: Any, client: Any = None) -> None:
         """Choose or delete an object, or give it a name or a colour, hide or lock it."""
-        choose = partial(self.session.do, edits.activate, number, joined=True)
-        delete = partial(self.session.do, edits.remove_object, number)
-        changes = {"active": (choose, Event.STEPPED), "delete": (delete, Event.STEPPED)}
-        asked = self.session.glance()
+        edit, asked = {"active": edits.activate, "delete": edits.remove_object}.get(what), self.session.glance()
 
-        def describe() -> str | None:
+        def change() -> str | None:
             if asked is None or asked.document.scene is not self.session.document.scene:
                 return None  # it was meant for the scene before
-            return self.session.do(edits.describe, number, what, value)
+            if edit is None:
+                return self.session.do(edits.describe, number, what, value)
+            return self.session.do(edit, number, joined=what == "active")
 
-        self.jobs.do("Changing", *changes.get(what, (describe, None)))
+        self.jobs.do("Changing", change, Event.STEPPED if edit else None)
 
     def hide(self, client: Any = None) -> None:
         """Hide the active object, or show it again."""

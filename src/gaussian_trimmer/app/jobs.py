@@ -15,12 +15,12 @@ from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.app.files import Files
 from gaussian_trimmer.app.page import Page
-from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, Panels
+from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, WELCOME, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Due, Event, due_after, showing_after
-from gaussian_trimmer.app.worker import Cancelled, Stop, Worker
+from gaussian_trimmer.app.worker import Cancelled, Worker
 from gaussian_trimmer.errors import InputError, OutputExistsError
 
 STAGES_OF_A_TRIM = 12
@@ -46,7 +46,7 @@ class Jobs:
         self.due = Due.NOTHING
         self._rest: threading.Timer | None = None
         name = "Open the sample" if offered[0] == str(sample.SCENE) else Path(offered[0]).name
-        self.page.show(starts=[(name, *offered), *self.files.recent()])
+        self.page.show(starts=[(name, *offered), *self.files.recent()], said=WELCOME)
         self.presenter.refresh()
         server.on_client_connect(self._welcome)
 
@@ -106,7 +106,7 @@ class Jobs:
             except Cancelled:
                 return self.session.now.sentence
             finally:
-                if self.worker.stop_asked_by is not Stop.NEXT_JOB:  # otherwise it is tried once
+                if not self.worker.gave_way:  # otherwise it is tried once
                     self.due = Due.NOTHING
 
         self.worker.submit_if_idle(partial(self._job, "Cutting out again", work, None))

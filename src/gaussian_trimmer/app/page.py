@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from gaussian_trimmer.app.viewpoints import Place
 from gaussian_trimmer.selecting.marks import Effect
@@ -21,8 +21,6 @@ Act = Callable[[Any], None]
 """Called with the tab that asks for it."""
 _CHANNEL = "gesture:"
 _FOLDER = Path(__file__).parent
-_EFFECTS: dict[str, Effect] = {"shift": "add", "ctrl": "remove", "both": "intersect"}
-"""What keys that are held make of a mark."""
 _MOST_CHARACTERS, _MOST_TYPED = 400_000, 4096
 
 
@@ -155,7 +153,8 @@ def parse_gesture(said: dict[str, Any]) -> Gesture | None:
     """Return the gesture that was made; None if there is none."""
     try:
         places = tuple((float(x), float(y)) for x, y in said["places"])
-        gesture = Gesture(str(said["tool"]), places, _EFFECTS.get(str(said["keys"])))
+        effect = said["effect"] if said["effect"] in get_args(Effect) else None
+        gesture = Gesture(str(said["tool"]), places, effect)
     except (ValueError, TypeError, KeyError):
         return None
     return gesture if all(math.isfinite(value) for place in places for value in place) else None

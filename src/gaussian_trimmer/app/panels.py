@@ -52,7 +52,7 @@ HINTS = {
     BOX3D: "Drag the box's faces by their arrows, and the box by the squares in it; then apply it.",
     POINTS: "Click three points on the ground.",
 }
-_WELCOME = "Cut one object out of a splat scene."
+WELCOME = "Cut one object out of a splat scene."
 PROGRAM_ENDED = (
     "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
     "marked is kept, and is back when you open the scene."
@@ -63,7 +63,7 @@ class Panels:
     """All controls, made once and shared by all tabs."""
 
     def __init__(self, page: Page, path: str, camera_path: str) -> None:
-        self.status_text = _WELCOME
+        self.status_text = WELCOME
         """The sentence over the picture while nothing is going on."""
         self._page, self._offered = page, ""
 
@@ -88,7 +88,6 @@ class Panels:
         self.program = choice("For", (AS_IT_LIES, *(each.name for each in ENGINES.values())))
         self.folder, self.existing = Control(page, "Folder", ""), choice("Earlier results", (KEEP, REPLACE))
         self.command = Control(page, "The same by command", "")
-        self.say(_WELCOME)
 
     @property
     def choices(self) -> TrimChoices:

@@ -6,7 +6,7 @@ transparent it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ class SpaceBox:
         self._draw()
         self._middle.on_update(self._moved)
         for number, face in enumerate(self._faces):
-            face.on_update(self._dragger(number))
+            face.on_update(partial(self._dragged, number))
 
     def drag_face(self, number: int, place: Float64Array) -> None:
         """Move one face to a place, along its normal; the opposite one stays."""
@@ -74,11 +74,8 @@ class SpaceBox:
         self.ends += event.target.position - self.ends.mean(axis=0)
         self._draw()
 
-    def _dragger(self, number: int) -> Callable[[Any], Any]:
-        async def dragged(event: Any) -> None:
-            self.drag_face(number, event.target.position)
-
-        return dragged
+    async def _dragged(self, number: int, event: Any) -> None:
+        self.drag_face(number, event.target.position)
 
     def _draw(self, but: int | None = None) -> None:
         """Bring lines and handles, but the one that is being dragged, to where they belong."""

@@ -188,7 +188,7 @@
     follows(make(picture, "div", { className: "gt-compared" }), (element, now) => {
       (element.textContent = now.compared), (element.hidden = !now.compared);
     });
-    addDrop(picture);
+    addDrop(picture, state);
 
     for (const [title, lines] of PANEL) {
       const part = title ? make(panel, "details", { open: title === "Save" }, make(null, "summary", {}, title)) : make(panel, "div");
@@ -207,18 +207,13 @@
     return { picture, panel };
   }
 
-  function addDrop(picture) {
+  function addDrop(picture, { starts }) {
     const drop = make(picture, "div", { className: "gt-drop" }, make(null, "h2", {}, "Drop a splat scene here"));
     make(drop, "div", {}, "PLY, SPLAT, SPZ, SOG, KSPLAT or glTF");
     chooser(drop);
-    let shown;
-    follows(drop, (element, { scene, share, starts }) => {
-      element.hidden = Boolean(scene) || (share ?? null) !== null;
-      if (shown === JSON.stringify(starts)) return;
-      shown = JSON.stringify(starts);
-      for (const [label, path, cameras] of starts ?? [])
-        button(element, label, () => (say({ set: "Scene", to: path }), say({ set: "Cameras", to: cameras }), say({ do: "Open" })), { title: path });
-    });
+    for (const [label, path, cameras] of starts)
+      button(drop, label, () => (say({ set: "Scene", to: path }), say({ set: "Cameras", to: cameras }), say({ do: "Open" })), { title: path });
+    follows(drop, (element, { scene, share }) => (element.hidden = Boolean(scene) || (share ?? null) !== null));
   }
 
   // What is going on, with a bar and Cancel, or what was done.
