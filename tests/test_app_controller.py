@@ -423,6 +423,8 @@ def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(app):
             do(app, "Undo")
     assert numbers[controls.LASSO, controls.SURFACE] == numbers[controls.POLYGON, controls.SURFACE]
     assert 0 < numbers[controls.LASSO, controls.SURFACE] <= numbers[controls.LASSO, controls.THROUGH]
+    gesture(app, controls.SPHERE, (0.5, 0.45), (0.55, 0.45))
+    assert app.session.now.object.marks[-1].tool == "sphere" and app.session.now.object.n_selected
 
 
 def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_path):

@@ -1,6 +1,7 @@
 """Tests of what the page says, and of what is drawn over."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
-from gaussian_trimmer.selecting.strokes import drawn_over, under_stroke
+from gaussian_trimmer.selecting.strokes import drawn_over, in_spheres, under_stroke
 
 
 class Gui:
@@ -133,6 +134,22 @@ def test_the_brush_takes_the_surface_and_through_takes_all(by_centres):
     pixels = stroke.view.camera.project(scene.means[through].astype(np.float64))[0]
     assert np.linalg.norm(pixels - 50, axis=1).max() < 5.5
     assert not under(scene, Stroke(viewpoint(), ((0.5, 0.02),), 1.0), by_centres=by_centres).any()
+
+
+def test_the_sphere_takes_what_is_near_the_surface_and_nothing_behind_its_edge():
+    x, z = (grid.ravel() for grid in np.meshgrid(np.linspace(-2, 2, 81), np.linspace(-1, 3, 81)))
+    front, back = np.stack([x, 0 * x, z], 1)[x < 0], np.stack([x, 3 + 0 * x, z], 1)
+    scene = toy.gaussians(np.concatenate([front, back]), (0.05, 0.02, 0.05), toy.RED)
+    near, renderer = np.arange(len(scene)) < len(front), get_renderer("numba")
+    stroke = Stroke(viewpoint(), ((0.49, 0.5),), 4.0)  # its ring reaches over the edge
+    taken = in_spheres(scene, stroke, renderer)
+    assert under(scene, stroke)[~near].any() and not taken[~near].any()
+    middle = np.array([-0.04, 0.0, 0.96])  # of the pixel
+    distances = np.linalg.norm(scene.means - middle, axis=1)
+    assert taken[distances < 0.28].all() and not taken[distances > 0.45].any()
+    longer = in_spheres(scene, replace(stroke, places=((0.49, 0.5), (0.3, 0.5))), renderer)
+    assert (longer & taken).sum() == taken.sum() < longer.sum()
+    assert not in_spheres(scene, replace(stroke, places=((0.5, 0.01),)), renderer).any()
 
 
 def test_by_footprint_a_gaussian_is_taken_where_it_shows():

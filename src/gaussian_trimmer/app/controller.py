@@ -29,7 +29,7 @@ from gaussian_trimmer.selecting.marks import Point
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
-_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "X"), panels.TOOLS, strict=True))
+_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
 
 
 class Controller:

@@ -3,6 +3,7 @@
 // is by a hidden element, and is told by a hidden field.
 (() => {
   const CHANNEL = "gesture:";
+  const BRUSHES = ["Brush", "Sphere"];
   const FREE_PIXELS = 12; // a press that moves less is a click
   const CLOSE_PIXELS = 12; // so near its first corner, a polygon closes
   const TWICE_MILLISECONDS = 400; // a second click at the same place within this time is the first one again
@@ -91,13 +92,14 @@
 
   function draw(at) {
     const { tool, radius } = state;
+    const brush = BRUSHES.includes(tool);
     sign.textContent = "";
     const corners = tool === "Box" && active ? boxOf(drawn) : active === "Polygon" && at ? [...drawn, at] : drawn;
     const text = corners.map((place) => place.join(",")).join(" ");
-    outline.setAttribute("points", tool === "Brush" ? "" : text);
-    swath.setAttribute("points", tool === "Brush" ? text : "");
+    outline.setAttribute("points", brush ? "" : text);
+    swath.setAttribute("points", brush ? text : "");
     swath.setAttribute("stroke-width", 2 * radius);
-    ring.setAttribute("r", tool === "Brush" && at ? radius : 0);
+    ring.setAttribute("r", brush && at ? radius : 0);
     if (at) ring.setAttribute("cx", at[0]), ring.setAttribute("cy", at[1]);
   }
   const boxOf = ([[x0, y0], [x1, y1]]) => [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
@@ -114,7 +116,7 @@
     document.activeElement?.blur();
     const at = [event.clientX, event.clientY];
     press = { at, moved: 0 };
-    if (!["Box", "Lasso", "Polygon", "Brush"].includes(tool)) return;
+    if (!["Box", "Lasso", "Polygon", ...BRUSHES].includes(tool)) return;
     event.stopImmediatePropagation(); // the drag is the tool's, and does not turn the view
     event.preventDefault();
     if (tool === "Polygon") {
@@ -148,7 +150,7 @@
     press = null;
     if (active && active !== "Polygon") {
       event.stopImmediatePropagation();
-      if (still && tool !== "Brush") drawn = []; // neither a box nor a lasso
+      if (still && !BRUSHES.includes(tool)) drawn = []; // neither a box nor a lasso
       return finish(tool, event);
     }
     if (!clicked || !still || !["Click", "Up by 3 points"].includes(tool)) return;

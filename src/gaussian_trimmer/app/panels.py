@@ -15,8 +15,8 @@ from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
 from gaussian_trimmer.selecting.marks import Effect, Point, point_of
 
-TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "3D box")
-LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
+TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "Sphere", "3D box")
+LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, SPHERE, BOX3D = TOOLS
 POINTS = "Up by 3 points"
 ADD, REMOVE, KEEP_ONLY, ANEW = "Add", "Remove", "Keep only", "Replace"
 EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect", ANEW: "add"}
@@ -49,6 +49,7 @@ HINTS = {
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
+    SPHERE: "Paint on a surface: all within the ring's radius of it is taken. Ctrl removes, [ and ] change the size.",
     BOX3D: "Drag the box's faces by their arrows, and the box by the squares in it; then apply it.",
     POINTS: "Click three points on the ground.",
 }

@@ -14,7 +14,7 @@ from gaussian_trimmer.app.display import markable_rows, shown_rows
 from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Event
-from gaussian_trimmer.app.viewpoints import Place, before_what_shows, pixel_at, surface_points
+from gaussian_trimmer.app.viewpoints import Place, before_what_shows, pixel_at, points_at
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
@@ -34,7 +34,7 @@ from gaussian_trimmer.selecting.marks import (
 )
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import in_spacings
-from gaussian_trimmer.selecting.strokes import shows_under, under_stroke
+from gaussian_trimmer.selecting.strokes import in_spheres, shows_under, under_stroke
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view
 from gaussian_trimmer.views import HALF
 
@@ -88,10 +88,8 @@ class Tools:
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
             panels.CLICK: self._click,
             panels.BOX: self._box,
-            panels.LASSO: self._draw,
-            panels.POLYGON: self._draw,
-            panels.BRUSH: self._draw,
             panels.POINTS: self._corner,
+            **dict.fromkeys((panels.LASSO, panels.POLYGON, panels.BRUSH, panels.SPHERE), self._draw),
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
             view, event = self._view.viewpoint(client), None if gesture.tool == panels.POINTS else Event.MARKED
@@ -185,15 +183,19 @@ class Tools:
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
         controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
-        stroke = Stroke(view, gesture.places, float(controls.brush.value) if gesture.tool == panels.BRUSH else None)
-        through, by_centres = controls.reach.value == panels.THROUGH, controls.taking.value == panels.CENTRES
+        sphere, radius = gesture.tool == panels.SPHERE, float(controls.brush.value)
+        stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == panels.BRUSH else None)
+        through, by_centres = controls.reach.value == panels.THROUGH, sphere or controls.taking.value == panels.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
         showing = controls.showing
         if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
             rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
-        taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
+        if sphere:
+            taken = in_spheres(gaussians, stroke, renderer)
+        else:
+            taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
         if not (taken.any() or (cuts and shows_under(gaussians, stroke, renderer))):
             raise InputError("Nothing that is shown is there; draw over what you see.")
         whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
@@ -249,8 +251,8 @@ class Tools:
         return before_what_shows(shown, view, places, document.renderer)
 
     def _surface_point(self, view: Viewpoint, place: Place) -> Point:
-        (point,) = surface_points(self._shown(), view, [place], self._session.document.renderer)
-        if point is None:
+        (point,) = points_at(self._shown(), view, [place], self._session.document.renderer)
+        if np.isnan(point).any():
             middle = "in the middle of the picture; turn towards the object, then choose again"
             raise InputError(f"Nothing is seen {middle if place == _SCREEN_MIDDLE else 'there; click on a surface'}.")
-        return point
+        return point_of(point)
