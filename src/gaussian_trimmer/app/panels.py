@@ -49,7 +49,7 @@ HINTS = {
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
-    SPHERE: "Paint on a surface: all within the ring's radius of it is taken. Ctrl removes, [ and ] change the size.",
+    SPHERE: "Paint; all within the ring's radius of the surface is taken. Ctrl removes, [ and ] change it.",
     BOX3D: "Drag the box's faces by their arrows, and the box by the squares in it; then apply it.",
     POINTS: "Click three points on the ground.",
 }
