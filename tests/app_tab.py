@@ -68,7 +68,7 @@ class Tab:
         """Pixels of the page at which a point of the scene shows."""
 
         def looked():  # the program hears of another size of the picture a moment later
-            camera = self.app.controller.tools.viewpoint(self.app.server.get_clients()[self.client]).camera
+            camera = self.app.controller.jobs.view.viewpoint(self.app.server.get_clients()[self.client]).camera
             box = self.page.locator("canvas").first.bounding_box()
             return (camera, box) if abs(box["width"] - camera.width) < 2 else None
 

@@ -99,7 +99,7 @@ def test_who_sees_the_app_for_the_first_time_cuts_the_sample_out(browser, lighth
         marked(tab, lighthouse)
         tab.press("Cut out")
         tab.wait("is cut out:")
-        assert app.controller.panels.showing.part == "object"
+        assert app.controller.panels.showing.part == "Object"
         with tab.page.expect_download() as download:
             tab.press("Download: Object")
         download.value.save_as(tmp_path / "object.ply")
@@ -131,7 +131,8 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(
     tab.page.keyboard.press("t")
     tab.wait("is cut out:")
     tab.until_colour(lighthouse, lambda colour: np.abs(colour - before).max() < 60)  # in its own colours
-    beside = lighthouse + 0.2 * app.controller.tools.viewpoint(app.server.get_clients()[tab.client]).camera.rotation[0]
+    view = app.controller.jobs.view.viewpoint(app.server.get_clients()[tab.client])
+    beside = lighthouse + 0.2 * view.camera.rotation[0]
     tab.until_colour(beside, lambda colour: colour.max() < 10)
     tab.press("White")
     tab.until_colour(beside, lambda colour: colour.min() > 245)
@@ -148,7 +149,7 @@ def test_an_object_is_cut_out_corrected_where_it_is_seen_and_saved(
     tab.page.keyboard.up("Control")
     until(lambda: session.now.object.fresh not in (None, first), "the corrected object")
     assert len(session.now.object.fresh.object) < len(first.object)
-    assert panels.showing.part == "object"
+    assert panels.showing.part == "Object"
 
     tab.page.get_by_label("For", exact=True).select_option("Unreal")
     with tab.page.expect_download() as download:
@@ -193,7 +194,7 @@ def test_the_scene_with_the_object_and_without_it_blink_while_a_key_is_held(brow
     session = app.controller.session
     tab = Tab(browser, app, *SMALL)
     tab.wait("59,472 Gaussians")
-    app.controller.load(sample.SELECTION)
+    app.controller.load(str(sample.SELECTION))
     tab.wait("Gaussians selected")
     tab.press("Scene without it")
     until(lambda: session.now.object.fresh is not None, "the scene without it")

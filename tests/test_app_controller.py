@@ -18,7 +18,7 @@ from gaussian_trimmer.app import edits
 from gaussian_trimmer.app import panels as controls
 from gaussian_trimmer.app.display import shown_rows
 from gaussian_trimmer.app.doubts import doubts
-from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT, Target
+from gaussian_trimmer.app.files import DOWNLOADS, OBJECT, WITHOUT
 from gaussian_trimmer.app.page import Gesture
 from gaussian_trimmer.app.showing import Due, Event, Showing
 from gaussian_trimmer.app.snapshots import CutState
@@ -51,8 +51,7 @@ def running(tmp_path_factory):
 def app(running, folder):
     open_scene(running, folder / "scene.ply", folder / "cameras.json")
     if running.session.now.has_work:
-        running.step("Undo")  # the work of the test before
-        finish(running)
+        do(running, "Undo")  # the work of the test before
     return running
 
 
@@ -126,14 +125,14 @@ def test_a_selection_grows_and_shrinks_by_what_is_seen_whatever_the_density(app,
         app.tools.change_selection("Grow", tab(app, eye))
         finish(app)
         steps.append(app.session.now.object.marks[-1].spacings)
-        act(app.step, "Undo")
+        do(app, "Undo")
     assert steps[1] == pytest.approx(2 * steps[0], rel=0.15)
 
 
 def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, folder):
     panels = app.panels
     mark(app, BALL)
-    panels.showing = Showing("object", "after", "own")
+    panels.showing = Showing("Object", "Cut-out", "Own")
     panels.tool.value, panels.effect.value, panels.reach.value = controls.CLICK, controls.KEEP_ONLY, controls.THROUGH
     panels.existing.value, panels.folder.value = controls.REPLACE, "/somewhere/else"
     panels.command.value = "of an earlier scene"
@@ -150,7 +149,7 @@ def test_names_and_modes_do_not_leak_from_scene_to_scene_and_work_is_kept(app, f
     assert panels.folder.value == "trimmed/scene" and not panels.command.value
     assert app.session.now.object.name == "object 1"
     assert app.session.now.object.marks == (BALL,)  # the work that was kept
-    act(app.step, "Undo")
+    do(app, "Undo")
     assert not app.session.now.has_work
     open_scene(app, folder / "scene.ply")
     assert not app.session.now.has_work
@@ -187,7 +186,7 @@ def test_what_was_cut_out_is_cut_out_again_when_the_scene_is_opened_again(app, f
     again = session.now.objects[0].fresh
     assert again is not first and np.array_equal(again.object.means, first.object.means)
     assert app.jobs.due is Due.NOTHING
-    act(app.step, "Undo")
+    do(app, "Undo")
     assert not session.now.has_work  # it was one step
 
 
@@ -195,28 +194,28 @@ def test_a_correction_is_cut_out_again_as_one_step_and_undoing_it_cuts_nothing_o
     session, panels = app.session, app.panels
     mark(app, BALL)
     act(app.cut_out)
-    assert panels.showing == Showing("object", "after", "own")
+    assert panels.showing == Showing("Object", "Cut-out", "Own")
     before = session.now
     panels.brush.value = 20
     gesture(app, controls.BRUSH, (0.5, 0.45), (0.55, 0.45), effect="remove")
     assert session.now.object.n_selected < before.object.n_selected
     assert not (session.now.object.fresh.object_mask & session.now.object.selected.excluded).any()
     assert session.now.object.marks[-1].cut is not None and session.now.object.selected.cuts
-    assert panels.showing == Showing("object", "after", "changes")  # until something else is asked for
+    assert panels.showing == Showing("Object", "Cut-out", "Changes")  # until something else is asked for
     assert panels.status_text.startswith("Removed") and "again" in panels.status_text
-    act(app.step, "Undo")
-    assert session.now is before and panels.showing == Showing("object", "after", "changes")
+    do(app, "Undo")
+    assert session.now is before and panels.showing == Showing("Object", "Cut-out", "Changes")
     act(app.show_part, OBJECT)
-    assert panels.showing == Showing("object", "after", "own")
+    assert panels.showing == Showing("Object", "Cut-out", "Own")
 
-    act(app.show_part, controls.EVERYTHING)
-    panels.when.value = controls.SELECTION
+    act(app.show_part, "Everything")
+    panels.when.value = "Selection"
     mark(app, TINY)
     mark(app, FLOOR)
     marked = session.now.object
-    act(app.step, "Undo")
+    do(app, "Undo")
     assert session.now.object.cut.state is CutState.STALE and len(session.now.object.marks) == len(marked.marks) - 1
-    assert panels.showing == Showing("both", "before", "objects")
+    assert panels.showing == Showing("Everything", "Selection", "Objects")
 
 
 def test_marks_made_meanwhile_go_before_the_trim_that_follows(app):
@@ -231,7 +230,7 @@ def test_marks_made_meanwhile_go_before_the_trim_that_follows(app):
     blocked.set()
     finish(app)
     assert len(session.now.object.marks) == 3 and session.now.object.fresh is not None
-    act(app.step, "Undo")
+    do(app, "Undo")
     assert session.now.object.cut.state is CutState.STALE  # of the first stroke, which was not trimmed
 
 
@@ -278,9 +277,9 @@ def test_the_scene_without_the_object_is_one_button_away(app):
     mark(app, BALL)
     act(app.show_part, WITHOUT)
     assert app.session.now.object.fresh is not None
-    assert app.panels.showing == Showing("background", "after", "own")
-    act(app.show_part, controls.EVERYTHING)
-    assert app.panels.showing == Showing("both", "after", "objects")
+    assert app.panels.showing == Showing("Scene without it", "Cut-out", "Own")
+    act(app.show_part, "Everything")
+    assert app.panels.showing == Showing("Everything", "Cut-out", "Objects")
 
 
 def test_two_states_are_compared_while_a_key_is_held(app):
@@ -291,7 +290,7 @@ def test_two_states_are_compared_while_a_key_is_held(app):
     act(app.cut_out)
     shown, drawn = panels.showing, presenter._shown["splats"]
     act(app.compare, view, on=True)
-    assert presenter._shown["splats"][1] == Showing("object", "before", "own")
+    assert presenter._shown["splats"][1] == Showing("Object", "Selection", "Own")
     assert panels.showing == shown  # which marks and results go by
     app.jobs._moved(view)
     finish(app)
@@ -299,7 +298,7 @@ def test_two_states_are_compared_while_a_key_is_held(app):
     act(app.compare, view, on=False)
     assert presenter._shown["splats"] == drawn
     act(app.compare, view, on=True)
-    act(app.step, "Undo")  # whatever else is done ends it
+    do(app, "Undo")  # whatever else is done ends it
     assert presenter._shown["splats"][1] == panels.showing
 
 
@@ -310,20 +309,20 @@ def test_the_box_in_space_is_around_the_selection_and_a_dragged_face_moves_alone
     app.tools.choose(controls.BOX3D, tab(app))
     finish(app)
     up = session.now.up.direction
-    axes, before = up_frame(up), view.box_mark(up, "intersect")
+    before = view.box_mark(up, "intersect")
     session.do(edits.mark, before, TINY)
     assert (session.now.object.selected.mask & selected).sum() == selected.sum()  # it cuts nothing off
     assert view._box._edges.points.shape == (12, 2, 3)  # lines: faces would hide what is behind
     for number, axis, end in ((0, 0, "low"), (5, 2, "high")):
-        face, sign = np.array(getattr(before, end)) @ axes, 1 if end == "high" else -1
-        view._box.drag_face(number, view.frame.to_viewer(face + sign * 0.5 * axes[axis]))
+        face, sign = np.array(getattr(before, end)), 1 if end == "high" else -1
+        view._box.drag_face(number, view._upright(up).to_viewer(face + sign * 0.5 * np.eye(3)[axis]))
         after = view.box_mark(up, "add")
         moved = np.array(getattr(after, end)) - getattr(before, end)
         assert np.allclose(moved, sign * 0.5 * np.eye(3)[axis], atol=1e-5)
         other = "low" if end == "high" else "high"
         assert np.allclose(getattr(after, other), getattr(before, other), atol=1e-5)
         before = after
-    view._box.drag_face(5, view.frame.to_viewer(np.array(before.low) @ axes - 3 * axes[2]))  # past the other face
+    view._box.drag_face(5, view._upright(up).to_viewer(np.array(before.low) - (0, 0, 3)))  # past the other face
     flat = view.box_mark(up, "add")
     assert before.low[2] == pytest.approx(flat.low[2], abs=1e-5) and flat.high[2] > flat.low[2]
 
@@ -333,8 +332,8 @@ def test_the_box_in_space_is_not_around_the_eye_where_nothing_is_selected(app):
     finish(app)
     box = app.jobs.view.box_mark(app.session.now.up.direction, "add")
     assert isinstance(box, Box3D)
-    eye = app.tools.viewpoint(tab(app)).camera.centre
-    centre = app.jobs.view.frame.to_scene(app.jobs.view._box.centre)
+    eye = app.jobs.view.viewpoint(tab(app)).camera.centre
+    centre = np.add(box.low, box.high) / 2 @ up_frame(app.session.now.up.direction)
     assert np.linalg.norm(centre - eye) > 0.7 * np.linalg.norm(np.subtract(box.high, box.low))
     mark(app, box)
     assert app.session.now.object.n_selected  # something is in it
@@ -346,7 +345,7 @@ def test_up_turns_the_view(app):
     app.panels.up.value = "-Y"
     act(app._set_up, None)
     assert np.allclose(camera.up, (0, -1, 0))
-    act(app.step, "Undo")
+    do(app, "Undo")
     assert np.allclose(camera.up, (0, 0, 1))
 
 
@@ -421,9 +420,11 @@ def test_lasso_polygon_and_brush_take_what_they_are_drawn_over(app):
             gesture(app, tool, *line)
             numbers[tool, reach] = app.session.now.object.n_selected
             assert app.session.now.object.marks[-1].tool == tool.lower()
-            act(app.step, "Undo")
+            do(app, "Undo")
     assert numbers[controls.LASSO, controls.SURFACE] == numbers[controls.POLYGON, controls.SURFACE]
     assert 0 < numbers[controls.LASSO, controls.SURFACE] <= numbers[controls.LASSO, controls.THROUGH]
+    gesture(app, controls.SPHERE, (0.5, 0.45), (0.55, 0.45))
+    assert app.session.now.object.marks[-1].tool == "sphere" and app.session.now.object.n_selected
 
 
 def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_path):
@@ -433,7 +434,7 @@ def test_a_click_or_a_box_where_nothing_stands_marks_what_is_there(running, tmp_
     open_scene(running, tmp_path / "wall.ply")
     gesture(running, controls.CLICK, (0.5, 0.5))
     assert 0 < running.session.now.object.n_selected <= len(wall)
-    act(running.step, "Undo")
+    do(running, "Undo")
     gesture(running, controls.BOX, (0.4, 0.4), (0.6, 0.6))
     assert 0 < running.session.now.object.n_selected < 0.3 * len(wall)
     before = running.session.now
@@ -461,7 +462,7 @@ def test_the_tolerance_dragged_after_a_click_makes_it_again_by_colour(running, t
     red = (np.abs(colours - toy.RED).max(axis=1) < 0.03) & (wall[:, 0] < 1)
     assert np.array_equal(taken[0], red) and np.array_equal(taken[2], red) and taken[1].all()
     assert len(session.now.object.marks) == 1
-    act(running.step, "Undo")  # one step, whatever was dragged
+    do(running, "Undo")  # one step, whatever was dragged
     assert not session.now.object.n_selected
     before = session.now
     tolerance.enter(50, tab(running))
@@ -516,7 +517,7 @@ def test_all_that_is_shown_is_selected(app):
 def test_marks_reach_nothing_that_is_not_shown(app):
     mark(app, BALL)
     before = app.session.now
-    app.panels.showing = Showing("object", "before", "own")
+    app.panels.showing = Showing("Object", "Selection", "Own")
     app.panels.reach.value = controls.THROUGH
     gesture(app, controls.LASSO, *EVERYWHERE)
     assert app.session.now is before and "changes nothing that is shown" in app.panels.status_text
@@ -557,7 +558,7 @@ def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_pat
     act(app.receive, "../ball.npy", (tmp_path / "ball.npy").read_bytes(), view)
     assert np.array_equal(session.now.object.selected.mask, mask)
     app.jobs.do("Saving", lambda: app._files.download_project(view))
-    act(app.step, "Clear")
+    do(app, "Clear")
     act(app.receive, *next(iter(view.sent.items())), view)
     assert np.array_equal(session.now.object.selected.mask, mask)
     act(app.receive, "cameras.json", (folder / "cameras.json").read_bytes(), view)
@@ -566,7 +567,7 @@ def test_files_from_the_browser_are_taken_for_what_they_are(app, folder, tmp_pat
     formats.write(part, tmp_path / "part.ply")
     act(app.receive, "part.ply", (tmp_path / "part.ply").read_bytes(), view)
     assert session.now.object.n_selected == len(part)  # it is of the open scene
-    act(app.step, "Undo")
+    do(app, "Undo")
     formats.write(toy.ball_on_floor(floor_side=20)[0], tmp_path / "else.ply")
     for name, data in (("else.ply", tmp_path / "else.ply"), ("other.ply", folder / "scene.ply")):
         act(app.receive, name, data.read_bytes(), view)
@@ -604,13 +605,12 @@ def test_results_are_downloaded_and_saved(app, tmp_path):
 
     panels.folder.value = str(tmp_path / "out")
     act(app.save)
-    assert str(tmp_path / "out" / "selection.json") in panels.command.value
+    assert str(tmp_path / "out" / "report.json") in panels.command.value
     act(app.save)
     assert controls.REPLACE in panels.status_text and "--overwrite" not in panels.status_text
     panels.folder.value = str(tmp_path / "all")
     act(app.save, together=True)
     assert (tmp_path / "all" / "object_my_ball.ply").is_file() and not panels.command.value
-    assert panels.target == Target(tmp_path / "all")
 
 
 @pytest.fixture(scope="module")
@@ -640,7 +640,7 @@ def test_objects_are_found_shown_and_saved_and_are_one_step(running, furnished, 
     finally:
         panels.busy = busy
     assert session.now is before and not any("surfaces" in stage for stage in stages)
-    panels.showing = Showing("object", "before", "own")
+    panels.showing = Showing("Object", "Selection", "Own")
     act(app.find_objects)
     assert panels.status_text.startswith("Found 2 objects") and panels.showing == Showing()
     found = session.now.objects
@@ -659,7 +659,7 @@ def test_objects_are_found_shown_and_saved_and_are_one_step(running, furnished, 
     np.testing.assert_array_equal(session.now.object.selected.mask, found[0].selected.mask)
     assert session.now.object.id == 3  # no other object has had it
     for _ in range(3):
-        act(app.step, "Undo")
+        do(app, "Undo")
     assert session.now is before
 
 

@@ -14,7 +14,7 @@ from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Showing
 from gaussian_trimmer.app.snapshots import Cut, CutState, Snapshot, TrimChoices
-from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, box_at, pixel_at, surface_points, viewpoint_of
+from gaussian_trimmer.app.viewpoints import Frame, before_what_shows, pixel_at, points_at, viewpoint_of
 from gaussian_trimmer.cameras import look_at
 from gaussian_trimmer.config import SplitConfig, TrimConfig
 from gaussian_trimmer.errors import InputError
@@ -53,7 +53,7 @@ def tinted(splats, plain):
 
 
 def test_before_the_objects_have_their_colours_and_nothing_else(session, painter):
-    now, plain = session.now, painter.paint(session.now, Showing(colours="own"))
+    now, plain = session.now, painter.paint(session.now, Showing(colours="Own"))
     shown = painter.paint(now, Showing())
     assert len(shown) == len(session.document.scene)
     owner = np.any([part.selected.mask for part in now.objects], axis=0)
@@ -65,13 +65,13 @@ def test_before_the_objects_have_their_colours_and_nothing_else(session, painter
 def test_parts_are_the_object_and_the_rest(session, painter):
     now, scene = session.now, session.document.scene
     result = now.objects[0].fresh
-    for when, rest in (("before", now.objects[0].selected.mask), ("after", result.object_mask)):
-        object_ = painter.paint(now, Showing("object", when))
-        background = painter.paint(now, Showing("background", when))
-        both = painter.paint(now, Showing("both", when))
+    for when, rest in (("Selection", now.objects[0].selected.mask), ("Cut-out", result.object_mask)):
+        object_ = painter.paint(now, Showing("Object", when))
+        background = painter.paint(now, Showing("Scene without it", when))
+        both = painter.paint(now, Showing("Everything", when))
         assert len(object_) == now.object.n_selected  # the second object has not been trimmed
-        gone = len(result.discarded) - result.count(RowLabel.FILLED) if when == "after" else 0
-        more = len(result.object) - result.object_mask.sum() if when == "after" else 0  # the fit has cut some in two
+        gone = len(result.discarded) - result.count(RowLabel.FILLED) if when == "Cut-out" else 0
+        more = len(result.object) - result.object_mask.sum() if when == "Cut-out" else 0  # the fit has cut some in two
         assert len(background) == (~(rest | now.object.selected.mask)).sum() - gone
         assert len(both) == len(scene) - gone + more
     assert rest.sum() < now.objects[0].n_selected
@@ -80,7 +80,7 @@ def test_parts_are_the_object_and_the_rest(session, painter):
 def test_after_the_active_object_is_what_was_trimmed(session, painter):
     session.do(edits.activate, 1, joined=True)
     try:
-        splats = painter.paint(session.now, Showing("object", "after", "own"))
+        splats = painter.paint(session.now, Showing("Object", "Cut-out", "Own"))
         trimmed = session.now.object.fresh.object
         centres = painter.frame.to_scene(splats.centres.astype(np.float64))
         assert np.allclose(np.sort(centres, axis=0), np.sort(trimmed.means, axis=0), atol=1e-5)
@@ -104,21 +104,21 @@ def test_split_parts_and_filled_gaussians_are_shown():
     selected, cut = SelectionState(truth, np.zeros_like(truth)), Cut(CutState.FRESH, result)
     now = first.with_object(replace(first.object, selected=selected, cut=cut), "cut out")
     painter = Painter(scene, 10**6)
-    assert len(painter.paint(now, Showing("object", "after"))) == len(result.object)
-    assert len(painter.paint(now, Showing("background", "after"))) == len(result.background)
-    assert len(painter.paint(now, Showing("both", "after"))) == len(result.object) + len(result.background)
+    assert len(painter.paint(now, Showing("Object", "Cut-out"))) == len(result.object)
+    assert len(painter.paint(now, Showing("Scene without it", "Cut-out"))) == len(result.background)
+    assert len(painter.paint(now, Showing("Everything", "Cut-out"))) == len(result.object) + len(result.background)
 
 
 def test_large_scenes_are_thinned_for_display_only(session):
     n = len(session.document.scene)
     few = Painter(session.document.scene, n // 4)
-    shown = few.paint(session.now, Showing(colours="own"))
-    whole = Painter(session.document.scene, n).paint(session.now, Showing(colours="own"))
+    shown = few.paint(session.now, Showing(colours="Own"))
+    whole = Painter(session.document.scene, n).paint(session.now, Showing(colours="Own"))
     assert len(shown) == pytest.approx(n / 4, rel=0.1)
     assert np.trace(shown.covariances, axis1=1, axis2=2).mean() > 3 * np.trace(
         whole.covariances, axis1=1, axis2=2
     ).mean()  # fmt: skip
-    object_ = few.paint(session.now, Showing("object"))
+    object_ = few.paint(session.now, Showing("Object"))
     assert len(object_) == min(session.now.object.n_selected, n // 4)  # the object keeps all that there is room for
 
 
@@ -145,7 +145,7 @@ def test_colours_are_those_that_the_eye_sees(session):
     assert painter.depends_on_eye and not Painter(scene, 10**6).depends_on_eye
     now = session.now
     left, right = (
-        painter.paint(now, Showing(colours="own"), browser(painter.frame, eye=(x, 0.1, 1.0)).camera)
+        painter.paint(now, Showing(colours="Own"), browser(painter.frame, eye=(x, 0.1, 1.0)).camera)
         .colours[:, 0]
         .mean()
         for x in (-9.0, 9.0)
@@ -160,12 +160,12 @@ def test_changes_have_their_colours(session, painter):
         result = now.object.fresh
         added, removed, cut, relit = changed_rows(now.object)
         assert np.array_equal(removed, result.selection & ~result.object_mask) and removed.any()
-        shown = painter.paint(now, Showing("object", "after", "changes"))
-        plain = painter.paint(now, Showing("object", "after", "own"))
+        shown = painter.paint(now, Showing("Object", "Cut-out", "Changes"))
+        plain = painter.paint(now, Showing("Object", "Cut-out", "Own"))
         assert len(shown) == len(plain) + (removed & ~cut).sum()  # what was removed is seen, too
         red = shown.colours[removed[np.maximum(shown.rows, 0)]]
         assert (red[:, 0] > red[:, 2] + 0.2).all()
-        without = painter.paint(now, Showing("background", "after", "changes"))
+        without = painter.paint(now, Showing("Scene without it", "Cut-out", "Changes"))
         made_up = without.colours[without.rows == -1]
         assert len(made_up) == result.count(RowLabel.FILLED)
         assert (made_up[:, 2] < made_up[:, 0]).all()  # yellow
@@ -177,7 +177,7 @@ def test_changes_have_their_colours(session, painter):
 
 def test_after_further_marks_the_cut_out_is_seen_with_them_and_changes_are_theirs(session, painter):
     session.do(edits.activate, 1, joined=True)
-    before, changes = session.now.object.mask, Showing("object", "after", "changes")
+    before, changes = session.now.object.mask, Showing("Object", "Cut-out", "Changes")
     top = Sphere((0.0, 0.0, 2.0), 0.5, effect="remove")
     session.do(edits.mark, top)
     stale = session.now.object
@@ -225,29 +225,28 @@ def test_a_browsers_camera_is_the_same_camera_in_the_scene():
     assert 2 * np.arctan(50 / camera.K[1, 1]) == pytest.approx(0.8)
 
 
-def test_pixels_and_boxes_stay_within_the_picture():
+def test_pixels_stay_within_the_picture():
     view = browser(Frame(np.zeros(3), 1.0))
     assert pixel_at(view, (0.0, 0.0)) == (0, 0)
     assert pixel_at(view, (1.0, 1.0)) == (199, 99)
     assert pixel_at(view, (-3.0, 7.0)) == (0, 99)
-    assert box_at(view, (0.1, 0.5), (0.2, 1.0)) == (20, 50, 41, 100)
 
 
-def test_surface_points_lie_on_the_surface_and_are_none_in_the_void():
+def test_points_lie_on_the_surface_and_are_nan_in_the_void():
     scene, _ = toy.ball_on_floor(n_floaters=0)
     frame = Frame.around(scene.means)
     view = browser(frame)
-    on_ball, void = surface_points(scene, view, [(0.5, 0.5), (0.5, 0.0)], get_renderer("numba"))
+    on_ball, void = points_at(scene, view, [(0.5, 0.5), (0.5, 0.0)], get_renderer("numba"))
     assert np.linalg.norm(np.array(on_ball) - toy.CENTRE) == pytest.approx(toy.RADIUS, abs=0.12)
     assert on_ball[1] < 0
-    assert void is None
+    assert np.isnan(void).all()
 
 
 def test_with_the_object_alone_a_click_means_the_object_and_not_what_is_hidden_before_it(session):
     session.do(edits.add_object)
     session.do(edits.mark, Box3D((-2.0, -2.0, 0.02), (2.0, 2.0, 3.0)))  # the ball without the floor
     now, scene = session.now, session.document.scene
-    shown = scene.select(np.flatnonzero(shown_rows(now, Showing("object"))))
+    shown = scene.select(np.flatnonzero(shown_rows(now, Showing("Object"))))
     view = browser(Frame(np.zeros(3), 1.0), eye=(0.5, 0.0, -6.0), width=160, height=160)
     before = now.object.n_selected
     with pytest.raises(InputError, match="not selected"):

@@ -1,6 +1,7 @@
 """Tests of what the page says, and of what is drawn over."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from gaussian_trimmer.cameras import Camera, look_at
 from gaussian_trimmer.gaussians import concatenate
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
-from gaussian_trimmer.selecting.strokes import drawn_over, under_stroke
+from gaussian_trimmer.selecting.strokes import drawn_over, in_spheres, under_stroke
 
 
 class Gui:
@@ -35,7 +36,8 @@ def page():
         ("on", True, {}),
         ("name", "", {}),
     ):
-        Control(page, name, value, **facts).on_change(lambda tab, name=name: done.append((name, tab.client_id)))
+        control = Control(page, name, value, **facts)
+        control.changed = lambda tab, name=name: done.append((name, tab.client_id))
     page.offer([Action("go", lambda tab: done.append("go"), "G", lambda tab: done.append("end"))])
     page.drawn = lambda gesture, tab: done.append(gesture)
     page.changed_object = lambda *change: done.append(change[:3])
@@ -54,7 +56,7 @@ def hear(page, text, client=7):
     page._hear(text, SimpleNamespace(client_id=client))
 
 
-LASSO = {"tool": "Lasso", "places": [[0.1, 0.2], [1, 0]], "keys": "ctrl"}
+LASSO = {"tool": "Lasso", "places": [[0.1, 0.2], [1, 0]], "effect": "remove"}
 
 
 def test_gestures_actions_controls_and_objects_are_heard_once(page):
@@ -66,9 +68,9 @@ def test_gestures_actions_controls_and_objects_are_heard_once(page):
     assert page.done == expected
     tell(page, *messages, {"do": "go"}, client=8)  # another tab
     assert page.done == [*expected, *[("tool", 8) if each == ("tool", 7) else each for each in expected], "go"]
-    for keys, effect in (("both", "intersect"), ("", None)):
-        drawn = LASSO | {"keys": keys, "places": []}
-        assert tell(page, drawn, client=9 + len(keys))[-1] == Gesture("Lasso", (), effect)
+    for client, (said, effect) in enumerate((("intersect", "intersect"), ("", None), ({}, None)), 9):
+        drawn = LASSO | {"effect": said, "places": []}
+        assert tell(page, drawn, client=client)[-1] == Gesture("Lasso", (), effect)
 
 
 @pytest.mark.parametrize(
@@ -132,6 +134,22 @@ def test_the_brush_takes_the_surface_and_through_takes_all(by_centres):
     pixels = stroke.view.camera.project(scene.means[through].astype(np.float64))[0]
     assert np.linalg.norm(pixels - 50, axis=1).max() < 5.5
     assert not under(scene, Stroke(viewpoint(), ((0.5, 0.02),), 1.0), by_centres=by_centres).any()
+
+
+def test_the_sphere_takes_what_is_near_the_surface_and_nothing_behind_its_edge():
+    x, z = (grid.ravel() for grid in np.meshgrid(np.linspace(-2, 2, 81), np.linspace(-1, 3, 81)))
+    front, back = np.stack([x, 0 * x, z], 1)[x < 0], np.stack([x, 3 + 0 * x, z], 1)
+    scene = toy.gaussians(np.concatenate([front, back]), (0.05, 0.02, 0.05), toy.RED)
+    near, renderer = np.arange(len(scene)) < len(front), get_renderer("numba")
+    stroke = Stroke(viewpoint(), ((0.49, 0.5),), 4.0)  # its ring reaches over the edge
+    taken = in_spheres(scene, stroke, renderer)
+    assert under(scene, stroke)[~near].any() and not taken[~near].any()
+    middle = np.array([-0.04, 0.0, 0.96])  # of the pixel
+    distances = np.linalg.norm(scene.means - middle, axis=1)
+    assert taken[distances < 0.28].all() and not taken[distances > 0.45].any()
+    longer = in_spheres(scene, replace(stroke, places=((0.49, 0.5), (0.3, 0.5))), renderer)
+    assert (longer & taken).sum() == taken.sum() < longer.sum()
+    assert not in_spheres(scene, replace(stroke, places=((0.5, 0.01),)), renderer).any()
 
 
 def test_by_footprint_a_gaussian_is_taken_where_it_shows():

@@ -7,6 +7,7 @@ import shlex
 import shutil
 import stat
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from command_line import run
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.files import Target, command_for, save
+from gaussian_trimmer.app.files import save
 from gaussian_trimmer.app.project import (
     autosave_path,
     is_project,
@@ -398,7 +399,7 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
     mark(session, BALL if up else click_on_ball(session))
     mark(session, TOP)
     session.do(edits.cut_out, choices)
-    _, command = save(session.now, Target(tmp_path / "by app", format))
+    _, command = save(session.now, tmp_path / "by app", format)
     monkeypatch.chdir(tmp_path)
     assert run(*shlex.split(command)[1:], "--quiet") == 0
     for file in (tmp_path / "by app").rglob("*"):
@@ -413,14 +414,14 @@ def test_what_is_saved_is_what_the_command_makes(session, tmp_path, monkeypatch,
 def test_saving_asks_for_a_cut_out_and_never_replaces_unasked(session, tmp_path):
     mark(session, BALL)
     with pytest.raises(InputError, match="object 1"):
-        save(session.now, Target(tmp_path / "out"))
+        save(session.now, tmp_path / "out")
     session.do(edits.cut_out, DEFAULT)
-    save(session.now, Target(tmp_path / "out"))
+    save(session.now, tmp_path / "out")
     with pytest.raises(OutputExistsError):
-        save(session.now, Target(tmp_path / "out"))
-    save(session.now, Target(tmp_path / "out", overwrite=True))
+        save(session.now, tmp_path / "out")
+    save(session.now, tmp_path / "out", overwrite=True)
     with pytest.raises(InputError, match="obj"):
-        save(session.now, Target(tmp_path / "other", "obj"))
+        save(session.now, tmp_path / "other", "obj")
     assert not (tmp_path / "other").exists()
 
 
@@ -431,18 +432,24 @@ def test_a_scene_of_a_format_that_is_only_read_is_saved_in_the_nearest(ball, tmp
     opened.open(tmp_path / "unpacked" / "meta.json")
     mark(opened, BALL)
     opened.do(edits.cut_out, TrimChoices(fit=False))
-    save(opened.now, Target(tmp_path / "out"))
+    save(opened.now, tmp_path / "out")
     assert (tmp_path / "out" / "object.sog").is_file()
 
 
-def test_the_command_holds_wherever_it_is_run_and_whatever_files_are_called(session, monkeypatch):
-    monkeypatch.chdir(session.document.path.parent)
-    folder = session.document.path.parent.__class__
-    name = folder("a\n```b'.ply")
-    now = replace(session.now, document=replace(session.document, path=name))
-    parts = shlex.split(command_for(now, Target(folder("out"), "ply")))
-    assert parts[2] == str(name.absolute())
-    assert parts[parts.index("--marks") + 1] == str(folder("out", "selection.json").absolute())
+def test_the_command_holds_wherever_it_is_run_and_whatever_files_are_called(ball, tmp_path, monkeypatch):
+    name = "a\n```b'.ply"
+    shutil.copy(ball[0] / "scene.ply", tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    opened = Session()
+    opened.open(Path(name))
+    mark(opened, BALL)
+    opened.do(edits.cut_out, TrimChoices(fit=False))
+    _, command = save(opened.now, Path("out; x"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert run(*shlex.split(command)[1:], "--quiet") == 0
+    made, again = tmp_path / "out; x" / "object.ply", tmp_path / "elsewhere" / "again" / "object.ply"
+    assert made.read_bytes() == again.read_bytes()
 
 
 def test_several_objects_share_nothing(session, ball, tmp_path):
@@ -450,7 +457,7 @@ def test_several_objects_share_nothing(session, ball, tmp_path):
     session.do(edits.add_object)
     mark(session, FromFile(ball[0] / "rough.npy"), Box3D((-9, -9, -9), (9, 9, 1.2), effect="intersect"))
     session.do(edits.describe, 2, "name", "the floor's")
-    save(session.now, Target(tmp_path / "out", "ply"), together=True)
+    save(session.now, tmp_path / "out", "ply", together=True)
     labels = np.load(tmp_path / "out" / "labels.npz")
     ends = np.cumsum([*labels["object_rows"], len(labels["source_index"])])
     first, second = (labels["source_index"][start:end] for start, end in zip((0, *ends), ends[:2], strict=False))
@@ -461,5 +468,5 @@ def test_several_objects_share_nothing(session, ball, tmp_path):
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [each["name"] for each in report["objects"]] == ["object 1", "the floor's"]
     with pytest.raises(ZeroDivisionError):
-        save(session.now, Target(tmp_path / "never"), lambda stage: 1 / 0, together=True)
+        save(session.now, tmp_path / "never", None, lambda stage: 1 / 0, together=True)
     assert not (tmp_path / "never").exists()

@@ -6,13 +6,20 @@ from types import SimpleNamespace
 
 import pytest
 
-from gaussian_trimmer.app.showing import Due, Event, Showing, compared, due_after, showing_after
+from gaussian_trimmer.app.showing import (
+    COLOURINGS,
+    PARTS,
+    WHENS,
+    Due,
+    Event,
+    Showing,
+    compared,
+    due_after,
+    showing_after,
+)
 from gaussian_trimmer.app.snapshots import Cut, CutState
 
-SHOWINGS = [
-    Showing(*values)
-    for values in product(("both", "object", "background"), ("before", "after"), ("own", "objects", "changes"))
-]
+SHOWINGS = [Showing(*values) for values in product(PARTS, WHENS, COLOURINGS)]
 
 
 def now(state, n_selected=5):
@@ -27,7 +34,7 @@ def now(state, n_selected=5):
 def test_undoing_cuts_nothing_out_and_tints_and_changes_stay(shown, state):
     then = showing_after(Event.STEPPED, now(state), shown)
     assert then.colours == shown.colours and then.when == shown.when
-    assert then.part == ("both" if shown.part == "background" and state in (CutState.NONE, CutState.WANTED)
+    assert then.part == ("Everything" if shown.part == "Scene without it" and state in (CutState.NONE, CutState.WANTED)
                          else shown.part)  # fmt: skip
     assert due_after(Event.STEPPED, now(state), then, Due.CORRECTION) is Due.NOTHING
     assert due_after(Event.CUT_OUT, now(state), then, Due.CORRECTION) is Due.NOTHING
@@ -37,25 +44,25 @@ def test_undoing_cuts_nothing_out_and_tints_and_changes_stay(shown, state):
 def test_a_mark_shows_what_it_did_and_corrects_what_is_seen_cut_out(shown):
     then = showing_after(Event.MARKED, now(CutState.STALE), shown)
     assert then.part == shown.part and then.when == shown.when
-    assert then.colours == ("changes" if shown.when == "after" or shown.part == "object" else "objects")
+    assert then.colours == ("Changes" if shown.when == "Cut-out" or shown.part == "Object" else "Objects")
     due = due_after(Event.MARKED, now(CutState.STALE), then, Due.NOTHING)
-    assert due is (Due.CORRECTION if shown.when == "after" else Due.NOTHING)
+    assert due is (Due.CORRECTION if shown.when == "Cut-out" else Due.NOTHING)
     first = showing_after(Event.MARKED, now(CutState.NONE), shown)
-    assert first.when == "before"
+    assert first.when == "Selection"
     assert due_after(Event.MARKED, now(CutState.NONE), first, Due.NOTHING) is Due.NOTHING
 
 
 @pytest.mark.parametrize("shown", SHOWINGS)
 def test_what_is_asked_for_is_seen(shown):
-    assert showing_after(Event.OPENED, now(CutState.FRESH), shown) == Showing("both", "before", "objects")
-    assert showing_after(Event.CUT_OUT, now(CutState.FRESH), shown) == Showing("object", "after", "own")
+    assert showing_after(Event.OPENED, now(CutState.FRESH), shown) == Showing("Everything", "Selection", "Objects")
+    assert showing_after(Event.CUT_OUT, now(CutState.FRESH), shown) == Showing("Object", "Cut-out", "Own")
     chosen = showing_after(Event.PART_CHOSEN, now(CutState.FRESH), shown)
     assert chosen.part == shown.part
-    assert chosen.colours == ("objects" if shown.part == "both" else "own")  # a tint hides what is wrong at the edge
-    assert chosen.when == ("after" if shown.part == "background" else shown.when)
+    assert chosen.colours == ("Objects" if shown.part == "Everything" else "Own")  # a tint would hide the edge
+    assert chosen.when == ("Cut-out" if shown.part == "Scene without it" else shown.when)
     assert due_after(Event.PART_CHOSEN, now(CutState.STALE), chosen, Due.CORRECTION) is Due.CORRECTION
     empty = showing_after(Event.STEPPED, now(CutState.NONE, 0), shown)
-    assert empty.part == "both" and empty == (shown if shown.part == "both" else Showing())
+    assert empty.part == "Everything" and empty == (shown if shown.part == "Everything" else Showing())
 
 
 def test_work_of_last_time_is_due_until_it_is_done():
@@ -71,9 +78,9 @@ def test_work_of_last_time_is_due_until_it_is_done():
 @pytest.mark.parametrize("shown", SHOWINGS)
 def test_selection_and_cut_out_or_the_scene_with_and_without_are_compared(shown):
     other, name = compared(shown)
-    if shown.part == "object":
-        assert other == replace(shown, when={"before": "after", "after": "before"}[shown.when])
-        assert name == {"before": "Selection", "after": "Cut-out"}[other.when]
+    if shown.part == "Object":
+        assert other == replace(shown, when={"Selection": "Cut-out", "Cut-out": "Selection"}[shown.when])
+        assert name == {"Selection": "Selection", "Cut-out": "Cut-out"}[other.when]
     else:
-        assert {shown.part, other.part} == {"both", "background"}
-        assert name == {"both": "With it", "background": "Without it"}[other.part]
+        assert {shown.part, other.part} == {"Everything", "Scene without it"}
+        assert name == {"Everything": "With it", "Scene without it": "Without it"}[other.part]

@@ -36,7 +36,7 @@ def looked_at(tab, eye, target):
     """Go to a place and look at a point of the scene, as by many keys and drags; return the camera there."""
     client = tab.app.server.get_clients()[tab.client]
     tab.app.controller.jobs.view.look(client, eye, target)
-    viewpoint = tab.app.controller.tools.viewpoint
+    viewpoint = tab.app.controller.jobs.view.viewpoint
     until(lambda: np.linalg.norm(viewpoint(client).camera.centre - eye) < 0.01, "the view to go there")
     return viewpoint(client).camera
 

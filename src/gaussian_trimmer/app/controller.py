@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -16,9 +16,9 @@ from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits, files, panels
 from gaussian_trimmer.app.doubts import doubts
 from gaussian_trimmer.app.jobs import STAGES_OF_A_TRIM, Jobs
-from gaussian_trimmer.app.page import Action, Control
+from gaussian_trimmer.app.page import Action
 from gaussian_trimmer.app.project import is_project
-from gaussian_trimmer.app.showing import Event
+from gaussian_trimmer.app.showing import PARTS, Event
 from gaussian_trimmer.app.tools import Tools
 from gaussian_trimmer.app.viewpoints import first_look, framed
 from gaussian_trimmer.cameras import look_at
@@ -29,7 +29,7 @@ from gaussian_trimmer.selecting.marks import Point
 
 _STAGES_OF_FINDING = 19
 """About as many stages as finding objects has, for the progress bar."""
-_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "X"), panels.TOOLS, strict=True))
+_TOOL_KEYS = dict(zip(("Esc", "C", "R", "L", "P", "B", "Shift+B", "X"), panels.TOOLS, strict=True))
 
 
 class Controller:
@@ -39,7 +39,7 @@ class Controller:
         """Connect controls, tools and keys to what they do."""
         self.jobs, self.session, self.panels = jobs, jobs.session, jobs.panels
         self._files, self._presenter, self._view = jobs.files, jobs.presenter, jobs.view
-        self.tools = Tools(jobs.session, jobs.panels, jobs.view, jobs.do)
+        self.tools = Tools(jobs)
         jobs.page.drawn, jobs.page.changed_object = self.tools.heard, self.change_object
         self._start: tuple[Point, Point] = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
         """From where the scene was looked at first, and at which point."""
@@ -48,9 +48,30 @@ class Controller:
         self._connect()
         jobs.page.offer(self._actions())
 
-    def open(self, client: Any = None) -> None:
-        """Open the scene that the panel names, with its cameras."""
-        self._open(self.panels.path.value, self.panels.camera_path.value, client)
+    def open(self, client: Any = None, path: str = "") -> None:
+        """Open a scene or a project, or the scene and cameras that the panel names; look at it if it is another one."""
+        camera_path = "" if path else self.panels.camera_path.value.strip()
+        path = path or self.panels.path.value
+
+        def work() -> str:
+            before, stages = self.session.glance(), self.jobs.stages(5, "")
+            cameras = files.path_of(camera_path, "the cameras") if camera_path else None
+            sentence = self._files.open(files.path_of(path, "a splat file"), cameras, stages)
+            document = self.session.document
+            self.panels.path.value, self.panels.camera_path.value = str(document.path), str(document.camera_path or "")
+            if before is not None and document.scene is before.document.scene:
+                return sentence
+            self.panels.start_afresh()
+            self.panels.busy("Preparing the display", 0.75)
+            painter = self._presenter.painter()
+            self.tools.begin(client)
+            self._look_from_start()
+            self.jobs.worker.submit_if_idle(self.session.warm_up)
+            n = len(document.scene)
+            room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
+            return f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
+
+        self.jobs.do("Opening", work, Event.OPENED)
 
     def cut_out(self, client: Any = None) -> None:
         """Trim the active object, and show it alone and large."""
@@ -68,22 +89,10 @@ class Controller:
         stages = self.jobs.stages(_STAGES_OF_FINDING, "Finding objects: ")
         self.jobs.do("Finding objects", lambda: self.session.do(edits.find, progress=stages), Event.OPENED)
 
-    def load(self, path: Path | None, client: Any = None) -> None:
+    def load(self, path: str) -> None:
         """Replace the marks of the active object by those of a file."""
-
-        def work() -> str:
-            if path is None:
-                raise InputError("Give the path of a selection file first.")
-            return self.session.do(edits.load, path)
-
-        self.jobs.do("Loading", work, Event.OPENED)
-
-    def step(self, name: str, client: Any = None) -> None:
-        """Undo, redo, or clear."""
-        steps = {
-            "Undo": self.session.undo, "Redo": self.session.redo, "Clear": lambda: self.session.do(edits.clear),
-        }  # fmt: skip
-        self.jobs.do(name, steps[name], Event.STEPPED)
+        given = partial(files.path_of, path, "a selection file")
+        self.jobs.do("Loading", lambda: self.session.do(edits.load, given()), Event.OPENED)
 
     def show_part(self, part: str, client: Any = None) -> None:
         """Show everything, the object, or the scene without it, for which the object is cut out if it is not yet."""
@@ -98,17 +107,16 @@ class Controller:
 
     def change_object(self, number: int, what: str, value: Any, client: Any = None) -> None:
         """Choose or delete an object, or give it a name or a colour, hide or lock it."""
-        choose = partial(self.session.do, edits.activate, number, joined=True)
-        delete = partial(self.session.do, edits.remove_object, number)
-        changes = {"active": (choose, Event.STEPPED), "delete": (delete, Event.STEPPED)}
-        asked = self.session.glance()
+        edit, asked = {"active": edits.activate, "delete": edits.remove_object}.get(what), self.session.glance()
 
-        def describe() -> str | None:
+        def change() -> str | None:
             if asked is None or asked.document.scene is not self.session.document.scene:
                 return None  # it was meant for the scene before
-            return self.session.do(edits.describe, number, what, value)
+            if edit is None:
+                return self.session.do(edits.describe, number, what, value)
+            return self.session.do(edit, number, joined=what == "active")
 
-        self.jobs.do("Changing", *changes.get(what, (describe, None)))
+        self.jobs.do("Changing", change, Event.STEPPED if edit else None)
 
     def hide(self, client: Any = None) -> None:
         """Hide the active object, or show it again."""
@@ -139,7 +147,7 @@ class Controller:
             if away is not None:
                 centre = result.only.bounds.centre
                 pose = look_at(centre + away, centre, now.up.direction)
-                camera = replace(self.tools.viewpoint(client).camera, world_to_camera=pose)
+                camera = replace(self._view.viewpoint(client).camera, world_to_camera=pose)
                 self._view.look(client, *framed(result.object, camera))
             return said
 
@@ -154,11 +162,6 @@ class Controller:
         self.panels.ghost = on
         self.jobs.worker.submit_if_idle(self._presenter.refresh)
 
-    def choose_next(self, control: Control, client: Any = None) -> None:
-        """Take the next option of a control."""
-        control.choose_next()
-        self.refresh()
-
     def refresh(self, client: Any = None) -> None:
         """Show what the controls ask for."""
         self.jobs.do("Showing", lambda: None)
@@ -168,8 +171,11 @@ class Controller:
 
         def work() -> str:
             stages = self.jobs.stages(2 * len(self.session.now.objects), "Trimming ")
-            sentence, command = files.save(self.session.now, self.panels.target, stages, together=together)
-            self.panels.command.value = command
+            folder = files.path_of(self.panels.folder.value, "the folder").absolute()
+            overwrite = self.panels.existing.value == panels.REPLACE
+            sentence, self.panels.command.value = files.save(
+                self.session.now, folder, self.panels.ending, stages, together=together, overwrite=overwrite
+            )
             return sentence
 
         self.jobs.do("Saving", work)
@@ -192,54 +198,26 @@ class Controller:
             if self.session.glance() is not None:
                 self._use_cameras(client)
         elif project or (splats and self.session.glance() is None):
-            self._open(str(path), "", client)
+            self.open(client, str(path))
         elif splats:
             self.jobs.do("Loading", lambda: self._load_or_open(path, client), Event.OPENED)
         else:
-            self.load(path, client)
+            self.load(str(path))
 
     def _load_or_open(self, path: Path, client: Any) -> str | None:
         """Take splats as a selection where they are a part of the open scene, and open them otherwise."""
         with suppress(InputError):
             return self.session.do(edits.load, path, whole=True)
-        self._open(str(path), "", client)
+        self.open(client, str(path))
         return None
-
-    def _open(self, path: str, camera_path: str, client: Any) -> None:
-        """Open a scene or a project, and look at it if it is another scene."""
-
-        def work() -> str:
-            before, stages = self.session.glance(), self.jobs.stages(5, "")
-            sentence = self._files.open(files.path_of(path), files.path_of(camera_path), stages)
-            document = self.session.document
-            self.panels.path.value, self.panels.camera_path.value = str(document.path), str(document.camera_path or "")
-            if before is not None and document.scene is before.document.scene:
-                return sentence
-            self.panels.start_afresh()
-            self.panels.busy("Preparing the display", 0.75)
-            painter = self._presenter.painter()
-            self.tools.begin(client)
-            self._look_from_start()
-            self.jobs.worker.submit_if_idle(self.session.warm_up)
-            n = len(document.scene)
-            room = f", {painter.most:,} of them shown at once" if painter.most < n else ""
-            return f"{document.path.name}: {n:,} Gaussians{room}. {sentence}"
-
-        self.jobs.do("Opening", work, Event.OPENED)
 
     def _cut_out(self) -> str:
         stages = self.jobs.stages(STAGES_OF_A_TRIM, "Cutting out: ")
         return self.session.do(edits.cut_out, self.panels.choices, stages)
 
     def _use_cameras(self, client: Any) -> None:
-        path = files.path_of(self.panels.camera_path.value)
-
-        def work() -> str:
-            if path is None:
-                raise InputError("Give the path of the cameras first.")
-            return self.session.do(edits.use_cameras, path)
-
-        self.jobs.do("Reading the cameras", work, Event.STEPPED)
+        given = partial(files.path_of, self.panels.camera_path.value, "the cameras")
+        self.jobs.do("Reading the cameras", lambda: self.session.do(edits.use_cameras, given()), Event.STEPPED)
 
     def _set_up(self, client: Any) -> None:
         given = panels.UPS[self.panels.up.value]
@@ -255,7 +233,7 @@ class Controller:
         now = self.session.now
         cut_out = now.object.fresh
         shown = cut_out.object if cut_out else now.document.scene.select(np.flatnonzero(now.object.selected.mask))
-        self._view.look(client, *framed(shown, self.tools.viewpoint(client).camera))
+        self._view.look(client, *framed(shown, self._view.viewpoint(client).camera))
 
     def _look_from_start(self) -> None:
         """Let all tabs look from the first view of the scene, up being up."""
@@ -268,43 +246,47 @@ class Controller:
     def _connect(self) -> None:
         """Have the controls do what they say."""
         controls = self.panels
-        controls.tool.on_change(self.tools.begin_job)
-        controls.part.on_change(lambda tab: self.show_part(controls.part.value, tab))
-        controls.up.on_change(self._set_up)
-        controls.tolerance.on_change(self.tools.tolerate)
+        controls.tool.changed = lambda tab: self.tools.choose(controls.tool.value, tab)
+        controls.part.changed = lambda tab: self.show_part(controls.part.value, tab)
+        controls.up.changed = self._set_up
+        controls.tolerance.changed = self.tools.tolerate
         for control in (controls.when, controls.colours, controls.backdrop, controls.views):
-            control.on_change(self.refresh)
+            control.changed = self.refresh
         self.jobs.upload.on_upload(
             lambda event: self.receive(event.target.value.name, event.target.value.content, event.client)
         )
 
+    def _step(self, name: str, work: Callable[[], str], key: str = "") -> Action:
+        """Return what a button or a key does that goes from one state to another."""
+        return Action(name, lambda tab: self.jobs.do(name, work, Event.STEPPED), key)
+
     def _actions(self) -> list[Action]:
         """Return what buttons and keys do."""
-        tools, controls, do = self.tools, self.panels, self.jobs.do
+        tools, controls, session, do = self.tools, self.panels, self.session, self.jobs.do
         return [
             *(Action(tool, partial(tools.choose, tool), key) for key, tool in _TOOL_KEYS.items()),
             Action("Grow", partial(tools.change_selection, "Grow"), "G"),
             Action("Shrink", partial(tools.change_selection, "Shrink"), "Shift+G"),
             Action("Invert", partial(tools.change_selection, "Invert"), "Ctrl+I"),
             Action("Select all that is shown", partial(tools.change_selection, "All"), "Ctrl+A"),
-            Action("Footprint or centres", partial(self.choose_next, controls.taking), "M"),
-            Action("Surface or through", partial(self.choose_next, controls.reach), "N"),
-            Action("Undo", partial(self.step, "Undo"), "Ctrl+Z"),
-            Action("Redo", partial(self.step, "Redo"), "Ctrl+Shift+Z"),
-            Action("Clear", partial(self.step, "Clear"), "Delete, Ctrl+Shift+A"),
+            Action("Footprint or centres", controls.taking.choose_next, "M"),
+            Action("Surface or through", controls.reach.choose_next, "N"),
+            self._step("Undo", session.undo, "Ctrl+Z"),
+            self._step("Redo", session.redo, "Ctrl+Shift+Z"),
+            self._step("Clear", partial(session.do, edits.clear), "Delete, Ctrl+Shift+A"),
             Action("Cut out", self.cut_out, "T"),
             Action("Look at the object", self.focus, "F"),
             Action("Look at the next doubt", self.look_at_doubt, "J"),
             Action("First view", partial(self.focus, whole=True), "Home, Shift+F"),
-            *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", panels.PARTS, strict=True)),
+            *(Action(part, partial(self.show_part, part), key) for key, part in zip("123", PARTS, strict=True)),
             Action("Compare, while held", partial(self.compare, on=True), "Space", partial(self.compare, on=False)),
             Action(
                 "The rest as a ghost, while held", partial(self.haunt, on=True), "Shift", partial(self.haunt, on=False)
             ),
-            Action("Own colours, objects, changes", partial(self.choose_next, controls.colours), "V"),
+            Action("Own colours, objects, changes", controls.colours.choose_next, "V"),
             Action("Hide the object", self.hide, "H"),
-            Action("Show all", lambda tab: do("Changing", lambda: self.session.do(edits.show_all), Event.STEPPED), "U"),
-            Action("New object", lambda tab: do("Adding", lambda: self.session.do(edits.add_object), Event.STEPPED)),
+            self._step("Show all", partial(session.do, edits.show_all), "U"),
+            self._step("New object", partial(session.do, edits.add_object)),
             Action("Find objects", self.find_objects),
             Action("Apply the box", tools.apply_box),
             Action("Smaller brush", partial(tools.resize_brush, larger=False), "["),
@@ -313,10 +295,7 @@ class Controller:
             Action("Cancel", lambda tab: self.jobs.worker.cancel()),
             Action("Open", self.open),
             Action("Apply cameras to this scene", self._use_cameras),
-            Action(
-                "Replace the marks by this file",
-                lambda tab: self.load(files.path_of(controls.selection_path.value), tab),
-            ),
+            Action("Replace the marks by this file", lambda tab: self.load(controls.selection_path.value)),
             Action("Download the project", lambda tab: do("Saving", lambda: self._files.download_project(tab))),
             *(Action(f"Download: {what}", partial(self.download, what)) for what in files.DOWNLOADS),
             Action("Save in this folder", self.save),

@@ -76,16 +76,16 @@ class Painter:
             showing: what of it is to be seen.
             eye: the camera that it is shown to; what is near it is not thinned.
         """
-        after = showing.when == "after"
+        after = showing.when == "Cut-out"
         visible = shown_rows(now, showing) & ~_replaced_rows(now, after)
         splats = self._splats(visible, eye)
         if after:
             splats = _joined([splats, *self._replacements(now, showing.part, eye)])
-        if showing.colours == "objects":
+        if showing.colours == "Objects":
             owner = np.where(splats.rows >= 0, _owners(now, after)[splats.rows], -1)
             tints = [(owner == place, marked.colour) for place, marked in enumerate(now.objects)]
         else:
-            tints = list(_changes(now, splats)) if showing.colours == "changes" else []
+            tints = list(_changes(now, splats)) if showing.colours == "Changes" else []
         colours, opacities = splats.colours.copy(), splats.opacities
         if showing.ghost:
             rest = (splats.rows >= 0) & (_owners(now, after)[splats.rows] != now.active)
@@ -108,10 +108,10 @@ class Painter:
             result = marked.cut.result
             if result is None or marked.hidden:
                 continue
-            if part == "both" or (part == "object" and place == now.active):
+            if part == "Everything" or (part == "Object" and place == now.active):
                 rows = _new_rows(marked)
                 yield self._splats_of(result.object.select(rows), result.only.source_index[rows], eye)
-            if part != "object":
+            if part != "Object":
                 first = len(result.background_rows)
                 labels, sources = result.background_label[first:], result.background_source[first:]
                 rows = np.where(labels == RowLabel.RELIT, sources, _PART_OUTSIDE)
@@ -146,11 +146,11 @@ def _changes(now: Snapshot, splats: Splats) -> Iterator[tuple[BoolArray, tuple[i
 
 def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
     """Return which Gaussians of the scene are to be seen, whole or as what a trim has in their place, (N,)."""
-    after = showing.when == "after"
+    after = showing.when == "Cut-out"
     owner = _owners(now, after)
-    if showing.part == "object" and not showing.ghost:
+    if showing.part == "Object" and not showing.ghost:
         corrected = now.object.fresh is not None and now.object.before is not None  # what a mark removed is gone
-        removed = changed_rows(now.object)[1] if showing.colours == "changes" and not corrected else False
+        removed = changed_rows(now.object)[1] if showing.colours == "Changes" and not corrected else False
         return np.asarray((owner == now.active) | removed)
     unseen = np.zeros(len(owner), np.bool_)
     for place, part in enumerate(now.objects):
@@ -159,7 +159,7 @@ def shown_rows(now: Snapshot, showing: Showing) -> BoolArray:
         elif after and (result := part.cut.result) is not None:
             unseen[result.discarded] = True
             unseen[_relit_rows(result)] = True
-    return ~unseen & (owner < 0) if showing.part == "background" else ~unseen
+    return ~unseen & (owner < 0) if showing.part == "Scene without it" else ~unseen
 
 
 def markable_rows(now: Snapshot, showing: Showing) -> BoolArray:
@@ -168,7 +168,7 @@ def markable_rows(now: Snapshot, showing: Showing) -> BoolArray:
     Those that are shown and, with the object alone, those that are selected and that its trim has removed.
     """
     shown = shown_rows(now, showing)
-    return shown | now.object.selected.mask if showing.part == "object" else shown
+    return shown | now.object.selected.mask if showing.part == "Object" else shown
 
 
 def changed_rows(part: MarkedObject) -> tuple[BoolArray, BoolArray, BoolArray, BoolArray]:

@@ -14,6 +14,7 @@ from gaussian_trimmer.cameras import CameraSet
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.output.saving import suffix_of
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.selecting.marks import Marks, Point
@@ -54,10 +55,13 @@ class Document:
         progress("reading the cameras")
         return document if camera_path is None else document.with_cameras(camera_path)
 
-    @property
-    def splat_suffix(self) -> str:
-        """Ending of the splat files that are made from it: its own, or the nearest that can be written."""
-        return formats.written_suffix(formats.find_scene(self.path))
+    def suffix(self, format: str | None = None) -> str:
+        """Return the ending of splat files in a format; without one, the scene's own, or the nearest to be written.
+
+        Raises:
+            InputError: no format has that name.
+        """
+        return suffix_of(format) if format else formats.written_suffix(formats.find_scene(self.path))
 
     def with_cameras(self, path: Path) -> Document:
         """Return the same scene with the cameras of a file or folder.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -231,8 +231,8 @@ def describe(now: Snapshot, number: int, what: str, value: object) -> Change:
     if part is None:
         raise InputError(f"There is no object {number} any more.")
     if what in ("hidden", "locked"):
-        state = {"hidden": part.hidden, "locked": part.locked, what: value is True}
-        after = now.with_object(replace(part, hidden=state["hidden"], locked=state["locked"]), "hide or lock")
+        changed: dict[str, Any] = {what: value is True}
+        after = now.with_object(replace(part, **changed), "hide or lock")
         return Change(after, f"{part.name} is hidden; U shows it." if what == "hidden" and value else after.sentence)
     text = " ".join(value.split()) if isinstance(value, str) else ""
     if what == "colour" and re.fullmatch("#[0-9a-f]{6}", text):

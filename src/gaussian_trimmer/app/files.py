@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import shlex
-import zipfile
+import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,7 +31,7 @@ from gaussian_trimmer.output.engines import ENGINES, EngineName, placement_for
 from gaussian_trimmer.output.html.viewer import export_viewer
 from gaussian_trimmer.output.report import describe, file_stems
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
-from gaussian_trimmer.output.saving import RESULTS, result_files, suffix_of, write_trim
+from gaussian_trimmer.output.saving import RESULTS, result_files, write_trim
 from gaussian_trimmer.selecting.marks import FromFile, FromMasks
 from gaussian_trimmer.selecting.marks_file import write_marks
 from gaussian_trimmer.trimming.trim import trim_objects
@@ -43,22 +43,6 @@ _MOST_RECENT = 5
 CAMERA_NAMES = ("cameras.json", "transforms.json", "transforms_train.json")
 
 
-@dataclass(frozen=True)
-class Target:
-    """Where to save, and how."""
-
-    folder: Path
-    """New or empty, or with earlier results."""
-    format: str | None = None
-    """Ending of the splat files; the scene's own, or the nearest that can be written, if it is not given."""
-    overwrite: bool = False
-    """Replace earlier results in the folder."""
-
-    def suffix(self, document: Document) -> str:
-        """Return the ending of the splat files that are made from a document."""
-        return document.splat_suffix if self.format is None else suffix_of(self.format)
-
-
 class Files:
     """Opens, saves and sends files for a session. Its methods return a sentence."""
 
@@ -67,14 +51,12 @@ class Files:
         self._session, self._state = session, state
         self._kept: Snapshot | None = None
 
-    def open(self, path: Path | None, camera_path: Path | None, progress: Progress = lambda stage: None) -> str:
+    def open(self, path: Path, camera_path: Path | None, progress: Progress = lambda stage: None) -> str:
         """Open a scene with its cameras, and go on with the work that was kept of it; or open a project.
 
         A project is opened in the open scene if that is the project's, else in the scene that it names.
         """
         session, project = self._session, None
-        if path is None:
-            raise InputError("Give the path of a splat file first.")
         if is_project(path):
             project, now = read_project(path), session.glance()
             if now is not None and len(now.document.scene) == project.scene_size:
@@ -126,17 +108,16 @@ class Files:
         """Send one of `DOWNLOADS` to the browser; for an engine, with the object upright and its foot at the origin."""
         now = self._session.now
         result, name = fresh_result(now), safe_file_name(now.object.name)
-        with TemporaryDirectory() as folder:
-            target = Target(Path(folder) / name, format or (engine and ENGINES[engine].reads[0]))
-            suffix = target.suffix(now.document)
+        with TemporaryDirectory() as parent:
+            folder, format = Path(parent, name), format or (engine and ENGINES[engine].reads[0])
             if what == ALL_FILES:
-                save(now, target)
-                path = _zipped(target.folder)
+                save(now, folder, format)
+                path = Path(shutil.make_archive(str(folder), "zip", parent, name))
             elif what == PAGE:
-                path = Path(folder) / f"{name}.html"
+                path = Path(parent, f"{name}.html")
                 export_viewer(result, path)
             else:
-                path = Path(folder) / f"{'' if what == OBJECT else 'without_'}{name}{suffix}"
+                path = Path(parent, f"{'' if what == OBJECT else 'without_'}{name}{now.document.suffix(format)}")
                 gaussians = result.object if what == OBJECT else result.background
                 if engine:
                     gaussians = placement_for(result.object, result.up.direction, engine=engine).apply(gaussians)
@@ -158,28 +139,36 @@ class Files:
 
 
 def save(
-    now: Snapshot, target: Target, progress: Progress = lambda stage: None, *, together: bool = False
+    now: Snapshot,
+    folder: Path,
+    format: str | None = None,
+    progress: Progress = lambda stage: None,
+    *,
+    together: bool = False,
+    overwrite: bool = False,
 ) -> tuple[str, str]:
     """Save results with the marks from which they can be made again; return what was saved, and a command for it.
 
     Args:
         now: the state to save.
-        target: where to save it.
+        folder: new or empty, or with earlier results.
+        format: ending of the splat files; the scene's own, or the nearest that can be written, if it is not given.
         progress: called with the name of each stage when it begins.
         together: trim all marked objects, so that no Gaussian is in two, and save them by name; there is no command
             then. Otherwise the cut-out of the active object is saved.
+        overwrite: replace earlier results in the folder.
 
     Raises:
         InputError: no object is marked or cut out, or the files cannot be written.
     """
-    document, suffix = now.document, target.suffix(now.document)
+    document, suffix = now.document, now.document.suffix(format)
     parts = [part for part in now.objects if part.n_selected] if together else [now.object]
     if not parts:
         raise InputError("No object is marked; mark one first.")
     cut_out = None if together else fresh_result(now)
     names = (*result_files(suffix, several=together), "views/*.png", "selection*.json")
     inputs = _inputs(document, parts)
-    with atomic_folder(target.folder, RESULTS, names=names, inputs=inputs, overwrite=target.overwrite) as results:
+    with atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=overwrite) as results:
         result = cut_out or trim_objects(
             document.scene,
             {part.name: now.selection_of(part) for part in parts},
@@ -189,28 +178,20 @@ def save(
             progress=progress,
         )
         progress("write")
-        write_trim(result, describe(result, _description(now, together), suffix=suffix), results, suffix)
+        write_trim(result, describe(result, _description(now, format, together), suffix=suffix), results, suffix)
         stems = file_stems((part.id, part.name) for part in result.objects).values()
         for part, stem in zip(parts, stems, strict=True):
             file = f"{stem.replace(THE_OBJECT, 'selection', 1)}.json"
             write_marks(replace(now.basis, marks=part.marks), results / file)
     if together:
-        return f"{len(parts)} objects saved in '{target.folder}'.", ""
-    return f"Saved in '{target.folder}'.", command_for(now, target)
+        return f"{len(parts)} objects saved in '{folder}'.", ""
+    return f"Saved in '{folder}'.", command_for(folder)
 
 
-def command_for(now: Snapshot, target: Target) -> str:
-    """Return the command that makes what was saved again, from wherever it is run."""
-    document, suffix = now.document, target.suffix(now.document)
-    marks = (target.folder / MARKS).absolute()
-    parts = ["gaussian-trimmer", "select", str(document.path.absolute()), "--marks", str(marks)]
-    if document.camera_path is not None:
-        parts += ["--cameras", str(document.camera_path.absolute())]
-    if now.given_up is not None:
-        parts += ["--up", *(repr(value) for value in now.given_up)]
-    if suffix != document.splat_suffix:
-        parts += ["--format", suffix.lstrip(".")]
-    return shlex.join([*parts, *now.object.cut.choices.arguments(), "--output", "again.npy", "--trim", "again"])
+def command_for(folder: Path) -> str:
+    """Return the command that makes again what was saved in a folder, from wherever it is run."""
+    report = (folder / "report.json").absolute()
+    return shlex.join(["gaussian-trimmer", "trim", "--config", str(report), "--output", "again"])
 
 
 def fresh_result(now: Snapshot) -> TrimResult:
@@ -224,19 +205,15 @@ def fresh_result(now: Snapshot) -> TrimResult:
     return now.object.fresh
 
 
-def path_of(text: str) -> Path | None:
-    """Return the path that a field names, as browsers and file managers copy it, too; None if there is none."""
-    text = text.strip().strip("\"'")
-    return Path(text.removeprefix("file://")).expanduser() if text else None
+def path_of(text: str, what: str) -> Path:
+    """Return the path that a field names, as browsers and file managers copy it, too.
 
-
-def _zipped(folder: Path) -> Path:
-    """Return the archive of a folder, beside it."""
-    path = folder.with_name(f"{folder.name}.zip")
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for file in sorted(folder.rglob("*")):
-            archive.write(file, file.relative_to(folder.parent))
-    return path
+    Raises:
+        InputError: there is none; `what` says of what it should be.
+    """
+    if not (text := text.strip().strip("\"'")):
+        raise InputError(f"Give the path of {what} first.")
+    return Path(text.removeprefix("file://")).expanduser()
 
 
 def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:
@@ -247,9 +224,9 @@ def _inputs(document: Document, objects: Sequence[MarkedObject]) -> list[Path]:
     return [path for path in given if path is not None and (path.is_file() or path is not document.camera_path)]
 
 
-def _description(now: Snapshot, together: bool) -> dict[str, Any]:
-    """Return where the results came from, for the report."""
+def _description(now: Snapshot, format: str | None, together: bool) -> dict[str, Any]:
+    """Return where the results came from, for the report, from which `trim --config` makes a single object again."""
     document = now.document
-    cameras = str(document.camera_path) if document.camera_path else None
-    name = {} if together else {"name": now.object.name}
-    return {"scene": str(document.path), "cameras": cameras, "selection": MARKS, **name}
+    cameras = str(document.camera_path.absolute()) if document.camera_path else None
+    own = {} if together else {"name": now.object.name, "marks": MARKS}
+    return {"scene": str(document.path.absolute()), "cameras": cameras, "format": format, **own}

@@ -15,13 +15,12 @@ from gaussian_trimmer.app import edits
 from gaussian_trimmer.app.documents import Progress
 from gaussian_trimmer.app.files import Files
 from gaussian_trimmer.app.page import Page
-from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, Panels
+from gaussian_trimmer.app.panels import PROGRAM_ENDED, REPLACE, WELCOME, Panels
 from gaussian_trimmer.app.presenter import Presenter
 from gaussian_trimmer.app.scene_view import SceneView
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Due, Event, due_after, showing_after
-from gaussian_trimmer.app.viewpoints import viewpoint_of
-from gaussian_trimmer.app.worker import Cancelled, Stop, Worker
+from gaussian_trimmer.app.worker import Cancelled, Worker
 from gaussian_trimmer.errors import InputError, OutputExistsError
 
 STAGES_OF_A_TRIM = 12
@@ -47,7 +46,7 @@ class Jobs:
         self.due = Due.NOTHING
         self._rest: threading.Timer | None = None
         name = "Open the sample" if offered[0] == str(sample.SCENE) else Path(offered[0]).name
-        self.page.show(starts=[(name, *offered), *self.files.recent()])
+        self.page.show(starts=[(name, *offered), *self.files.recent()], said=WELCOME)
         self.presenter.refresh()
         server.on_client_connect(self._welcome)
 
@@ -107,7 +106,7 @@ class Jobs:
             except Cancelled:
                 return self.session.now.sentence
             finally:
-                if self.worker.stop_asked_by is not Stop.NEXT_JOB:  # otherwise it is tried once
+                if not self.worker.gave_way:  # otherwise it is tried once
                     self.due = Due.NOTHING
 
         self.worker.submit_if_idle(partial(self._job, "Cutting out again", work, None))
@@ -123,8 +122,11 @@ class Jobs:
         """Refine what a tab sees once its view rests."""
         if self._rest is not None:
             self._rest.cancel()
-        look = partial(self.worker.submit_if_idle, lambda: self._refine(client))
-        self._rest = threading.Timer(_REST_SECONDS, look)
+
+        def look() -> None:
+            self.presenter.look_from(self.view.viewpoint(client).camera)
+
+        self._rest = threading.Timer(_REST_SECONDS, lambda: self.worker.submit_if_idle(look))
         self._rest.daemon = True
         self._rest.start()
 
@@ -138,6 +140,3 @@ class Jobs:
             self.panels.busy((prefix + name).capitalize(), min(1.0, next(steps) / number))
 
         return stage
-
-    def _refine(self, client: Any) -> None:
-        self.presenter.look_from(viewpoint_of(client.camera, self.view.frame).camera)

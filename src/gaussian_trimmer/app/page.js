@@ -3,6 +3,7 @@
 // is by a hidden element, and is told by a hidden field.
 (() => {
   const CHANNEL = "gesture:";
+  const BRUSHES = ["Brush", "Sphere"];
   const FREE_PIXELS = 12; // a press that moves less is a click
   const CLOSE_PIXELS = 12; // so near its first corner, a polygon closes
   const TWICE_MILLISECONDS = 400; // a second click at the same place within this time is the first one again
@@ -15,7 +16,7 @@
 
   const SVG = "http://www.w3.org/2000/svg";
   const overlay = document.createElementNS(SVG, "svg");
-  overlay.setAttribute("style", "position:fixed;inset:0;width:100vw;height:100vh;pointer-events:none;z-index:50");
+  overlay.setAttribute("style", "position:fixed;inset:0;width:100vw;height:100vh;pointer-events:none;z-index:50;filter:drop-shadow(0 0 1px #000)");
   overlay.id = "gesture-overlay";
   const shape = (name, attributes) => {
     const element = overlay.appendChild(document.createElementNS(SVG, name));
@@ -24,14 +25,11 @@
   };
   const line = { fill: "none", "stroke-linejoin": "round", "stroke-linecap": "round" };
   const swath = shape("polyline", { ...line, stroke: "#fff", "stroke-opacity": 0.3 });
-  const outer = shape("polygon", { fill: "#fff", "fill-opacity": 0.08, stroke: "#000", "stroke-width": 3 });
-  const inner = shape("polygon", { fill: "none", stroke: "#fff", "stroke-width": 1.5, "stroke-dasharray": "5 3" });
-  const rings = [
-    shape("circle", { fill: "none", stroke: "#000", "stroke-width": 3, "stroke-opacity": 0.6 }),
-    shape("circle", { fill: "none", stroke: "#fff", "stroke-width": 1.5 }),
-  ];
+  const dashed = { stroke: "#fff", "stroke-width": 1.5, "stroke-dasharray": "5 3" };
+  const outline = shape("polygon", { ...dashed, fill: "#fff", "fill-opacity": 0.08 });
+  const ring = shape("circle", { ...dashed, fill: "none", "stroke-dasharray": "none" });
   // Beside the pointer: whether what is marked is added, removed or kept.
-  const SIGNS = { shift: "+", ctrl: "\u2212", both: "\u2229", Add: "+", Remove: "\u2212", "Keep only": "\u2229", Replace: "=" };
+  const SIGNS = { add: "+", remove: "\u2212", intersect: "\u2229", Add: "+", Remove: "\u2212", "Keep only": "\u2229", Replace: "=" };
   const sign = shape("text", { fill: "#fff", style: "font:600 18px sans-serif;paint-order:stroke;stroke:#000;stroke-width:3px" });
   document.getElementById("gesture-overlay")?.remove();
   document.body.append(overlay);
@@ -63,10 +61,10 @@
     const step = Math.max(1, Math.ceil(places.length / MOST_PLACES));
     const chosen = places.filter((_, i) => i % step === 0 || i === places.length - 1);
     const shares = chosen.map(([x, y]) => [(x - canvas.left) / canvas.width, (y - canvas.top) / canvas.height]);
-    say({ tool, places: shares, keys: keysOf(event) });
+    say({ tool, places: shares, effect: effectOf(event) });
   }
-  const keysOf = ({ ctrlKey, metaKey, shiftKey }) =>
-    ctrlKey || metaKey ? (shiftKey ? "both" : "ctrl") : shiftKey ? "shift" : "";
+  const effectOf = ({ ctrlKey, metaKey, shiftKey }) =>
+    ctrlKey || metaKey ? (shiftKey ? "intersect" : "remove") : shiftKey ? "add" : "";
 
   // Follow what the program tells, and where the picture is.
   let told, seen;
@@ -94,16 +92,15 @@
 
   function draw(at) {
     const { tool, radius } = state;
+    const brush = BRUSHES.includes(tool);
     sign.textContent = "";
     const corners = tool === "Box" && active ? boxOf(drawn) : active === "Polygon" && at ? [...drawn, at] : drawn;
     const text = corners.map((place) => place.join(",")).join(" ");
-    for (const outline of [outer, inner]) outline.setAttribute("points", tool === "Brush" ? "" : text);
-    swath.setAttribute("points", tool === "Brush" ? text : "");
+    outline.setAttribute("points", brush ? "" : text);
+    swath.setAttribute("points", brush ? text : "");
     swath.setAttribute("stroke-width", 2 * radius);
-    for (const ring of rings) {
-      ring.setAttribute("r", tool === "Brush" && at ? radius : 0);
-      if (at) ring.setAttribute("cx", at[0]), ring.setAttribute("cy", at[1]);
-    }
+    ring.setAttribute("r", brush && at ? radius : 0);
+    if (at) ring.setAttribute("cx", at[0]), ring.setAttribute("cy", at[1]);
   }
   const boxOf = ([[x0, y0], [x1, y1]]) => [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
 
@@ -119,7 +116,7 @@
     document.activeElement?.blur();
     const at = [event.clientX, event.clientY];
     press = { at, moved: 0 };
-    if (!["Box", "Lasso", "Polygon", "Brush"].includes(tool)) return;
+    if (!["Box", "Lasso", "Polygon", ...BRUSHES].includes(tool)) return;
     event.stopImmediatePropagation(); // the drag is the tool's, and does not turn the view
     event.preventDefault();
     if (tool === "Polygon") {
@@ -141,7 +138,7 @@
     const over = event.target instanceof HTMLCanvasElement || active;
     draw(over ? at : null);
     if (tool === "Look" || !over || event.altKey) return;
-    sign.textContent = SIGNS[keysOf(event) || state.controls.Mode.value];
+    sign.textContent = SIGNS[effectOf(event) || state.controls.Mode.value];
     sign.setAttribute("x", at[0] + 14), sign.setAttribute("y", at[1] - 10);
   });
 
@@ -153,7 +150,7 @@
     press = null;
     if (active && active !== "Polygon") {
       event.stopImmediatePropagation();
-      if (still && tool !== "Brush") drawn = []; // neither a box nor a lasso
+      if (still && !BRUSHES.includes(tool)) drawn = []; // neither a box nor a lasso
       return finish(tool, event);
     }
     if (!clicked || !still || !["Click", "Up by 3 points"].includes(tool)) return;

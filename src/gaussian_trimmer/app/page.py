@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from gaussian_trimmer.app.viewpoints import Place
 from gaussian_trimmer.selecting.marks import Effect
@@ -21,8 +21,6 @@ Act = Callable[[Any], None]
 """Called with the tab that asks for it."""
 _CHANNEL = "gesture:"
 _FOLDER = Path(__file__).parent
-_EFFECTS: dict[str, Effect] = {"shift": "add", "ctrl": "remove", "both": "intersect"}
-"""What keys that are held make of a mark."""
 _MOST_CHARACTERS, _MOST_TYPED = 400_000, 4096
 
 
@@ -54,7 +52,9 @@ class Control:
 
     def __init__(self, page: Page, name: str, value: Any, **facts: Any) -> None:
         """Put a control on the page; `facts` are its `options`, or the `limits` of a number."""
-        self.facts, self._page, self._value, self._changed = facts, page, value, list[Act]()
+        self.facts, self._page, self._value = facts, page, value
+        self.changed: Act = lambda client: None
+        """Called with the tab in which the value was changed, or chosen again."""
         page.controls[name] = self
 
     @property
@@ -68,14 +68,10 @@ class Control:
             self._value = value
             self._page.tell()
 
-    def on_change(self, changed: Act) -> None:
-        """Call a function with the tab in which the value was changed, or chosen again."""
-        self._changed.append(changed)
-
-    def choose_next(self) -> None:
+    def choose_next(self, client: Any) -> None:
         """Take the next of the options."""
         options = self.facts["options"]
-        self.value = options[(options.index(self.value) + 1) % len(options)]
+        self.enter(options[(options.index(self.value) + 1) % len(options)], client)
 
     def enter(self, value: object, client: Any) -> None:
         """Take what a tab has sent, if it can be a value of this control."""
@@ -86,8 +82,7 @@ class Control:
             fits = type(value) is type(self._value) and value in self.facts.get("options", (value,))
         if fits and len(str(value)) <= _MOST_TYPED:
             self.value = value
-            for changed in self._changed:
-                changed(client)
+            self.changed(client)
 
 
 class Page:
@@ -158,7 +153,8 @@ def parse_gesture(said: dict[str, Any]) -> Gesture | None:
     """Return the gesture that was made; None if there is none."""
     try:
         places = tuple((float(x), float(y)) for x, y in said["places"])
-        gesture = Gesture(str(said["tool"]), places, _EFFECTS.get(str(said["keys"])))
+        effect = said["effect"] if said["effect"] in get_args(Effect) else None
+        gesture = Gesture(str(said["tool"]), places, effect)
     except (ValueError, TypeError, KeyError):
         return None
     return gesture if all(math.isfinite(value) for place in places for value in place) else None

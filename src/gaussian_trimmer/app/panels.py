@@ -8,24 +8,18 @@ import numpy as np
 
 from gaussian_trimmer import formats
 from gaussian_trimmer.app.edits import describe_up
-from gaussian_trimmer.app.files import OBJECT, WITHOUT, Target
 from gaussian_trimmer.app.page import Control, Page
-from gaussian_trimmer.app.showing import Colouring, Part, Showing, When
+from gaussian_trimmer.app.showing import COLOURINGS, PARTS, WHENS, Showing
 from gaussian_trimmer.app.snapshots import Colour, Snapshot, TrimChoices
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.output.engines import ENGINES, EngineName
 from gaussian_trimmer.selecting.marks import Effect, Point, point_of
 
-TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "3D box")
-LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, BOX3D = TOOLS
+TOOLS = ("Look", "Click", "Box", "Lasso", "Polygon", "Brush", "Sphere", "3D box")
+LOOK, CLICK, BOX, LASSO, POLYGON, BRUSH, SPHERE, BOX3D = TOOLS
 POINTS = "Up by 3 points"
 ADD, REMOVE, KEEP_ONLY, ANEW = "Add", "Remove", "Keep only", "Replace"
 EFFECTS: dict[str, Effect] = {ADD: "add", REMOVE: "remove", KEEP_ONLY: "intersect", ANEW: "add"}
-EVERYTHING = "Everything"
-PARTS: dict[str, Part] = {EVERYTHING: "both", OBJECT: "object", WITHOUT: "background"}
-SELECTION, CUT_OUT = "Selection", "Cut-out"
-WHENS: dict[str, When] = {SELECTION: "before", CUT_OUT: "after"}
-COLOURS: dict[str, Colouring] = {"Own": "own", "Objects": "objects", "Changes": "changes"}
 BACKDROPS: dict[str, Colour | None] = {
     "Black": (0, 0, 0),
     "Grey": (119, 119, 119),
@@ -55,10 +49,11 @@ HINTS = {
     LASSO: "Draw around what is meant. Ctrl removes, Alt turns the view.",
     POLYGON: "Click corners, then on the first one or Enter. Ctrl removes, Alt turns the view.",
     BRUSH: "Paint. Ctrl removes, [ and ] change the size, Alt turns the view.",
+    SPHERE: "Paint; all within the ring's radius of the surface is taken. Ctrl removes, [ and ] change it.",
     BOX3D: "Drag the box's faces by their arrows, and the box by the squares in it; then apply it.",
     POINTS: "Click three points on the ground.",
 }
-_WELCOME = "Cut one object out of a splat scene."
+WELCOME = "Cut one object out of a splat scene."
 PROGRAM_ENDED = (
     "The program has ended. Nothing on this page works any more. Start 'gaussian-trimmer view' again: what you have "
     "marked is kept, and is back when you open the scene."
@@ -69,7 +64,7 @@ class Panels:
     """All controls, made once and shared by all tabs."""
 
     def __init__(self, page: Page, path: str, camera_path: str) -> None:
-        self.status_text = _WELCOME
+        self.status_text = WELCOME
         """The sentence over the picture while nothing is going on."""
         self._page, self._offered = page, ""
 
@@ -83,8 +78,8 @@ class Panels:
         self.tolerance = Control(page, "Tolerance", 0, limits=(0, 100))
         self.ghost = False
         """Whether the rest is seen through while the object is shown."""
-        self.part, self.when = choice("Show", tuple(PARTS)), choice("Trim", tuple(WHENS))
-        self.colours, self.backdrop = choice("Colours", tuple(COLOURS)), choice("Backdrop", tuple(BACKDROPS))
+        self.part, self.when = choice("Show", PARTS), choice("Trim", WHENS)
+        self.colours, self.backdrop = choice("Colours", COLOURINGS), choice("Backdrop", tuple(BACKDROPS))
         self.showing = Showing()
         self.path, self.camera_path = Control(page, "Scene", path), Control(page, "Cameras", camera_path)
         self.selection_path, self.up = Control(page, "Selection", ""), choice("Up is", tuple(UPS))
@@ -94,18 +89,11 @@ class Panels:
         self.program = choice("For", (AS_IT_LIES, *(each.name for each in ENGINES.values())))
         self.folder, self.existing = Control(page, "Folder", ""), choice("Earlier results", (KEEP, REPLACE))
         self.command = Control(page, "The same by command", "")
-        self.say(_WELCOME)
 
     @property
     def choices(self) -> TrimChoices:
         """The settings of the next trim."""
         return TrimChoices(**{option: control.value for option, control in self._trim.items()})
-
-    @property
-    def target(self) -> Target:
-        """Where to save, and how."""
-        folder = Path(self.folder.value.strip() or "trimmed").expanduser().absolute()
-        return Target(folder, self.ending, self.existing.value == REPLACE)
 
     @property
     def ending(self) -> str | None:
@@ -120,17 +108,12 @@ class Panels:
     @property
     def showing(self) -> Showing:
         """What is to be seen in the 3D view."""
-        part = PARTS[self.part.value]
-        return Showing(part, WHENS[self.when.value], COLOURS[self.colours.value], self.ghost and part == "object")
+        part = self.part.value
+        return Showing(part, self.when.value, self.colours.value, self.ghost and part == "Object")
 
     @showing.setter
     def showing(self, showing: Showing) -> None:
-        for choice, options, value in (
-            (self.part, PARTS, showing.part),
-            (self.when, WHENS, showing.when),
-            (self.colours, COLOURS, showing.colours),
-        ):
-            choice.value = next(name for name, meaning in options.items() if meaning == value)
+        self.part.value, self.when.value, self.colours.value = showing.part, showing.when, showing.colours
 
     def start_afresh(self) -> None:
         """Forget what was chosen and entered for the scene before."""

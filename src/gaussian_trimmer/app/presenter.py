@@ -71,13 +71,11 @@ class Presenter:
             self.refresh()
 
     def painter(self) -> Painter:
-        """Return what draws the open scene; made anew, with a view without tools, for another scene."""
+        """Return what draws the open scene; made anew for another scene."""
         scene = self._session.document.scene
         if self._painter is None or self._painter.scene is not scene:
             self._painter, self._eye = Painter(scene, self._most), None
             self._view.frame = self._painter.frame
-            self._view.hide_box()
-            self._view.show_points([])
         return self._painter
 
     def _idle(self) -> list[str]:

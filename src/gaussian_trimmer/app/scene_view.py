@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from gaussian_trimmer.app.display import Splats
-from gaussian_trimmer.app.space_box import SpaceBox
-from gaussian_trimmer.app.viewpoints import Frame
+from gaussian_trimmer.app.space_box import NODE, SpaceBox
+from gaussian_trimmer.app.viewpoints import Frame, viewpoint_of
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.gaussians import Float64Array, quaternions_of
+from gaussian_trimmer.output.pictures import draw_outlines
 from gaussian_trimmer.output.result import TrimResult
-from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, point_of
+from gaussian_trimmer.selecting.marks import Box3D, Effect, Point, Viewpoint, point_of
 from gaussian_trimmer.views import TrimmedView
 
 _ACCEPTED_COLOUR, _REJECTED_COLOUR = (60, 200, 90), (230, 60, 60)
-_MASK_TINT = (40, 230, 120)
-_THUMBNAIL_PIXELS = 192
-"""Pixels of the pictures in the virtual cameras."""
 _FRUSTUM_RADII = 0.3
 """Size of a virtual camera, relative to the object's radius."""
 _BACKDROP_SIZE, _CHECKER_PIXELS, _CHECKER_TONES = (450, 800), 25, (150, 105)
@@ -33,8 +29,6 @@ class SceneView:
     def __init__(self, server: Any) -> None:
         self._server = server
         self._splats: Any = None
-        self._views: list[Any] = []
-        self._points: list[Any] = []
         self._box: SpaceBox | None = None
         self.frame = Frame(np.zeros(3), 1.0)
 
@@ -60,43 +54,35 @@ class SceneView:
 
     def show_views(self, result: TrimResult | None) -> None:
         """Show the virtual cameras of a trim with what they saw and its masks, or none."""
-        for handle in self._views:
-            handle.remove()
-        self._views = []
-        for number, view in enumerate(result.views if result is not None else ()):
-            assert result is not None
+        self._server.scene.remove_by_name("/views")
+        if result is not None:
             size = _FRUSTUM_RADII * result.bounds.radius * self.frame.scale
-            self._views.append(self._frustum(f"/views/{number}", view, size))
+            for number, view in enumerate(result.views):
+                self._show_frustum(f"/views/{number}", view, size)
 
     def show_points(self, points: Sequence[Point]) -> None:
         """Show points that were clicked."""
-        for handle in self._points:
-            handle.remove()
-        self._points = [
+        self._server.scene.remove_by_name("/points")
+        for number, point in enumerate(points):
             self._server.scene.add_icosphere(
                 f"/points/{number}", 0.06, (40, 120, 255), position=self._place(point), cast_shadow=False
             )
-            for number, point in enumerate(points)
-        ]
 
-    def show_box(self, centre: Point, size: Sequence[float], up: Float64Array) -> None:
-        """Show a box that stands upright, with handles."""
-        self.hide_box()
-        place, sides = self.frame.to_viewer(np.array(centre)), np.array(size) * self.frame.scale
-        self._box = SpaceBox(self._server.scene, place, sides, up_frame(up))
+    def show_box(self, ends: Float64Array, up: Float64Array) -> None:
+        """Show a box with handles; its ends are corners (2, 3) in coordinates in which up is z."""
+        self._box = SpaceBox(self._server.scene, self._upright(up).to_viewer(ends), up_frame(up))
 
     def hide_box(self) -> None:
         """Take the box away."""
-        if self._box is not None:
-            self._box.remove()
+        self._server.scene.remove_by_name(NODE)
         self._box = None
 
     def box_mark(self, up: Float64Array, effect: Effect) -> Box3D | None:
         """The mark that the box stands for; None if there is no box."""
         if self._box is None:
             return None
-        centre, half = up_frame(up) @ self.frame.to_scene(self._box.centre), self._box.size / self.frame.scale / 2
-        return Box3D(point_of(centre - half), point_of(centre + half), "up", effect)
+        low, high = self._upright(up).to_scene(self._box.ends)
+        return Box3D(point_of(low), point_of(high), "up", effect)
 
     def show_backdrop(self, colour: tuple[int, int, int] | None) -> None:
         """Show a colour behind everything, or a checker."""
@@ -115,29 +101,28 @@ class SceneView:
         camera.position = self._place(eye)
         camera.look_at = self._place(target)
 
+    def viewpoint(self, client: Any) -> Viewpoint:
+        """Return where a tab looks from."""
+        return viewpoint_of(client.camera, self.frame)
+
+    def _upright(self, up: Float64Array) -> Frame:
+        """Return the viewer's coordinates for points of the scene that are turned so that up is z."""
+        return Frame(up_frame(up) @ self.frame.centre, self.frame.scale)
+
     def _place(self, point: Point) -> Point:
         return point_of(self.frame.to_viewer(np.array(point)))
 
-    def _frustum(self, name: str, view: TrimmedView, size: float) -> Any:
+    def _show_frustum(self, name: str, view: TrimmedView, size: float) -> None:
         camera = view.view.camera
-        return self._server.scene.add_camera_frustum(
+        self._server.scene.add_camera_frustum(
             name,
             fov=float(2 * np.arctan(camera.height / 2 / camera.K[1, 1])),
             aspect=camera.width / camera.height,
             scale=size,
             color=_REJECTED_COLOUR if view.rejected else _ACCEPTED_COLOUR,
-            image=_thumbnail(view),
+            image=draw_outlines(view)[..., ::-1],
             format="jpeg",
             wxyz=quaternions_of(camera.rotation.T[None])[0],
             position=self._place(point_of(camera.centre)),
             cast_shadow=False,
         )
-
-
-def _thumbnail(view: TrimmedView) -> NDArray[np.uint8]:
-    """What a view saw, its mask tinted."""
-    picture = np.clip(view.view.rgb, 0, 1) * 255
-    tinted = np.where(view.mask[..., None], 0.5 * picture + 0.5 * np.array(_MASK_TINT), picture)
-    scale = _THUMBNAIL_PIXELS / max(tinted.shape[:2])
-    size = max(1, round(tinted.shape[1] * scale)), max(1, round(tinted.shape[0] * scale))
-    return np.asarray(cv2.resize(tinted.astype(np.uint8), size, interpolation=cv2.INTER_AREA))

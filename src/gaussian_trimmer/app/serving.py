@@ -6,7 +6,7 @@ import io
 import secrets
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,11 +86,10 @@ def serving(
             server.stop()
 
 
-def wait(until: Callable[[], bool] = lambda: False) -> None:
-    """Wait until a signal comes, or something is so."""
-    pause = threading.Event()
-    while not until():
-        pause.wait(0.5)
+def wait() -> None:
+    """Wait until a signal comes."""
+    while True:
+        threading.Event().wait(0.5)
 
 
 def _start(port: int, key: str) -> Any:

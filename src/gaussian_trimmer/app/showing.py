@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Literal
+from typing import Literal, get_args
 
 from gaussian_trimmer.app.snapshots import CutState, Snapshot
 
-Part = Literal["both", "object", "background"]
-When = Literal["before", "after"]
-Colouring = Literal["own", "objects", "changes"]
+Part = Literal["Everything", "Object", "Scene without it"]
+When = Literal["Selection", "Cut-out"]
+Colouring = Literal["Own", "Objects", "Changes"]
+PARTS, WHENS, COLOURINGS = get_args(Part), get_args(When), get_args(Colouring)
+"""As the page names them."""
 
 
 @dataclass(frozen=True)
 class Showing:
     """What is to be seen."""
 
-    part: Part = "both"
-    when: When = "before"
+    part: Part = "Everything"
+    when: When = "Selection"
     """The selection, or the cut-out; an object that has not been cut out is shown as it is selected."""
-    colours: Colouring = "objects"
+    colours: Colouring = "Objects"
     """Those of the scene, the objects tinted, or what was changed tinted: by the trim, or else by the last marks."""
     ghost: bool = False
     """With the object, the rest is there, grey and seen through, and can be marked."""
@@ -57,19 +59,19 @@ def showing_after(event: Event, now: Snapshot, showing: Showing) -> Showing:
         case Event.OPENED:
             return Showing()
         case Event.MARKED:
-            corrected = showing.when == "after" and cut
-            colours: Colouring = "changes" if corrected or showing.part == "object" else "objects"
-            return replace(showing, when="after" if corrected else "before", colours=colours)
+            corrected = showing.when == "Cut-out" and cut
+            colours: Colouring = "Changes" if corrected or showing.part == "Object" else "Objects"
+            return replace(showing, when="Cut-out" if corrected else "Selection", colours=colours)
         case Event.CUT_OUT:  # in its own colours: a tint would hide what is wrong at the edge
-            return Showing("object", "after", "own")
+            return Showing("Object", "Cut-out", "Own")
         case Event.PART_CHOSEN:
-            colours = "objects" if showing.part == "both" else "own"
-            when: When = "after" if showing.part == "background" and cut else showing.when
+            colours = "Objects" if showing.part == "Everything" else "Own"
+            when: When = "Cut-out" if showing.part == "Scene without it" and cut else showing.when
             return replace(showing, when=when, colours=colours)
         case Event.STEPPED:
             if not selected:
-                return showing if showing.part == "both" else Showing()
-            return replace(showing, part="both") if showing.part == "background" and not cut else showing
+                return showing if showing.part == "Everything" else Showing()
+            return replace(showing, part="Everything") if showing.part == "Scene without it" and not cut else showing
 
 
 def due_after(event: Event, now: Snapshot, showing: Showing, due: Due) -> Due:
@@ -86,15 +88,15 @@ def due_after(event: Event, now: Snapshot, showing: Showing, due: Due) -> Due:
         return Due.WORK_OF_LAST_TIME
     if event is Event.PART_CHOSEN:
         return due
-    corrected = event is Event.MARKED and now.object.cut.state is CutState.STALE and showing.when == "after"
+    corrected = event is Event.MARKED and now.object.cut.state is CutState.STALE and showing.when == "Cut-out"
     return Due.CORRECTION if corrected else Due.NOTHING
 
 
 def compared(showing: Showing) -> tuple[Showing, str]:
     """Return what to compare with what is shown, and its name: selection and cut-out, or the scene with and without."""
-    if showing.part == "object":
-        after = showing.when == "after"
-        return replace(showing, when="before" if after else "after"), "Selection" if after else "Cut-out"
-    if showing.part == "both":
-        return Showing("background", "after", "own"), "Without it"
-    return Showing("both", "before", "own"), "With it"
+    if showing.part == "Object":
+        when: When = "Selection" if showing.when == "Cut-out" else "Cut-out"
+        return replace(showing, when=when), when
+    if showing.part == "Everything":
+        return Showing("Scene without it", "Cut-out", "Own"), "Without it"
+    return Showing("Everything", "Selection", "Own"), "With it"

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 
 from gaussian_trimmer.app.documents import Document
 from gaussian_trimmer.config import TrimConfig
+from gaussian_trimmer.decomposition.evidence import EvidenceConfig
 from gaussian_trimmer.gaussians import SH_C0, BoolArray
 from gaussian_trimmer.output.result import TrimResult
 from gaussian_trimmer.planning.up_vector import FROM_FORMAT, UpVector
@@ -45,25 +45,12 @@ class TrimChoices:
 
     def config(self, up: Point | None) -> TrimConfig:
         """Return the settings of all stages; an up vector that is None is found, as the command line does."""
-        config = TrimConfig(background=self.background, refine="fit" if self.fit else "off")
-        if up is not None:
-            config = replace(config, up=up)
-        return replace(config, evidence=replace(config.evidence, recover=self.recover))
-
-    @property
-    def background(self) -> Literal["filled", "clean", "exact"]:
-        """How the background is made."""
-        if not self.clean:
-            return "exact"
-        return "filled" if self.fill else "clean"
-
-    def arguments(self) -> list[str]:
-        """Return the same for the command line."""
-        return [
-            *([] if self.background == "filled" else ["--background", self.background]),
-            *([] if self.fit else ["--refine", "off"]),
-            *([] if self.recover else ["--evidence.no-recover"]),
-        ]
+        return TrimConfig(
+            up=up,
+            evidence=EvidenceConfig(recover=self.recover),
+            refine="fit" if self.fit else "off",
+            background="exact" if not self.clean else ("filled" if self.fill else "clean"),
+        )
 
 
 class CutState(Enum):

@@ -9,6 +9,7 @@
     Lasso: "M10 4c4 0 7 2 7 4.500s-3 4.500-7 4.500-7-2-7-4.500S6 4 10 4zM6 12.500c-1.500 1-1 3 1 5",
     Polygon: "M4 8l7-5 6 6-3 8H6z",
     Brush: "M17 3l-8 8M9 11c-2 0-3 1-3 3 0 1-1 2-3 2 2 2 8 2 8-2 0-1-1-3-2-3z",
+    Sphere: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM3 10c0 4 14 4 14 0",
     "3D box": "M10 2l7 4v8l-7 4-7-4V6zM3 6l7 4 7-4M10 10v8",
     Grow: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM10 7v6M7 10h6",
     Shrink: "M10 3a7 7 0 1 0 0 14 7 7 0 0 0 0-14zM7 10h6",
@@ -21,7 +22,7 @@
   ICONS.hidden = ICONS.Look;
   const DRAWN = ["Box", "Lasso", "Polygon", "Brush"];
   const SETTINGS = {
-    Mode: ["Click", ...DRAWN, "3D box"], Reach: DRAWN, "Take by": DRAWN, "Brush radius": ["Brush"],
+    Mode: ["Click", ...DRAWN, "Sphere", "3D box"], Reach: DRAWN, "Take by": DRAWN, "Brush radius": ["Brush", "Sphere"],
     Tolerance: ["Click"],
   };
   const CHANGES = { "#14b464": "added", "#de3c28": "removed", "#3c82e6": "cut at the outline", "#f5e13c": "made up" };
@@ -188,7 +189,7 @@
     follows(make(picture, "div", { className: "gt-compared" }), (element, now) => {
       (element.textContent = now.compared), (element.hidden = !now.compared);
     });
-    addDrop(picture);
+    addDrop(picture, state);
 
     for (const [title, lines] of PANEL) {
       const part = title ? make(panel, "details", { open: title === "Save" }, make(null, "summary", {}, title)) : make(panel, "div");
@@ -207,18 +208,13 @@
     return { picture, panel };
   }
 
-  function addDrop(picture) {
+  function addDrop(picture, { starts }) {
     const drop = make(picture, "div", { className: "gt-drop" }, make(null, "h2", {}, "Drop a splat scene here"));
     make(drop, "div", {}, "PLY, SPLAT, SPZ, SOG, KSPLAT or glTF");
     chooser(drop);
-    let shown;
-    follows(drop, (element, { scene, share, starts }) => {
-      element.hidden = Boolean(scene) || (share ?? null) !== null;
-      if (shown === JSON.stringify(starts)) return;
-      shown = JSON.stringify(starts);
-      for (const [label, path, cameras] of starts ?? [])
-        button(element, label, () => (say({ set: "Scene", to: path }), say({ set: "Cameras", to: cameras }), say({ do: "Open" })), { title: path });
-    });
+    for (const [label, path, cameras] of starts)
+      button(drop, label, () => (say({ set: "Scene", to: path }), say({ set: "Cameras", to: cameras }), say({ do: "Open" })), { title: path });
+    follows(drop, (element, { scene, share }) => (element.hidden = Boolean(scene) || (share ?? null) !== null));
   }
 
   // What is going on, with a bar and Cancel, or what was done.

@@ -5,24 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from gaussian_trimmer.app import edits, panels
 from gaussian_trimmer.app.display import markable_rows, shown_rows
+from gaussian_trimmer.app.jobs import Jobs
 from gaussian_trimmer.app.page import Gesture
-from gaussian_trimmer.app.scene_view import SceneView
-from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.showing import Event
-from gaussian_trimmer.app.viewpoints import (
-    Place,
-    before_what_shows,
-    box_at,
-    pixel_at,
-    surface_points,
-    viewpoint_of,
-)
+from gaussian_trimmer.app.viewpoints import Place, before_what_shows, pixel_at, points_at
 from gaussian_trimmer.cameras import up_frame
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians, mask_of_rows
@@ -42,25 +34,17 @@ from gaussian_trimmer.selecting.marks import (
 )
 from gaussian_trimmer.selecting.row_packing import pack_rows
 from gaussian_trimmer.selecting.shapes import in_spacings
-from gaussian_trimmer.selecting.strokes import shows_under, under_stroke
+from gaussian_trimmer.selecting.strokes import in_spheres, shows_under, under_stroke
 from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view
 from gaussian_trimmer.views import HALF
-
-
-class Do(Protocol):
-    """Has something done in the worker's thread."""
-
-    def __call__(self, name: str, work: Callable[[], str | None], event: Event | None = None) -> None:
-        """Do some work; if it succeeds, show what is to be seen after an event."""
-
 
 _SCREEN_MIDDLE = (0.5, 0.5)
 _GROWN_PIXELS = 8
 """How far a selection grows or shrinks, in pixels as it is seen."""
 _BOX_PADDING = 0.05
 """What the box in space is larger at first than the selection, at each side, relative to its longest side."""
-_BOX_SHARE = 0.4
-"""Side of the box in space where nothing is selected, relative to its distance from the eye."""
+_BOX_SHARE = 0.2
+"""Half a side of the box in space where nothing is selected, relative to its distance from the eye."""
 _BOX_PROBES = 12
 """Places across a box in the picture at which it is asked what shows there."""
 _BRUSH_STEP = 1.25
@@ -69,24 +53,16 @@ _BRUSH_STEP = 1.25
 class Tools:
     """Makes marks of what is done in the 3D view with the tool that is chosen."""
 
-    def __init__(self, session: Session, controls: panels.Panels, view: SceneView, do: Do) -> None:
-        self._session, self._panels, self._view, self._do = session, controls, view, do
+    def __init__(self, jobs: Jobs) -> None:
+        self._session, self._panels, self._view, self._do = jobs.session, jobs.panels, jobs.view, jobs.do
         self._corners: list[Point] = []
         self._clicked: tuple[tuple[Mark, ...], Click | None] = ((), None)
         """The marks after the last click, and that click."""
 
     def choose(self, tool: str, client: Any) -> None:
-        """Take another tool."""
+        """Take a tool."""
         self._panels.tool.value = tool
-        self.begin_job(client)
-
-    def begin_job(self, client: Any) -> None:
-        """Have it shown what belongs to the tool that is chosen."""
-        self._do(self._panels.tool.value, lambda: self.begin(client))
-
-    def viewpoint(self, client: Any) -> Viewpoint:
-        """Return where a tab looks from."""
-        return viewpoint_of(client.camera, self._view.frame)
+        self._do(tool, lambda: self.begin(client))
 
     def begin(self, client: Any) -> str:
         """Show what belongs to the tool that is chosen."""
@@ -112,13 +88,11 @@ class Tools:
         work: dict[str, Callable[[Viewpoint, Gesture], str]] = {
             panels.CLICK: self._click,
             panels.BOX: self._box,
-            panels.LASSO: self._draw,
-            panels.POLYGON: self._draw,
-            panels.BRUSH: self._draw,
             panels.POINTS: self._corner,
+            **dict.fromkeys((panels.LASSO, panels.POLYGON, panels.BRUSH, panels.SPHERE), self._draw),
         }
         if gesture.places and gesture.tool in work and gesture.tool == self._panels.tool.value:
-            view, event = self.viewpoint(client), None if gesture.tool == panels.POINTS else Event.MARKED
+            view, event = self._view.viewpoint(client), None if gesture.tool == panels.POINTS else Event.MARKED
             self._do("Marking", lambda: work[gesture.tool](view, gesture), event)
 
     def change_selection(self, way: str, client: Any) -> None:
@@ -129,7 +103,7 @@ class Tools:
                 return self._session.do(edits.invert)
             if way == "All":
                 return self._mark(Rows(pack_rows(self._shown_rows()), "all that is shown"))
-            now, camera = self._session.now, self.viewpoint(client).camera
+            now, camera = self._session.now, self._view.viewpoint(client).camera
             means, mask = now.document.scene.means, now.object.selected.mask
             depths = np.abs(camera.to_camera(means[mask].astype(np.float64))[:, 2])
             depth = float(np.median(depths)) if mask.any() else 0.0
@@ -144,14 +118,12 @@ class Tools:
         turn, mask = up_frame(now.up.direction), now.object.selected.mask
         if mask.any():
             local = scene.means[mask].astype(np.float64) @ turn.T
-            low, high = local.min(axis=0), local.max(axis=0)
-            size = high - low + 2 * _BOX_PADDING * max(float((high - low).max()), 1e-6)
-            centre = (low + high) / 2 @ turn
+            padding = _BOX_PADDING * max(float(np.ptp(local, axis=0).max()), 1e-6)
         else:
-            view = self.viewpoint(client)
-            centre = np.array(self._surface_point(view, _SCREEN_MIDDLE))
-            size = np.full(3, _BOX_SHARE * float(np.linalg.norm(centre - view.camera.centre)))
-        self._view.show_box(point_of(centre), point_of(size), now.up.direction)
+            view = self._view.viewpoint(client)
+            middle = np.array(self._surface_point(view, _SCREEN_MIDDLE))
+            local, padding = middle[None] @ turn.T, _BOX_SHARE * float(np.linalg.norm(middle - view.camera.centre))
+        self._view.show_box(np.stack([local.min(axis=0) - padding, local.max(axis=0) + padding]), now.up.direction)
 
     def _effect(self, asked: Effect | None) -> Effect:
         return asked or panels.EFFECTS[self._panels.effect.value]
@@ -202,25 +174,28 @@ class Tools:
             across, down = (np.linspace(low[axis], high[axis], _BOX_PROBES) for axis in (0, 1))
             places = [(float(x), float(y)) for x in across for y in down]
             with suppress(NothingFoundError):
-                return self._mark(
-                    Box(*box_at(view, low, high), self._past_hidden(view, places), self._effect(gesture.effect)),
-                    gesture,
-                )
+                (x0, y0), (x1, y1) = (pixel_at(view, corner) for corner in (low, high))
+                past, effect = self._past_hidden(view, places), self._effect(gesture.effect)
+                return self._mark(Box(x0, y0, x1 + 1, y1 + 1, past, effect), gesture)
         corners = (low, (high[0], low[1]), high, (low[0], high[1]))
         return self._draw(view, replace(gesture, places=corners))
 
     def _draw(self, view: Viewpoint, gesture: Gesture) -> str:
         """Mark what was drawn over, among what is shown; of an object that is seen cut out, cut it off."""
         controls, now, effect = self._panels, self._session.now, self._effect(gesture.effect)
-        stroke = Stroke(view, gesture.places, float(controls.brush.value) if gesture.tool == panels.BRUSH else None)
-        through, by_centres = controls.reach.value == panels.THROUGH, controls.taking.value == panels.CENTRES
+        sphere, radius = gesture.tool == panels.SPHERE, float(controls.brush.value)
+        stroke = Stroke(view, gesture.places, radius if sphere or gesture.tool == panels.BRUSH else None)
+        through, by_centres = controls.reach.value == panels.THROUGH, sphere or controls.taking.value == panels.CENTRES
         rows, gaussians = np.flatnonzero(self._shown_rows()), self._shown()
         cuts, renderer = False, now.document.renderer
         showing = controls.showing
-        if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("object", "after", False):
+        if now.object.fresh is not None and (showing.part, showing.when, showing.ghost) == ("Object", "Cut-out", False):
             rows, gaussians = now.object.fresh.only.source_index, now.object.fresh.object
             cuts = effect == "remove" and not through and not by_centres
-        taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
+        if sphere:
+            taken = in_spheres(gaussians, stroke, renderer)
+        else:
+            taken = under_stroke(gaussians, stroke, through=through, by_centres=by_centres, renderer=renderer)
         if not (taken.any() or (cuts and shows_under(gaussians, stroke, renderer))):
             raise InputError("Nothing that is shown is there; draw over what you see.")
         whole = np.setdiff1d(rows[taken], rows[~taken])  # all of its parts
@@ -276,8 +251,8 @@ class Tools:
         return before_what_shows(shown, view, places, document.renderer)
 
     def _surface_point(self, view: Viewpoint, place: Place) -> Point:
-        (point,) = surface_points(self._shown(), view, [place], self._session.document.renderer)
-        if point is None:
+        (point,) = points_at(self._shown(), view, [place], self._session.document.renderer)
+        if np.isnan(point).any():
             middle = "in the middle of the picture; turn towards the object, then choose again"
             raise InputError(f"Nothing is seen {middle if place == _SCREEN_MIDDLE else 'there; click on a surface'}.")
-        return point
+        return point_of(point)

@@ -16,7 +16,7 @@ from gaussian_trimmer.planning.standing import stands_in_rooms
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Point, Viewpoint, point_of
 from gaussian_trimmer.selecting.view_lookup import views_to_click_in
-from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
+from gaussian_trimmer.selecting.viewed_scene import small_view, surface_points
 
 Place = tuple[float, float]
 """A place in the browser's picture, from (0, 0) at the upper left to (1, 1)."""
@@ -117,13 +117,6 @@ def pixel_at(view: Viewpoint, place: Place) -> tuple[int, int]:
     return x, y
 
 
-def box_at(view: Viewpoint, low: Place, high: Place) -> tuple[int, int, int, int]:
-    """Return the box of pixels between two places of the picture, as `pixel_at`; right and lower ends are exclusive."""
-    x0, y0 = pixel_at(view, low)
-    x1, y1 = pixel_at(view, high)
-    return x0, y0, x1 + 1, y1 + 1
-
-
 def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer) -> Viewpoint:
     """Return the view without what stands before some of the scene's Gaussians at places of the picture, as `pixel_at`.
 
@@ -133,23 +126,14 @@ def before_what_shows(gaussians: Gaussians, view: Viewpoint, places: Sequence[Pl
     Raises:
         InputError: none of the Gaussians is seen at these places.
     """
-    found = [point for point in surface_points(gaussians, view, places, renderer) if point is not None]
-    if not found:
+    depths = view.camera.to_camera(points_at(gaussians, view, places, renderer))[:, 2]
+    if np.isnan(depths).all():
         raise InputError("Nothing that is shown is there; click on what you see.")
-    depth = float(view.camera.to_camera(np.array(found))[:, 2].min())
+    depth = float(np.nanmin(depths))
     return Viewpoint(replace(view.camera, near=max(view.camera.near, _BEFORE_SURFACE * depth)))
 
 
-def surface_points(
-    gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer
-) -> list[Point | None]:
-    """Return the points of the scene that show at places of the picture, as `pixel_at`; None where nothing is seen."""
-    if not len(gaussians):
-        return [None] * len(places)
+def points_at(gaussians: Gaussians, view: Viewpoint, places: Sequence[Place], renderer: Renderer) -> Float64Array:
+    """Return the points that show at places of the picture, as `pixel_at`, (P, 3); NaN where nothing is seen."""
     small = small_view(view.camera)
-    pixels = np.array([pixel_at(Viewpoint(small), place) for place in places])
-    rows, weights = renderer.top_contributors(gaussians, small, pixels, CONTRIBUTORS)
-    depths = surface_depths(gaussians, small, rows, weights)
-    rays = small.ray_directions(pixels + 0.5)
-    points = small.centre + rays * (depths / (rays @ small.forward))[:, None]
-    return [point_of(point) if np.isfinite(point).all() else None for point in points]
+    return surface_points(gaussians, small, np.array([pixel_at(Viewpoint(small), place) for place in places]), renderer)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from enum import Enum
 
 from gaussian_trimmer.errors import InputError
 
@@ -19,21 +18,14 @@ class Cancelled(InputError):  # noqa: N818
         super().__init__("Cancelled; everything is as it was.")
 
 
-class Stop(Enum):
-    """Who has asked the present job to stop."""
-
-    NOBODY = "nobody"
-    USER = "the user"
-    NEXT_JOB = "the next job"
-
-
 class Worker:
     """Does one job after the other, in the order in which they were submitted. One that fails is printed."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "gaussian-trimmer-app")
-        self.stop_asked_by = Stop.NOBODY
-        self.busy, self._ended = False, False
+        self.busy, self._ended, self._cancelled = False, False, False
+        self.gave_way = False
+        """Whether the present job was asked to stop by the next one."""
         self._submitted, self._yielding = 0, False
 
     def submit(self, job: Job) -> None:
@@ -42,7 +34,7 @@ class Worker:
             return
         self._submitted += 1
         if self._yielding:
-            self.stop_asked_by = Stop.NEXT_JOB
+            self.gave_way = True
         self._thread.submit(self._do, job)
 
     def submit_if_idle(self, job: Job) -> None:
@@ -64,12 +56,11 @@ class Worker:
 
     def cancel(self) -> None:
         """Ask the present job to stop; later ones are done."""
-        if self.busy:
-            self.stop_asked_by = Stop.USER
+        self._cancelled = self.busy
 
     def cancelled(self) -> bool:
         """Tell whether the present job was asked to stop."""
-        return self.stop_asked_by is not Stop.NOBODY
+        return self._cancelled or self.gave_way
 
     def stop(self) -> None:
         """Let the present job be the last, ask it to stop, and wait for that."""
@@ -78,8 +69,7 @@ class Worker:
         self._thread.shutdown(cancel_futures=True)
 
     def _do(self, job: Job) -> None:
-        self.stop_asked_by = Stop.NOBODY
-        self.busy = True
+        self._cancelled, self.gave_way, self.busy = False, False, True
         try:
             job()
         except Exception:

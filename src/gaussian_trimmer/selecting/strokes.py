@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.selecting.marks import Stroke, Viewpoint
-from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths
+from gaussian_trimmer.selecting.viewed_scene import CONTRIBUTORS, small_view, surface_depths, surface_points
 from gaussian_trimmer.views import HALF, MIN_SEEN_PIXELS
 
 _SHIFT = 4
@@ -77,6 +80,20 @@ def under_stroke(
     shown = np.unique(top[(top >= 0) & (weights >= _SHOWS)])
     taken[shown] = mostly[shown]
     return taken
+
+
+def in_spheres(gaussians: Gaussians, stroke: Stroke, renderer: Renderer) -> BoolArray:
+    """Return which Gaussians have their centres within a brush's radius of the surface under its line, (N,)."""
+    camera, mask = drawn_over(replace(stroke, radius=0.5))
+    radius = _small(stroke)[1]
+    assert radius is not None, "a brush has a radius"
+    points = surface_points(gaussians, camera, np.argwhere(mask)[:, ::-1], renderer)
+    points = points[np.isfinite(points[:, 0])]
+    if not len(points):
+        return np.zeros(len(gaussians), np.bool_)
+    reach = radius / camera.K[0, 0] * camera.to_camera(points)[:, 2]
+    squared, number = nearest(points, gaussians.means, 1, 1.001 * float(reach.max()))
+    return np.asarray(squared[:, 0] <= reach[number[:, 0]] ** 2)
 
 
 def shows_under(gaussians: Gaussians, stroke: Stroke, renderer: Renderer) -> bool:

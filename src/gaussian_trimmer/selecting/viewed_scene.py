@@ -100,6 +100,17 @@ def look_at_pixel(scene: ViewedScene, x: int, y: int) -> Target:
     return Target(camera.centre + ray * depth / (ray @ camera.forward), depth, seeds)
 
 
+def surface_points(gaussians: Gaussians, camera: Camera, pixels: IntArray, renderer: Renderer) -> Float64Array:
+    """Points of the scene that show at some pixels (P, 2), NaN where hardly anything is visible, (P, 3)."""
+    if not len(gaussians):
+        return np.full((len(pixels), 3), np.nan)
+    rows, weights = renderer.top_contributors(gaussians, camera, pixels, CONTRIBUTORS)
+    depths = surface_depths(gaussians, camera, rows, weights)
+    rays = camera.ray_directions(np.asarray(pixels + 0.5, np.float64))
+    depths[np.isinf(depths)] = np.nan
+    return np.asarray(camera.centre + rays * (depths / (rays @ camera.forward))[:, None])
+
+
 def surface_depths(gaussians: Gaussians, camera: Camera, rows: IntArray, weights: NDArray[np.floating]) -> Float64Array:
     """Depth of the surface at some pixels, infinite where hardly anything is visible, (P,).
 
