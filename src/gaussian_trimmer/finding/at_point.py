@@ -17,7 +17,7 @@ from gaussian_trimmer.finding.tiles import Tile, tile_counts
 from gaussian_trimmer.finding.visible_surface import measure
 from gaussian_trimmer.gaussians import Float64Array, FloatArray, Gaussians, IntArray
 from gaussian_trimmer.planning.storey import Storey, find_storey, sampled
-from gaussian_trimmer.rendering import Renderer
+from gaussian_trimmer.rendering import Renderer, parallel_map
 
 _MIN_SEEN = 0.5
 """Share of what is seen at the point that is of an object there, at least."""
@@ -42,7 +42,7 @@ class ThingsAtPoints:
             point: a point on what is meant, (3,).
             seen: weight of each Gaussian in what is seen there, (N,).
         """
-        plan, heights, storey = self._plan
+        x, y, heights, storey = self._plan
         height, top = float(self.up @ point), storey.head_height
         if storey.ceiling is not None:
             top = (height + storey.ceiling) / 2
@@ -50,11 +50,11 @@ class ThingsAtPoints:
         if height >= top or not below.any():
             return []
         middle = up_frame(self.up)[:2] @ point
-        distance = np.abs(plan - middle).max(axis=1)
+        distance = np.maximum(np.abs(x - middle[0]), np.abs(y - middle[1]))
         looked_at = np.where(below, distance, np.inf)
         shown = int(below.sum())
         counts = [min(n, shown - 1) for n in tile_counts(shown)[1:]]  # the smaller ones: what is meant is seen nearby
-        reach = [float(np.partition(looked_at, n)[n]) for n in counts]
+        reach = np.partition(looked_at, counts)[counts].tolist()
         rows = np.flatnonzero(looked_at <= max(reach))
         near, looks = self.scene.select(rows), Looks(self.up, FindConfig(), self.renderer).close()
         tiles = [Tile(middle - r, 2 * r, np.flatnonzero(looked_at[rows] <= r)) for r in reach]
@@ -62,8 +62,12 @@ class ThingsAtPoints:
         if not looked:
             return []
         measured, weight = measure(near, [look for _, look in looked]), seen[rows] / max(float(seen.sum()), 1e-9)
-        found = [one for tile, look in looked for one in looks.candidates(near, tile, look, measured, top)]
-        found = [one for one in found if weight[one.rows].sum() > _MIN_SEEN]
+        found_in = parallel_map(
+            lambda tile, look: looks.candidates(near, tile, look, measured, top),
+            *zip(*looked, strict=True),
+            using=[self.renderer],
+        )
+        found = [one for of_tile in found_in for one in of_tile if weight[one.rows].sum() > _MIN_SEEN]
         around = np.flatnonzero(distance <= max(reach))
         tall = TallThings(self.scene.select(around), self.up, storey, top)
 
@@ -81,7 +85,8 @@ class ThingsAtPoints:
         return [one for one in (first, *in_turn) if one is not None and len(one)]
 
     @cached_property
-    def _plan(self) -> tuple[Float64Array, Float64Array, Storey]:
-        """Horizontal coordinates, (N, 2), and heights, (N,), and where floor and ceiling are."""
+    def _plan(self) -> tuple[Float64Array, Float64Array, Float64Array, Storey]:
+        """Two horizontal coordinates and heights, (N,) each, and where floor and ceiling are."""
         means = self.scene.means.astype(np.float64)
-        return means @ up_frame(self.up)[:2].T, means @ self.up, find_storey(sampled(self.scene), self.up)
+        x, y = np.ascontiguousarray((means @ up_frame(self.up)[:2].T).T)
+        return x, y, means @ self.up, find_storey(sampled(self.scene), self.up)

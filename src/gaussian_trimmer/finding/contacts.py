@@ -75,8 +75,8 @@ class Colours:
             counts = np.zeros((len(places), COLOURS))
             of = np.repeat(np.arange(len(places)), (last - first)[places])
             np.add.at(counts, (of, self._present[self._bins[rows]]), self._areas[rows])
-            both = np.stack([counts / counts.sum(axis=1, keepdims=True), blurred_histograms(counts)], axis=1)
-            found = both[:, :, self._present].astype(np.float32)
+            both = counts / counts.sum(axis=1, keepdims=True), blurred_histograms(counts)
+            found = np.stack([one[:, self._present] for one in both], axis=1).astype(np.float32)
             self._known.update((keys[place], one) for place, one in zip(places.tolist(), found, strict=True))
         self._known = {key: self._known[key] for key in keys}
         return np.asarray(_accuracies(np.stack(list(self._known.values())), ends.reshape(-1, 2)))

@@ -76,7 +76,9 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
     total = surface.shown.sum(axis=0)
     shown = np.bincount(regions[free], total[free]) / max(float(total.sum()), 1e-12)
     candidates = np.flatnonzero((areas > MIN_AREA) & (shown > MIN_SHARE_AT_ALL * config.min_shown))
-    members = {number: np.flatnonzero(regions == number) for number in candidates.tolist()}
+    order = np.argsort(regions, kind="stable")
+    ends = np.searchsorted(regions[order], np.arange(len(areas) + 1))
+    members = {number: order[ends[number] : ends[number + 1]] for number in candidates.tolist()}
     by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
     seen = {number: seen_share(shares) for number, shares in by_view.items()}
     most = max(seen.values(), default=1.0)

@@ -46,18 +46,19 @@ class _Partition:
     """R regions of the visible surface, and the P links between them, while they grow."""
 
     def __init__(self, surface: VisibleSurface, free: BoolArray, feet: BoolArray) -> None:
-        inner = free[surface.edges].all(axis=1)
-        contact, middle = surface.contact[inner], surface.points[surface.edges[inner]].mean(axis=1)
+        a, b = surface.edges.T
+        inner = np.flatnonzero(free[a] & free[b] & (a != b))  # Gaussians at one place are their own neighbours
+        self.pairs = surface.edges.take(inner, axis=0)
+        """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
+        contact = surface.contact[inner]
+        middle = (surface.points.take(self.pairs[:, 0], axis=0) + surface.points.take(self.pairs[:, 1], axis=0)) / 2
         self.regions = np.arange(len(free))
         """Number of the region of each Gaussian, (S,)."""
         self.sizes = np.stack([surface.areas, surface.areas * feet], axis=1)
         """Area of each region, and of its feet, in square units, (R, 2)."""
-        self.pairs = np.ascontiguousarray(surface.edges[inner], np.int64)
-        """Numbers of two regions, the smaller first, each pair once, (P, 2)."""
         moments = np.column_stack([np.ones(len(middle)), middle, np.einsum("pi,pi->p", middle, middle)])
         self.links = np.column_stack([contact * surface.affinity[inner], contact[:, None] * moments])
         """Strength of each link, in units; length of its contact; that times its middle, and the square, (P, 6)."""
-        self._renumber(self.regions)
 
     @property
     def size(self) -> Float64Array:

@@ -297,16 +297,15 @@ def _touching(gaussians: Gaussians, edges: IntArray) -> Float64Array:
     It is the density of a normal distribution, relative to its peak, at their distance in sums of their standard
     deviations along it: surfaces are covered by Gaussians that overlap, dense scenes' as well as sparse ones'.
     """
-    rotations, scales = rotation_matrices(gaussians.quaternions), gaussians.scales.astype(np.float64)
+    axes = rotation_matrices(gaussians.quaternions) * gaussians.scales[:, None]  # standard deviations long
     overlap = np.empty(len(edges))
     for start in range(0, len(edges), _EDGES_AT_ONCE):
         part = slice(start, start + _EDGES_AT_ONCE)
         a, b = edges[part].T
-        offset = (gaussians.means[b] - gaussians.means[a]).astype(np.float64)
+        offset = (gaussians.means.take(b, axis=0) - gaussians.means.take(a, axis=0)).astype(np.float64)
         square = np.maximum(np.square(offset).sum(axis=1), 1e-30)
-        deviations = [
-            np.linalg.norm(np.einsum("eik,ei->ek", rotations[ends], offset) * scales[ends], axis=1) for ends in (a, b)
-        ]
+        along = [np.einsum("eik,ei->ek", axes.take(ends, axis=0), offset) for ends in (a, b)]
+        deviations = [np.linalg.norm(one, axis=1) for one in along]
         overlap[part] = np.exp(-0.5 * np.square(square / np.maximum(deviations[0] + deviations[1], 1e-30)))
     return overlap
 

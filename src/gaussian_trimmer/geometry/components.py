@@ -28,18 +28,27 @@ def connected_pairs(count: int, pairs: IntArray) -> IntArray:
 @_jit
 def _components(count, pairs):  # type: ignore[no-untyped-def]
     """Return the number of each node's component, in the order of their first nodes, (count,)."""
-    parents = np.arange(count)  # the first node of a component is its root, which others lead to
+    parents = np.arange(count)
     for pair in range(len(pairs)):
-        a, b = pairs[pair, 0], pairs[pair, 1]
-        while parents[a] != a:
-            parents[a] = parents[parents[a]]
-            a = parents[a]
-        while parents[b] != b:
-            parents[b] = parents[parents[b]]
-            b = parents[b]
+        a, b = _root(parents, pairs[pair, 0]), _root(parents, pairs[pair, 1])
         parents[max(a, b)] = min(a, b)
+    return _numbered(parents)
+
+
+@_jit
+def _root(parents, node):  # type: ignore[no-untyped-def]
+    """Return the first node of a node's component, which the others lead to, and shorten the way there."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@_jit
+def _numbered(parents):  # type: ignore[no-untyped-def]
+    """Turn what leads to the first node of each component (V,) into the components' numbers, in order, (V,)."""
     found = 0
-    for node in range(count):  # parents come before
+    for node in range(len(parents)):  # parents come before
         if parents[node] == node:
             parents[node] = found
             found += 1
@@ -51,7 +60,7 @@ def _components(count, pairs):  # type: ignore[no-untyped-def]
 def connected_voxels(points: Float64Array, size: float) -> IntArray:
     """Return the number of the 26-connected component of occupied voxels that each point (N, 3) lies in, (N,)."""
     voxels, members = _occupied(points, size)
-    return connected_pairs(len(voxels), _neighbouring(voxels, 1))[members]
+    return np.asarray(_connected_cells(voxels, 1, voxels, np.arange(len(voxels) + 1), np.inf)[members])
 
 
 def connected_bodies(points: Float64Array, size: float) -> IntArray:
@@ -76,17 +85,11 @@ def connected_points(points: Float64Array, reach: float) -> IntArray:
     points = points - points.min(axis=0, initial=np.inf)
     cells, members = _occupied(points, reach / np.sqrt(3))
     ordered, starts = points[np.argsort(members, kind="stable")], np.append(0, np.cumsum(np.bincount(members)))
-    pieces = np.arange(len(cells))
-    for steps in (1, 2):  # Cells that the first step connected are not compared again.
-        pairs = _neighbouring(cells, steps)
-        pairs = pairs[pieces[pairs[:, 0]] != pieces[pairs[:, 1]]]
-        joined = pieces[pairs[_within_reach(pairs, ordered, starts, reach * reach)]]
-        pieces = connected_pairs(len(cells), joined)[pieces]
-    return pieces[members]
+    return np.asarray(_connected_cells(cells, 2, ordered, starts, reach * reach)[members])
 
 
 def _occupied(points: Float64Array, size: float) -> tuple[Float64Array, IntArray]:
-    """Return the cells (V, 3) of some size that points (N, 3) lie in, and the index of the cell of each point, (N,)."""
+    """Return the cells (V, 3), in order, that points (N, 3) lie in, and the index of the cell of each point, (N,)."""
     cells = np.floor(points / size)
     low = cells.min(axis=0, initial=np.inf)
     shape = cells.max(axis=0, initial=-np.inf) - low + 1
@@ -98,28 +101,49 @@ def _occupied(points: Float64Array, size: float) -> tuple[Float64Array, IntArray
     return found, members.reshape(-1)
 
 
-def _neighbouring(cells: Float64Array, steps: int) -> IntArray:
-    """Return pairs (P, 2) of the cells (V, 3) that are at most so many steps apart along each axis."""
-    from scipy.spatial import cKDTree
+@_jit
+def _connected_cells(cells, reach, points, starts, limit):  # type: ignore[no-untyped-def]
+    """Return the number of the component of each cell (V, 3), in the order of their first cells, (V,).
 
-    return np.asarray(cKDTree(cells).query_pairs(steps, p=np.inf, output_type="ndarray"))
+    Cells are connected if they are at most `reach` steps apart along each axis and two of their points come within a
+    squared distance. The cells are in order, and the points (N, 3) of cell i lie from `starts[i]` to `starts[i + 1]`.
+    """
+    parents = np.arange(len(cells))
+    for steps in range(1, reach + 1):  # the nearer cells first: what they connect is not compared again
+        for dx in range(steps + 1):
+            for dy in range(-steps if dx else 0, steps + 1):
+                first = 0
+                for cell in range(len(cells)):
+                    x, y, z = cells[cell, 0] + dx, cells[cell, 1] + dy, cells[cell, 2]
+                    while first < len(cells) and _is_before(cells[first], x, y, z - steps):
+                        first += 1
+                    other = first if dx or dy else cell + 1
+                    while other < len(cells) and _is_within(cells[other], x, y, z + steps):
+                        a, b = _root(parents, cell), _root(parents, other)
+                        if a != b and _come_near(points, starts, cell, other, limit):
+                            parents[max(a, b)] = min(a, b)
+                        other += 1
+    return _numbered(parents)
 
 
 @_jit
-def _within_reach(pairs, points, starts, limit):  # type: ignore[no-untyped-def]
-    """Find the pairs (P, 2) of cells of which two points come within a squared distance, (P,).
+def _is_before(cell, x, y, z):  # type: ignore[no-untyped-def]
+    """Tell whether a cell comes before another one in order."""
+    return cell[0] < x or (cell[0] == x and (cell[1] < y or (cell[1] == y and cell[2] < z)))
 
-    The points (N, 3) of cell i lie from `starts[i]` to `starts[i + 1]`.
-    """
-    found = np.zeros(len(pairs), np.bool_)
-    for pair in range(len(pairs)):
-        a, b = pairs[pair]
-        for i in range(starts[a], starts[a + 1]):
-            for j in range(starts[b], starts[b + 1]):
-                dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
-                if dx * dx + dy * dy + dz * dz <= limit:
-                    found[pair] = True
-                    break
-            if found[pair]:
-                break
-    return found
+
+@_jit
+def _is_within(cell, x, y, z):  # type: ignore[no-untyped-def]
+    """Tell whether a cell lies in the column (x, y), no higher than z."""
+    return cell[0] == x and cell[1] == y and cell[2] <= z
+
+
+@_jit
+def _come_near(points, starts, a, b, limit):  # type: ignore[no-untyped-def]
+    """Tell whether a point of one cell comes within a squared distance of a point of another one."""
+    for i in range(starts[a], starts[a + 1]):
+        for j in range(starts[b], starts[b + 1]):
+            dx, dy, dz = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1], points[i, 2] - points[j, 2]
+            if dx * dx + dy * dy + dz * dz <= limit:
+                return True
+    return False

@@ -182,7 +182,7 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
     keys = colours[candidates, 3].view(np.uint32).astype(np.uint64) << np.uint64(32) | candidates.astype(np.uint64)
     keys.sort()
     rows = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
-    splats, colours = splats[rows], colours[rows]
+    splats, colours = splats.take(rows, axis=0), colours.take(rows, axis=0)
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     table = np.zeros((down + 1, across), np.int64)
     _by_columns(lambda first, last: count_tiles(splats, camera.height, table, first, last), across, len(splats))

@@ -111,7 +111,7 @@ def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) ->
     """Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
     lab = np.asarray(cv2.cvtColor(rgb.astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0])
     for _ in range(2):
-        around = lab[beside]
+        around = lab.take(beside, axis=0)
         difference = around - lab[:, None]
         alike = shares * np.exp(np.einsum("ski,ski->sk", difference, difference) * _COLOUR_FACTOR)
         lab = np.einsum("sk,ski->si", alike, around) / np.maximum(alike.sum(axis=1, keepdims=True), 1e-30)
@@ -123,7 +123,7 @@ def _normals(
 ) -> tuple[FloatArray, FloatArray]:
     """Unit normals (S, 3) of the neighbourhoods (S, K), on the side that is seen, and their flatness, 0 to 1, (S,)."""
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-30)
-    around = means[beside]
+    around = means.take(beside, axis=0)
     offsets = around - np.einsum("sk,ski->si", shares, around)[:, None]
     variances, axes = np.linalg.eigh(np.einsum("sk,ski,skj->sij", shares, offsets, offsets))
     normals = axes[:, :, 0]
@@ -150,16 +150,17 @@ def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray
 
 def _likeness(edges: IntArray, colours: FloatArray) -> Float64Array:
     """How alike the colours of both ends of each edge are, 0 to 1, (E,)."""
-    difference = np.square((colours[edges[:, 0]] - colours[edges[:, 1]]) * _LAB_WEIGHTS).sum(axis=1)
+    a, b = (colours.take(ends, axis=0) for ends in edges.T)
+    difference = np.square((a - b) * _LAB_WEIGHTS).sum(axis=1)
     return np.asarray(np.exp(-0.5 * difference / _COLOUR_SIGMA**2))
 
 
 def _convexity(edges: IntArray, means: FloatArray, normals: FloatArray, flatness: FloatArray) -> Float64Array:
     """How convex the surface is along each edge, 0 to 1, (E,)."""
     a, b = edges.T
-    step = (means[b] - means[a]).astype(np.float64)
+    step = (means.take(b, axis=0) - means.take(a, axis=0)).astype(np.float64)
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)
-    concavity = np.maximum(np.einsum("ei,ei->e", normals[a] - normals[b], step), 0)
+    concavity = np.maximum(np.einsum("ei,ei->e", normals.take(a, axis=0) - normals.take(b, axis=0), step), 0)
     flat = np.minimum(flatness[a], flatness[b])
     return np.asarray(flat * np.exp(-concavity / _CONCAVITY_SCALE) + (1 - flat) * _UNEVEN_WEIGHT)
 
@@ -168,7 +169,9 @@ def blurred_histograms(counts: Float64Array) -> Float64Array:
     """Normalise histograms over the colours' bins, blurred by one bin, (R, `COLOURS`)."""
     blurred = counts.reshape(-1, *_COLOUR_BINS)
     for axis in range(1, 4):
-        padded = np.pad(np.moveaxis(blurred, axis, 0), ((1, 1), *[(0, 0)] * 3))
-        blurred = np.moveaxis(0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:], 0, axis)
+        side = 0.25 * blurred
+        blurred = 2 * side
+        for of, to in ((slice(-1), slice(1, None)), (slice(1, None), slice(-1))):
+            np.moveaxis(blurred, axis, 0)[to] += np.moveaxis(side, axis, 0)[of]
     sums = np.maximum(blurred.sum(axis=(1, 2, 3), keepdims=True), 1e-12)
     return np.asarray((blurred / sums).reshape(len(counts), -1))
