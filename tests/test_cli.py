@@ -39,7 +39,7 @@ def test_trim_writes_everything(ball, tmp_path, capsys):
     assert toy.jaccard(trimmed, truth) > max(0.9, toy.jaccard(rough, truth))
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert "5 of 5 used; masks that the selection itself gives are not judged" in " ".join(printed.out.split())
+    assert "5 of 5 used; their masks follow the selection" in " ".join(printed.out.split())
     assert str(output) in printed.out
 
 

@@ -11,7 +11,6 @@ from command_line import run
 import gaussian_trimmer as gt
 from gaussian_trimmer import formats
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.files import Target
 from gaussian_trimmer.app.files import save as save_by_app
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import TrimChoices
@@ -157,7 +156,7 @@ def test_the_app_cuts_out_what_the_command_does(files):
     session.do(edits.set_up, (0.0, 0.0, 1.0))
     session.do(edits.load, files / "rough.json")
     session.do(edits.cut_out, TrimChoices())
-    save_by_app(session.now, Target(files / "app", "ply"))
+    save_by_app(session.now, files / "app", "ply")
     assert splats(files / "app") == splats(files / "trim")
 
 

@@ -66,7 +66,7 @@ def test_scores_need_a_threshold(tmp_path):
 
 def test_labels_need_an_id_and_list_what_there_is(tmp_path):
     path = save(tmp_path / "labels.npy", [0, 0, 3, 3, 3, -1, 0, 0, 0, 0, 7, 0])
-    with pytest.raises(InputError, match=r"--selection\.object-id .*: -1 \(1\), 0 \(7\), 3 \(3\), 7 \(1\)\."):
+    with pytest.raises(InputError, match=r"--selection\.object-id, .*: -1 \(1\), 0 \(7\), 3 \(3\), 7 \(1\)\."):
         select(path)
     with pytest.raises(InputError, match=r"no Gaussians of object 4; its ids \(Gaussians\): -1 \(1\)"):
         select(path, object_id=(3, 4))

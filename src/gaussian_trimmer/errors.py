@@ -83,10 +83,14 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
 
     >>> did_you_mean("trimm", ["select", "trim"])
     'did you mean trim?'
+    >>> did_you_mean("--gamma", ["--gammas", "--selection.gamma"])
+    'did you mean --selection.gamma?'
     """
     from difflib import get_close_matches  # takes 10 ms, which a run without mistakes need not spend
 
-    similar = get_close_matches(word, known, 1)
+    known = list(known)
+    of_a_group = [one for one in known if one.endswith("." + word.removeprefix("--"))]
+    similar = of_a_group or get_close_matches(word, known, 1)
     return f"did you mean {similar[0]}?" if similar else None
 
 

@@ -142,8 +142,8 @@ def print_summary(console: Console, report: Mapping[str, Any], seconds: float) -
     elif report["not_filled"]:
         table.add_row("not filled in", report["not_filled"])
     judged = all(view["judged"] for view in report["views"])
-    not_judged = "; masks that the selection itself gives are not judged"
-    table.add_row("views", f"{accepted} of {len(report['views'])} used{'' if judged else not_judged}")
+    own_masks = "; their masks follow the selection, so none could be rejected"
+    table.add_row("views", f"{accepted} of {len(report['views'])} used{'' if judged else own_masks}")
     table.add_row("sides", report["checked"]["sentence"])
     table.add_row("up", f"{_numbers(up['direction'])} ({up['source']}, confidence {up['confidence']:.2f})")
     table.add_row("time", f"{seconds:.1f} s")

@@ -223,8 +223,7 @@ def describe_selection(file: SelectionFile) -> Iterator[str]:
 def describe_cameras(path: Path, *, trust_paths: bool = False) -> Iterator[str]:
     """Give lines on the number of cameras, their images, split and up vector."""
     found = read_camera_set(path, trust_paths=trust_paths)
-    source = "JSON file" if path.suffix.lower() == ".json" else "COLMAP model or folder"
-    yield f"cameras: {len(found.cameras)} views ({sum(found.train)} for training) in a {source}"
+    yield f"cameras: {len(found.cameras)} views ({sum(found.train)} for training)"
     sizes = sorted({(camera.width, camera.height) for camera in found.cameras})
     more = f" and {len(sizes) - 3} more sizes" if len(sizes) > 3 else ""
     yield f"images: {', '.join(f'{width} x {height}' for width, height in sizes[:3])}{more}"

@@ -119,7 +119,8 @@ class Objects:
         )
         if self.trim is None:
             now = shlex.join(self._next_command())
-            console.print(f"To choose: open {folder / 'index.html'} in a browser. To trim all that are sure: {now}")
+            now = f"To trim all that are sure: {now}" if sure else f"To trim some that are not: {now} --keep ID ..."
+            console.print(f"To choose: open {folder / 'index.html'} in a browser. {now}")
             self.results.printing.print_json(document, (folder, _KIND))
             return
         chosen = chosen_objects(found, keep=self.keep or None, merge=merge, split=self.split_objects, names=names)

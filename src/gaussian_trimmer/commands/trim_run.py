@@ -266,9 +266,9 @@ def _print_objects(console: Console, report: Mapping[str, Any], seconds: float) 
         for name, heading in _SAID.items():
             said += f" {heading}: {entry[name]}." if entry[name] else ""
         console.print(f"{title_of(entry['name'])}: {said}")
-    console.print(
-        f"{len(entries)} objects, {sum(entry['gaussians'] for entry in entries):,} Gaussians; "
-        f"{counts.get('claimed_by_several', 0):,} claimed by two objects; time {seconds:.1f} s"
-    )
+    number = "1 object" if len(entries) == 1 else f"{len(entries)} objects"
+    claimed = f"; {counts['claimed_by_several']:,} claimed by two objects" if counts.get("claimed_by_several") else ""
+    total = sum(entry["gaussians"] for entry in entries)
+    console.print(f"{number}, {total:,} Gaussians{claimed}; time {seconds:.1f} s")
     if counts["hidden"]:
         console.print(f"{counts['hidden']:,} Gaussians that the objects hid were discarded.")

@@ -131,9 +131,9 @@ class TrimResult:
     """Time taken by each stage; of several objects, by each object and by the stages that they share."""
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{part.name} {len(part.gaussians):,}" for part in self.objects[:_LISTED])
+        parts = ", ".join(f"{part.title} of {len(part.gaussians):,}" for part in self.objects[:_LISTED])
         more = f" and {len(self.objects) - _LISTED} more" if len(self.objects) > _LISTED else ""
-        return f"<TrimResult: {parts}{more}; background {len(self.background_source):,} Gaussians>"
+        return f"<TrimResult: {parts}{more}, and a background of {len(self.background_source):,} Gaussians>"
 
     @cached_property
     def background(self) -> Gaussians:

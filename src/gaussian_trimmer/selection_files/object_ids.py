@@ -70,8 +70,8 @@ def check_ids(wanted: Sequence[int], ids: Sequence[int], counts: Sequence[int], 
     listing = list_ids(list(present), list(present.values())) or "none"
     if not wanted:
         raise InputError(
-            f"'{path.name}' holds several objects; choose with {flag('object_id')} among these ids (Gaussians): "
-            f"{listing}."
+            f"'{path.name}' holds several objects; choose with {flag('object_id')}, or trim several with --labels, "
+            f"among these ids (Gaussians): {listing}."
         )
     if absent := sorted(set(wanted) - present.keys()):
         raise InputError(
