@@ -12,6 +12,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import app_pictures
@@ -19,13 +20,15 @@ import cv2
 import figures
 import numpy as np
 import walk
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.cli import main as run
 from gaussian_trimmer.finding.plan import draw_plan
-from gaussian_trimmer.output.pictures import as_picture, captioned
+from gaussian_trimmer.output.pictures import BACKDROP, as_picture, captioned
+from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
 ROOT = Path(__file__).parents[2]
@@ -39,8 +42,9 @@ CELL, STEP, LINE, WIDTH = 320, 324, 26, 3 * 320
 CAPTIONS = ("rough selection", "trimmed object", "the scene without it")
 EMPTIED = ("armchair", "table", "plant")
 """What leaves the furnished room."""
-COLUMNS = (0, 4)
-"""Sides that the first picture shows: one of the ring, and from low."""
+UP = np.array([0.0, 0.0, 1.0])
+STEPS = 48
+"""Pictures of one turn around the sample."""
 
 
 def main() -> None:
@@ -50,12 +54,28 @@ def main() -> None:
     walk.main(walk.FOLDER)
     with tempfile.TemporaryDirectory() as folder:
         assert run(["demo", "--quiet", "--output", f"{folder}/demo"]) == 0
-        first = front_picture(cv2.imread(f"{folder}/demo/before_after.png"))
-        _write("before_after.jpg", first)
+        _draw_turning(Path(folder) / "demo")
         _draw_report(Path(folder) / "demo")
         _draw_found(Path(folder))
     _draw_emptied()
     app_pictures.main()
+
+
+def _draw_turning(folder: Path) -> None:
+    """Walk around the sample: its rough selection, the object and the scene without it, in one moving picture."""
+    scene, rough = (files("gaussian_trimmer") / "sample" / name for name in ("scene.ply", "lighthouse_rough.npy"))
+    gaussians = gt.read(str(scene))
+    selected = gaussians.select(gt.read_selection(str(rough), gaussians))
+    shown = [selected, gt.read(folder / "object.ply"), gt.read(folder / "background.ply")]
+    plan = PlanConfig(views=STEPS, size=CELL, pitch_degrees=20)
+    cameras, renderer = plan_cameras(shown[1], UP, plan)[0], get_renderer("auto")
+    frames = []
+    for camera in cameras:
+        pictures = [as_picture(renderer.render(gaussians, camera, background=BACKDROP).rgb) for gaussians in shown]
+        cells = [captioned(*cell) for cell in zip(CAPTIONS, pictures, strict=True)]
+        frames.append(Image.fromarray(np.hstack(cells)[..., ::-1]))
+    how = {"save_all": True, "append_images": frames[1:], "duration": 100, "loop": 0, "quality": 70, "method": 6}
+    frames[0].save(FOLDER / "turning.webp", **how)
 
 
 def _draw_found(folder: Path) -> None:
@@ -71,7 +91,7 @@ def _draw_found(folder: Path) -> None:
 
 def _draw_emptied() -> None:
     """Take furniture out of a room that is made of Gaussians, and look at it from eye height."""
-    from rooms import UP, make_room
+    from rooms import make_room
 
     room, lens = make_room("furnished"), intrinsics(np.radians(64), WIDTH // 2, 400)
     eye, target = np.array([-1.9, 3.2, 1.55]), np.array([0.4, 0.4, 0.8])
@@ -89,7 +109,7 @@ def _write(name: str, picture: np.ndarray) -> None:
     cv2.imwrite(str(FOLDER / name), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
-def front_picture(before_after: np.ndarray, columns: Sequence[int] = COLUMNS) -> np.ndarray:
+def front_picture(before_after: np.ndarray, columns: Sequence[int]) -> np.ndarray:
     """Selection, object and scene side by side, large enough to be read on the front page."""
     rows = [before_after[2 * LINE + i * (CELL + LINE) :][:CELL] for i in range(len(CAPTIONS))]
     cells = [np.vstack([row[:, STEP * column : STEP * column + CELL] for column in columns]) for row in rows]
