@@ -1,17 +1,18 @@
 """All pictures of the documentation, made by the program from its sample and benchmark scenes.
 
-    pip install ".[test,app]" playwright && python docs/site/pictures.py
+    pip install ".[test,app]" playwright && python docs/site/pictures.py seal.splat
 
-Chromium, which draws pages and app, must be on the path. The parts run by themselves, too: `figures.py`, `walk.py` and
+The capture of a seal (MIT) is on github.com/quadjr/aframe-gaussian-splatting; without it, its picture stays. Chromium,
+which draws pages and app, must be on the path. The parts run by themselves, too: `figures.py`, `walk.py` and
 `app_pictures.py`.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -27,7 +28,8 @@ import gaussian_trimmer as gt
 from gaussian_trimmer.cameras import Camera, intrinsics, look_at
 from gaussian_trimmer.cli import main as run
 from gaussian_trimmer.finding.plan import draw_plan
-from gaussian_trimmer.output.pictures import BACKDROP, as_picture, captioned
+from gaussian_trimmer.gaussians import Float64Array
+from gaussian_trimmer.output.pictures import Picture, as_picture, captioned, draw_gaussians
 from gaussian_trimmer.planning.virtual_cameras import PlanConfig, plan_cameras
 from gaussian_trimmer.rendering import get_renderer
 
@@ -38,8 +40,7 @@ FLAT = 3, 400_000
 """Seed of the flat whose furniture is found, and about how many Gaussians it has."""
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 SIZE = {"width": 1280, "height": 760}
-CELL, STEP, LINE, WIDTH = 320, 324, 26, 3 * 320
-CAPTIONS = ("rough selection", "trimmed object", "the scene without it")
+CELL, WIDTH = 320, 3 * 320
 EMPTIED = ("armchair", "table", "plant")
 """What leaves the furnished room."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -56,8 +57,11 @@ def main() -> None:
         assert run(["demo", "--quiet", "--output", f"{folder}/demo"]) == 0
         _draw_turning(Path(folder) / "demo")
         _draw_report(Path(folder) / "demo")
-        _draw_found(Path(folder))
+    _draw_found()
     _draw_emptied()
+    _draw_clicked("robot", str(ROBOT), 5, (335, 290))
+    for seal in sys.argv[1:]:
+        _draw_clicked("seal", seal, 4, (310, 340))
     app_pictures.main()
 
 
@@ -66,23 +70,38 @@ def _draw_turning(folder: Path) -> None:
     scene, rough = (files("gaussian_trimmer") / "sample" / name for name in ("scene.ply", "lighthouse_rough.npy"))
     gaussians = gt.read(str(scene))
     selected = gaussians.select(gt.read_selection(str(rough), gaussians))
-    shown = [selected, gt.read(folder / "object.ply"), gt.read(folder / "background.ply")]
     plan = PlanConfig(views=STEPS, size=CELL, pitch_degrees=20)
-    cameras, renderer = plan_cameras(shown[1], UP, plan)[0], get_renderer("auto")
-    frames = []
-    for camera in cameras:
-        pictures = [as_picture(renderer.render(gaussians, camera, background=BACKDROP).rgb) for gaussians in shown]
-        cells = [captioned(*cell) for cell in zip(CAPTIONS, pictures, strict=True)]
-        frames.append(Image.fromarray(np.hstack(cells)[..., ::-1]))
+    rows = _draw_around(folder, UP, plan, "rough selection", selected)
+    frames = [Image.fromarray(row[..., ::-1]) for row in rows]
     how = {"save_all": True, "append_images": frames[1:], "duration": 100, "loop": 0, "quality": 70, "method": 6}
     frames[0].save(FOLDER / "turning.webp", **how)
 
 
-def _draw_found(folder: Path) -> None:
-    """Click on the robot of a file that others made, and find the furniture of a flat."""
-    robot = ["select", str(ROBOT), "--view-index", "5", "--click", "335", "290", "--output", f"{folder}/robot.npy"]
-    assert run([*robot, "--trim", f"{folder}/robot", "--quiet"]) == 0
-    _write("robot.jpg", front_picture(cv2.imread(f"{folder}/robot/before_after.png"), (2,)))
+def _draw_clicked(name: str, capture: str, view: int, pixel: tuple[int, int]) -> None:
+    """Click on an object of a file that others made, and trim it."""
+    with tempfile.TemporaryDirectory() as folder:
+        where = ["--view-index", str(view), "--click", *map(str, pixel)]
+        trim = ["--output", f"{folder}/{name}.npy", "--trim", f"{folder}/{name}", "--quiet"]
+        assert run(["select", capture, *where, *trim]) == 0
+        up = json.loads((Path(folder) / name / "report.json").read_text())["up"]["direction"]
+        plan = PlanConfig(views=1, size=CELL, fill=0.5, yaw_range_degrees=(170, 190))
+        (row,) = _draw_around(Path(folder) / name, np.array(up), plan, "the capture", gt.read(capture))
+        _write(f"{name}.jpg", row)
+
+
+def _draw_around(folder: Path, up: Float64Array, plan: PlanConfig, before: str, given: gt.Gaussians) -> list[Picture]:
+    """What was given, the object of a trim and the scene without it, side by side from around the object."""
+    trimmed, background = gt.read(folder / "object.ply"), gt.read(folder / "background.ply")
+    shown = {before: given, "trimmed object": trimmed, "the scene without it": background}
+    renderer = get_renderer("auto")
+    return [
+        np.hstack([captioned(name, draw_gaussians(scene, camera, renderer)) for name, scene in shown.items()])
+        for camera in plan_cameras(trimmed, up, plan)[0]
+    ]
+
+
+def _draw_found() -> None:
+    """Find the furniture of a flat."""
     from flats import make_flat
 
     found = gt.find_objects(make_flat(*FLAT).gaussians, up="z")
@@ -107,16 +126,6 @@ def _write(name: str, picture: np.ndarray) -> None:
     scale = min(1, WIDTH / picture.shape[1])
     picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(FOLDER / name), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
-
-
-def front_picture(before_after: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-    """Selection, object and scene side by side, large enough to be read on the front page."""
-    rows = [before_after[2 * LINE + i * (CELL + LINE) :][:CELL] for i in range(len(CAPTIONS))]
-    cells = [np.vstack([row[:, STEP * column : STEP * column + CELL] for column in columns]) for row in rows]
-    heads = [np.full((36, CELL, 3), 32, np.uint8) for _ in CAPTIONS]
-    for head, caption in zip(heads, CAPTIONS, strict=True):
-        cv2.putText(head, caption, (10, 25), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (235, 235, 235), 1, cv2.LINE_AA)
-    return np.hstack([np.vstack([head, cell]) for head, cell in zip(heads, cells, strict=True)])
 
 
 def _draw_report(folder: Path) -> None:
