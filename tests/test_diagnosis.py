@@ -73,7 +73,7 @@ def test_training_cameras_that_see_the_object_and_cameras_of_tests_are_taken():
 
 @pytest.mark.parametrize(
     ("selection", "warning"),
-    [(~TRUTH, f"{100 * (~TRUTH).mean():.0f} % of the scene's Gaussians; if it is inverted"),
+    [(~TRUTH, f"{100 * (~TRUTH).mean():.0f} % of the scene's Gaussians, and what it leaves out lies together"),
      (TRUTH | ~TRUTH, "whole file")],
 )  # fmt: skip
 def test_a_selection_of_most_of_the_scene_is_doubted(selection, warning):

@@ -20,6 +20,7 @@ from gaussian_trimmer.finding.plan import draw_plan
 from gaussian_trimmer.finding.room_surfaces import find_room
 from gaussian_trimmer.finding.visible_surface import find_visible_surface, views_of
 from gaussian_trimmer.gaussians import concatenate
+from gaussian_trimmer.planning.up_vector import SURE_CONFIDENCE
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.segmentation.segmenters.sam_onnx import Candidates
 
@@ -234,6 +235,7 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
     printed = json.loads(capsys.readouterr().out)
     assert printed["objects"] == listed and {"batch.csv", "objects.npy"} <= set(printed["files"])
     items = gt.batch.read_manifest(tmp_path / "found" / "batch.csv")
+    assert all(item.config.up is None for item in items)  # the cameras tell it again
     sure = [one["id"] for one in listed if one["sure"]]
     assert [(item.name, item.selection_options.object_id) for item in items] == [(f"found/{i}", (i,)) for i in sure]
     trim = ["--output", tmp_path / "found", "--keep", 1, 3, "--trim", tmp_path / "trimmed"]
@@ -242,6 +244,19 @@ def test_the_command_writes_labels_table_and_page_and_trims(furnished, tmp_path,
         "object_1.ply", "object_3.ply", "background.ply",
     }  # fmt: skip
     assert json.loads(capsys.readouterr().out)["folder"] == str(tmp_path / "trimmed")
+
+
+def test_an_up_vector_that_was_found_for_the_scene_is_that_of_its_trims(furnished, tmp_path):
+    room.save(furnished[0], CAMERAS, tmp_path)
+    quick = ["--views", 2, "--plan.size", 96, "--refine", "off", "--background", "exact", "--quiet"]
+    find = ["objects", tmp_path / "scene.ply", "--output", tmp_path / "found", "--keep", 1, "--trim", tmp_path / "one"]
+    assert run(*find, *quick) in (0, 3)
+    found = json.loads((tmp_path / "found" / "objects.json").read_text())["up"]
+    trimmed = json.loads((tmp_path / "one" / "report.json").read_text())["up"]
+    assert found["source"] == "ground plane" and found["confidence"] >= SURE_CONFIDENCE
+    assert trimmed["direction"] == pytest.approx(found["direction"])
+    (item, *_) = gt.batch.read_manifest(tmp_path / "found" / "batch.csv")
+    assert item.config.up == pytest.approx(found["direction"])
 
 
 def test_the_plan_shows_each_object_in_a_colour_of_its_own_where_it_stands(found, furnished):

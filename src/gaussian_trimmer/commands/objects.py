@@ -26,7 +26,7 @@ from gaussian_trimmer.io.manifest import is_made_of
 from gaussian_trimmer.io.names import safe_file_name
 from gaussian_trimmer.io.writing import atomic_folder
 from gaussian_trimmer.options import arg
-from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.planning.up_vector import UpVector, find_up
 from gaussian_trimmer.rendering import get_renderer
 from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.trim_options import TrimOptions
@@ -111,8 +111,8 @@ class Objects:
             stage("write")
             document = write_found(found, part, renderer, command=self._next_command(), names=names)
             if sure := [str(one.id) for one in found if one.sure and one.kind == "object"]:
-                write_manifest([self._batch_row(sure, folder)], part / "batch.csv")
-        _print_found(console, found, names)
+                write_manifest([self._batch_row(sure, folder, up)], part / "batch.csv")
+        _print_found(console, found, names, folder / "objects.csv")
         console.print(
             f"{folder}: {sum(one.sure for one in found)} objects, and "
             f"{sum(not one.sure for one in found)} that are unsure; time {time.perf_counter() - start:.1f} s"
@@ -127,7 +127,7 @@ class Objects:
         numbered = all(name.isdigit() for name in chosen)  # then objects keep their numbers
         selections = {int(name) if numbered else name: SelectionResult(mask) for name, mask in chosen.items()}
         self._run_of(self.trim, folder, list(selections)).run(
-            console, lambda: SelectedScene(scene, cameras, selections)
+            console, lambda: SelectedScene(scene, cameras, selections, up)
         )
 
     def _run_of(self, folder: Path, found: Path, chosen: list[int | str]) -> TrimRun:
@@ -144,16 +144,17 @@ class Objects:
             several=True,
         )
 
-    def _batch_row(self, numbers: list[str], folder: Path) -> dict[str, str]:
+    def _batch_row(self, numbers: list[str], folder: Path, up: UpVector) -> dict[str, str]:
         """The row of a manifest that trims these objects one by one, named as the folder."""
-        up, cameras = self.options.config.up or (), self.inputs.cameras
+        cameras = self.inputs.cameras
+        known = up.is_sure and (cameras is None or up.source == "given")
         return {
             "scene": str(self.inputs.scene.absolute()),
             "labels": "objects.npy",
             "objects": " ".join(numbers),
             "name": safe_file_name(folder.absolute().name),
             "cameras": str(cameras.absolute()) if cameras else "",
-            "up": " ".join(repr(float(value)) for value in up),
+            "up": " ".join(repr(float(value)) for value in up.direction) if known else "",
             "options": shlex.join(reading_words(self.options)),
         }
 
@@ -167,12 +168,13 @@ class Objects:
         return [*words, "--trim", str(Path("trimmed") / self.inputs.name)]
 
 
-def _print_found(console: Console, found: FoundObjects, names: dict[int, str]) -> None:
-    none_is_sure = not any(one.sure for one in found)
-    for one in found.objects[:_MOST_LISTED]:
-        if one.sure or none_is_sure:
-            called = f" {names[one.id]}" if one.id in names else ""
-            console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {in_lengths(one.size)}, {one.why}")
+def _print_found(console: Console, found: FoundObjects, names: dict[int, str], table: Path) -> None:
+    listed = [one for one in found if one.sure] or list(found)
+    for one in listed[:_MOST_LISTED]:
+        called = f" {names[one.id]}" if one.id in names else ""
+        console.print(f"object {one.id}{called}: {one.gaussians:,} Gaussians, {in_lengths(one.size)}, {one.why}")
+    if len(listed) > _MOST_LISTED:
+        console.print(f"{len(listed) - _MOST_LISTED} more are in {table}.")
 
 
 def _named(texts: tuple[str, ...]) -> dict[int, str]:

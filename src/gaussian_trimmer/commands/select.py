@@ -150,7 +150,7 @@ class Select:
         size, understood = in_lengths(np.ptp(ends, axis=0)), ", ".join(made.interpretations)
         count = f"{np.count_nonzero(made.mask):,} of {len(scene):,} Gaussians"
         console.print(f"{self.selection_path}: {count}, {size}, {understood}")
-        return SelectedScene(scene, cameras, {THE_OBJECT: made})
+        return SelectedScene(scene, cameras, {THE_OBJECT: made}, up)
 
     def _resolved(self, scene: Gaussians, cameras: CameraSet | None, up: UpVector) -> Marks:
         """All marks, those of an earlier run first."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from rich.console import Console
 
 from gaussian_trimmer import formats
-from gaussian_trimmer.cameras import Camera, CameraSet, up_frame
+from gaussian_trimmer.cameras import Camera, CameraSet, up_frame, vector_of_up
 from gaussian_trimmer.commands.console import (
     PrintOptions,
     announce_compiling,
@@ -24,6 +24,7 @@ from gaussian_trimmer.commands.console import (
 )
 from gaussian_trimmer.commands.pages import PageOptions
 from gaussian_trimmer.commands.placing import PlacingOptions
+from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.gaussians import Gaussians
 from gaussian_trimmer.geometry.bounds import robust_bounds
@@ -34,7 +35,7 @@ from gaussian_trimmer.output.report import describe, object_entries
 from gaussian_trimmer.output.result import title_of
 from gaussian_trimmer.output.saving import PICTURE, RESULTS, result_files, write_trim
 from gaussian_trimmer.planning.photo_views import photo_views, visible_share
-from gaussian_trimmer.planning.up_vector import find_up
+from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, find_up
 from gaussian_trimmer.rendering import Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import Segmenter
 from gaussian_trimmer.segmentation.segmenters.photographs import PhotoSegmenter, cameras_with_photos
@@ -96,6 +97,8 @@ class SelectedScene:
     cameras: CameraSet | None
     selections: Mapping[Any, SelectionResult]
     """By the objects' ids or names."""
+    up: UpVector | None = None
+    """What was found for the whole scene; if it is sure, no object searches for its own."""
 
     @property
     def first(self) -> SelectionResult:
@@ -157,6 +160,13 @@ class TrimRun:
         self.results.printing.print_json(report, (self.folder, RESULTS))
         return NOTHING_TRIMMED if all(entry["refused"] for entry in entries) else 0
 
+    def _settings(self, up: UpVector | None) -> TrimConfig:
+        """The settings of the trim, with what was found of the up vector where cameras do not tell it."""
+        settings = self.options.settings()
+        if up is None or not up.is_sure or up.source in KNOWN_SOURCES:
+            return settings
+        return replace(settings, up=vector_of_up(up.direction))
+
     def _locked_folder(self) -> Any:
         """The folder to write to, locked against other runs; errors as those of `atomic_folder`."""
         pages = self.results.pages
@@ -188,7 +198,7 @@ class TrimRun:
         result = trim_objects(
             selected.scene,
             selected.selections,
-            config=self.options.settings(),
+            config=self._settings(selected.up),
             renderer=renderer,
             segmenter=segmenter,
             cameras=selected.cameras,

@@ -32,6 +32,9 @@ _MIN_AGREEMENT = 0.3
 them, the least is 0.58; rows in another order, also where both orders follow the space, reach 0.2."""
 _MOST_OF_SCENE = 0.5
 """Share of a scene's Gaussians from which on a selection may be the background by mistake."""
+_LARGEST_REST = 0.5
+"""Spread of the rest, relative to that of the selection, up to which the rest may be the object. Those of the benchmark
+have at most a quarter of their surroundings'."""
 _MAX_TILT_DEGREES = 30.0
 _MIN_FLOOR = 0.4
 """Smallest area of a level layer, relative to an upright one, which makes that a wall and not the ground."""
@@ -56,18 +59,20 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
 def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
     """What speaks against a selection (N,) of most of a scene, a sentence; None if nothing does.
 
-    A capture of little but the object is mostly selected, too, but then what is left lies around it.
+    A capture of little but the object is mostly selected, too, but then what is left is next to nothing or lies around
+    it.
     """
     share = float(selection.mean())
     if share <= _MOST_OF_SCENE:
         return None
     if selection.all():
         return "The object is the whole file, so nothing is left without it. To cut out a part, select that part."
-    if _spread(scene.means[~selection]) > _spread(scene.means[selection]):
+    rest = scene.means[~selection]
+    if len(rest) < _MIN_JUDGED or _spread(rest) > _LARGEST_REST * _spread(scene.means[selection]):
         return None
     return (
-        f"The selection holds {100 * share:.0f} % of the scene's Gaussians; if it is inverted, select what it leaves "
-        "out instead."
+        f"The selection holds {100 * share:.0f} % of the scene's Gaussians, and what it leaves out lies together. If "
+        "that is the object, select it instead."
     )
 
 
