@@ -24,6 +24,7 @@ from gaussian_trimmer.output.result import RowLabel
 from gaussian_trimmer.output.saving import result_files
 from gaussian_trimmer.planning.up_vector import find_up
 from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
+from gaussian_trimmer.selecting.selection_result import SelectionResult
 from gaussian_trimmer.trimming.arguments import mask_of_selection
 from gaussian_trimmer.trimming.trim_options import TrimOptions
 
@@ -132,7 +133,7 @@ def test_masks_of_whole_numbers_and_row_numbers_are_selections(same):
     [
         (np.array([0, 1]), 2, "both a mask and row numbers"),
         (np.array([0]), 1, "both a mask and row numbers"),
-        (np.array([3, 3]), 5, "neither .*'labels == 3'"),
+        (np.array([3, 3]), 5, r"neither .*row 3 is there 2 times.*'labels == 3'"),
         (np.array([0, 1, 2, 2, 0]), 5, "neither a mask nor row numbers"),
         (np.array([0, 1, 255, 0, 0]), 5, "neither"),
         (np.array([0, 1, 1]), 5, "neither"),
@@ -215,10 +216,18 @@ def test_an_axis_is_an_up_vector_everywhere():
 def test_results_are_shown_in_a_line(result):
     texts = [
         repr(part)
-        for part in (SCENE, result, result.only, CameraSet((toy.camera_at((5, 0, 3)),), None, (True,), False))
+        for part in (
+            SCENE,
+            result,
+            result.only,
+            CameraSet((toy.camera_at((5, 0, 3)),), None, (True,), False),
+            SelectionResult(ROUGH, interpretations=("a sphere",)),
+            result.views[0],
+        )
     ]
     assert all("\n" not in text and len(text) < 100 for text in texts)
     assert f"{len(SCENE):,}" in texts[0] and f"{len(result.object):,}" in texts[1] and "1 cameras" in texts[3]
+    assert "a sphere" in texts[4] and "x" in texts[5]
 
 
 # Gaussians of other number types and from other programs

@@ -197,6 +197,8 @@ def test_marks_that_cannot_be():
         gt.select(SCENE, [Grow(1.0)])
     with pytest.raises(InputError, match="No Gaussian is selected after the last mark"):
         gt.select(SCENE, [Sphere((99.0, 99.0, 99.0), 0.1)])
+    with pytest.raises(InputError, match="Mark 1 is a tuple; give"):
+        gt.select(SCENE, [(250, 190)])
     with pytest.raises(InputError, match="no view 40"):
         gt.select(SCENE, [Click(1, 1, 40)])
 

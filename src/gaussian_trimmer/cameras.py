@@ -129,9 +129,12 @@ def as_camera_set(cameras: CameraSet | Sequence[Camera] | None) -> CameraSet | N
         return cameras
     if isinstance(cameras, Sequence) and cameras and all(isinstance(camera, Camera) for camera in cameras):
         return CameraSet(tuple(cameras), None, (True,) * len(cameras), distorted=False)
+    what = f"a {type(cameras).__name__}"
+    if isinstance(cameras, list | tuple):
+        what = f"a list of {type(cameras[0]).__name__}" if cameras else "an empty list"
     raise InputError(
-        f"The cameras are a {type(cameras).__name__}; give a CameraSet, from gaussian_trimmer.read_cameras(path) or "
-        "cameras_from_arrays(...), or a list of Camera."
+        f"The cameras are {what}; give a CameraSet, from gaussian_trimmer.read_cameras(path) or "
+        "cameras_from_arrays(...), or a list of gaussian_trimmer.cameras.Camera."
     )
 
 

@@ -52,6 +52,9 @@ class View:
     photographed: bool = False
     """Whether the picture is a photograph, which shows more than the scene does, and not a rendering of the scene."""
 
+    def __repr__(self) -> str:
+        return f"<View: {self.camera.width} x {self.camera.height} pixels>"
+
     @property
     def rgb(self) -> FloatArray:
         """The picture to segment, over black; colours are not clipped above one, (H, W, 3)."""
@@ -91,6 +94,10 @@ class TrimmedView:
     """Why the mask was rejected; None if it was accepted."""
     judged: bool = True
     """Whether the mask was held against the silhouette of the labels; not where it is this silhouette."""
+
+    def __repr__(self) -> str:
+        rejected = f", rejected: {self.rejected}" if self.rejected else ""
+        return f"<TrimmedView: {self.view!r}, mask of {np.count_nonzero(self.mask):,}{rejected}>"
 
 
 def without_pictures(trimmed: TrimmedView) -> TrimmedView:

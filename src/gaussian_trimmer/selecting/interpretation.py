@@ -146,6 +146,11 @@ class MarkInterpreter:
             InputError: the mark is not possible, or nothing is seen at its pixels.
         """
         number = len(before.interpretations) + 1
+        if not isinstance(mark, Mark):
+            raise InputError(
+                f"Mark {number} is a {type(mark).__name__}; give gaussian_trimmer.marks.Click(...) or another of its "
+                "marks."
+            )
         if not before.mask.any() and getattr(mark, "effect", "remove") != "add":
             raise InputError(
                 f"Mark {number} changes a selection, but nothing is selected before it; begin with others."
@@ -183,7 +188,6 @@ class MarkInterpreter:
             case Shrink():
                 mask = shrunk(means, state.mask, mark.spacings)
                 return replace(state, mask=mask), "shrunk"
-        raise InputError(f"Mark {number} is a {type(mark).__name__}, which is not a mark.")
 
     def _click(self, state: SelectionState, mark: Click) -> tuple[SelectionState, str]:
         view, rows = self._viewed(mark.view)

@@ -32,6 +32,10 @@ class SelectionResult:
     cuts: tuple[StrokeCut, ...] = ()
     """Strokes at which a trim cuts."""
 
+    def __repr__(self) -> str:
+        made = f", {', '.join(self.interpretations)}" if self.interpretations else ""
+        return f"<SelectionResult: {np.count_nonzero(self.mask):,} of {len(self.mask):,} Gaussians{made}>"
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The mask, for NumPy."""
         return np.array(self.mask, dtype, copy=bool(copy) or dtype not in (None, np.bool_))

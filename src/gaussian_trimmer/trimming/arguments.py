@@ -114,12 +114,14 @@ def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
 def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
     lowest, highest = int(values.min()), int(values.max())
     is_mask = len(values) == n and bool(np.isin(values, (0, 255 if highest == 255 else 1)).all())
-    are_rows = lowest >= 0 and highest < n and len(np.unique(values)) == len(values)
+    rows, times = np.unique(values, return_counts=True)
+    are_rows = lowest >= 0 and highest < n and len(rows) == len(values)
+    twice = f" (row {rows[times.argmax()]} is there {times.max()} times)" if len(rows) < len(values) else ""
     if is_mask == are_rows:
         raise InputError(
             f"The selection has {len(values)} whole numbers from {lowest} to {highest}, which can be "
             f"{'both a mask and' if is_mask else 'neither a mask nor'} row numbers: a mask of {n} Gaussians has {n} "
-            f"numbers that are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once. Give booleans, "
+            f"numbers that are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once{twice}. Give booleans, "
             "such as 'labels == 3'."
         )
     return np.asarray(values != 0) if is_mask else np.isin(np.arange(n), values)
@@ -212,7 +214,9 @@ def settings(
     if view_cameras is not None:
         is_list = isinstance(view_cameras, Sequence) and len(view_cameras) > 0
         if not is_list or not all(isinstance(camera, Camera) for camera in view_cameras):
-            raise InputError("view_cameras must be a list of cameras.Camera; leave it out for virtual cameras.")
+            raise InputError(
+                "view_cameras must be a list of gaussian_trimmer.cameras.Camera; leave it out for virtual cameras."
+            )
         if views is not None:
             raise InputError(f"{views} views cannot be had beside {len(view_cameras)} view_cameras; leave one out.")
     if views is not None:
