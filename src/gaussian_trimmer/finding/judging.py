@@ -7,11 +7,11 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.finding.found import SURE
+from gaussian_trimmer.finding.found import Verdict
 from gaussian_trimmer.finding.regions import FILLED, MIN_AREA
 from gaussian_trimmer.finding.room_surfaces import Room, RoomSurface
 from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.settings import Range, Share
 
 MIN_SHARE_AT_ALL = 0.1
@@ -44,24 +44,6 @@ class FindConfig:
     captures that are looked at in tiles."""
     surfaces: bool = False
     """Also name the surfaces of the room: table tops, floors and walls; not in captures that are looked at in tiles."""
-
-
-@dataclass(frozen=True, eq=False)
-class Verdict:
-    """What is thought of one region."""
-
-    region: int | None
-    """Its number; None for a surface of the room."""
-    shown: float
-    """Share of the views' pixels."""
-    seen: float
-    """Share of the views."""
-    view: int
-    """Number of the view that shows it best."""
-    box: tuple[Float64Array, Float64Array]
-    """Corners, in units along the axes of the visible surface, (3,) each."""
-    confidence: float
-    why: str
 
 
 def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[Verdict]:
@@ -101,16 +83,14 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
             confidence, doubts = min(confidence, DOUBTFUL), ["goes on beyond the pictures", *doubts]
         if not room.has_floor and shown[number] > _NEARLY_ALL:
-            confidence, doubts = (
-                min(confidence, DOUBTFUL),
-                ["is nearly the whole scene; click on parts", *doubts],
-            )
+            confidence, doubts = min(confidence, DOUBTFUL), ["is nearly the whole scene; click on parts", *doubts]
         if rests is None:
             confidence, doubts = min(confidence, DOUBTFUL), ["no surface was found under it", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])
         view = int(np.argmax(by_view[number]))
-        found.append(Verdict(number, float(shown[number]), seen[number], view, (low, high), confidence, why))
-    return sorted(found, key=lambda verdict: (verdict.confidence < SURE, -verdict.shown))
+        box = surface.box_in_scene(low, high)
+        found.append(Verdict(number, float(shown[number]), seen[number], view, *box, confidence, why))
+    return sorted(found, key=lambda verdict: (not verdict.sure, -verdict.shown))
 
 
 def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> Verdict:
@@ -122,10 +102,9 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
     """
     by_view = surface.shown[:, rows].sum(axis=1)
     shown = float(by_view.sum()) / max(float(surface.shown.sum()), 1e-12)
-    points = surface.points[rows]
-    box = points.min(axis=0), points.max(axis=0)
+    box = surface.box_in_scene(surface.points[rows].min(axis=0), surface.points[rows].max(axis=0))
     why = "a table top, floor or shelf" if one.horizontal else "a wall"
-    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), box, 1.0, why)
+    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), *box, 1.0, why)
 
 
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:

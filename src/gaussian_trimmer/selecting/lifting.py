@@ -45,7 +45,7 @@ def lift_by_assignment(
         InputError: the masks are empty, or as `lift_objects_by_assignment`.
     """
     labels = [mask.astype(np.uint8) for mask in _binary_masks(cameras, masks)]
-    return lift_objects_by_assignment(gaussians, cameras, labels, renderer, gamma) == 1
+    return np.asarray(lift_objects_by_assignment(gaussians, cameras, labels, renderer, gamma) == 1)
 
 
 def lift_objects_by_assignment(

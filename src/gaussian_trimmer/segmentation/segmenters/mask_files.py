@@ -141,9 +141,7 @@ def _names_in(folder: Path) -> frozenset[str]:
         return frozenset()
 
 
-def find_mask(
-    folder: Path, camera: Camera, names_in: Callable[[Path], frozenset[str]] | None = None
-) -> Path | None:
+def find_mask(folder: Path, camera: Camera, names_in: Callable[[Path], frozenset[str]] | None = None) -> Path | None:
     """Return the mask of a camera's picture, or None.
 
     Args:
