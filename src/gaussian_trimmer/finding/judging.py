@@ -20,8 +20,8 @@ DOUBTFUL = 0.4
 """Confidence in what has no surface under it, or carries a surface of the room, at most."""
 _MIN_INSIDE = 0.95
 """Share of a region that must lie within the pictures, in scenes that fill them and have no floor."""
-_CRUMB = 0.1
-"""What shows less than this share of the largest thing is a crumb of it, where there is no room."""
+_MIN_SHARE_OF_LARGEST = 0.1
+"""What shows less than this share of the largest object is a fragment of it, where there is no room."""
 _NEARLY_ALL = 0.9
 """What shows more than this share of all, where there is no room, may be several things on one another."""
 _CARRYING = 0.1
@@ -64,8 +64,8 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
     by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
     seen = {number: seen_share(shares) for number, shares in by_view.items()}
     most = max(seen.values(), default=1.0)
-    # Beside a thing without a room there are only crumbs of it.
-    least = config.min_shown if room.has_floor else max(config.min_shown, _CRUMB * float(shown.max(initial=0.0)))
+    of_largest = 0.0 if room.has_floor else _MIN_SHARE_OF_LARGEST * float(shown.max(initial=0.0))
+    least = max(config.min_shown, of_largest)
     found = []
     for number, rows in members.items():
         low, high = np.quantile(surface.points[rows], _END_QUANTILES, axis=0)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import Bounds, median_radius
 from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
@@ -63,17 +63,12 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
         return None
     if selection.all():
         return "The object is the whole file, so nothing is left without it. To cut out a part, select that part."
-    if _spread(scene.means[~selection]) > _spread(scene.means[selection]):
+    if median_radius(scene.means[~selection]) > median_radius(scene.means[selection]):
         return None
     return (
         f"The selection holds {100 * share:.0f} % of the scene's Gaussians; if it is inverted, select what it leaves "
         "out instead."
     )
-
-
-def _spread(means: FloatArray) -> float:
-    """Median distance of points (N, 3) from their middle."""
-    return float(np.median(np.linalg.norm(means - np.median(means, axis=0), axis=1)))
 
 
 def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | None:
