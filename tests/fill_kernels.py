@@ -24,13 +24,11 @@ def drawing():
 
 
 def searching():
-    """Connected points, cuts."""
+    """Connected points."""
     from gaussian_trimmer.geometry.components import connected_points
-    from gaussian_trimmer.geometry.min_cut import min_cut
 
     points = np.random.default_rng(0).normal(size=(100, 3))
     connected_points(points, 0.5)
-    min_cut(np.ones(2), np.array([[0, 1]]), np.ones(1))
 
 
 def fitting():

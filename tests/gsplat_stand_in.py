@@ -12,7 +12,9 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import gaussian
 
+from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.rendering.gsplat_cuda import GsplatRenderer
 from gaussian_trimmer.rendering.reference import sh_basis
 
@@ -129,37 +131,6 @@ class Kernels:
             v_colors[0, found[i][0]] += found[i][1]
         return None, torch.zeros_like(means2d), torch.zeros_like(conics), v_colors, torch.zeros_like(opacities)
 
-    def rasterize_to_indices_3dgs(
-        self, first, beyond, transmittances, means2d, conics, opacities, width, height, tile, offsets, flatten_ids
-    ):
-        assert (first, beyond) == (0, 1 << 30)
-        ids, pixels = [torch.zeros(0, dtype=torch.int64)], [torch.zeros(0, dtype=torch.int64)]
-        for tile_pixels, tile_ids, weights, _ in self._tiles(
-            means2d, conics, opacities, width, height, tile, offsets, flatten_ids, transmittances
-        ):
-            pixel, gaussian = weights.nonzero(as_tuple=True)
-            ids.append(tile_ids[gaussian])
-            pixels.append(tile_pixels[pixel])
-        order = torch.cat(pixels).argsort(stable=True)
-        return torch.cat(ids)[order], torch.cat(pixels)[order]
-
-    def rasterize_top(self, means2d, conics, opacities, offsets, flatten_ids, width, height, tile, k):
-        """Of every pixel the largest weights, from near to far, padded with -1 and 0: a kernel of 1.6."""
-        assert tile in (4, 16)
-        top_ids = torch.full((height * width, k), -1, dtype=torch.int32)
-        top_weights = torch.zeros(height * width, k)
-        everywhere = torch.ones(1, height, width)
-        for pixels, ids, weights, _ in self._tiles(
-            means2d, conics, opacities, width, height, tile, offsets, flatten_ids, everywhere
-        ):
-            kept = weights.sort(dim=1, descending=True, stable=True).indices[:, :k].sort(dim=1).values
-            kept_weights = weights.gather(1, kept)
-            order = (kept_weights == 0).int().argsort(dim=1, stable=True)
-            kept, kept_weights = kept.gather(1, order), kept_weights.gather(1, order)
-            top_ids[pixels, : kept.shape[1]] = torch.where(kept_weights > 0, ids[kept], -1).int()
-            top_weights[pixels, : kept.shape[1]] = kept_weights
-        return top_ids.reshape(1, height, width, k), top_weights.reshape(1, height, width, k)
-
     def _tiles(self, means2d, conics, opacities, width, height, tile, offsets, flatten_ids, transmittances):
         """For each tile its pixels (P,), the rows of its list (G,), weights alpha_i T_i (P, G), the light left (P,)."""
         n = means2d.shape[1]
@@ -190,7 +161,7 @@ class Kernels:
 class StandIn(ModuleType):
     """A module `gsplat` with the functions that the renderer calls, as 1.5.3 documents them.
 
-    With `tiles`, the sizes of tiles that 1.6 is limited to, it has that version's kernel for top contributors as well.
+    With `tiles`, the sizes of tiles that 1.6 is limited to, it has what that version is known by as well.
     """
 
     def __init__(self, alpha_cap=0.999, tiles=None):
@@ -199,7 +170,7 @@ class StandIn(ModuleType):
         self.tiles = tiles
         self.calls = []
         if tiles:
-            self.rasterize_top_contributing_gaussian_ids = self.kernels.rasterize_top
+            self.rasterize_top_contributing_gaussian_ids = None
 
     def rasterization(
         self, means, quats, scales, opacities, colors, viewmats, Ks, width, height, near_plane=0.01, far_plane=1e10,
@@ -259,16 +230,6 @@ class StandIn(ModuleType):
         )  # fmt: skip
         return image[..., :channels], alpha
 
-    def rasterize_to_indices_in_range(
-        self, range_start, range_end, transmittances, means2d, conics, opacities, image_width, image_height, tile_size,
-        isect_offsets, flatten_ids,
-    ):  # fmt: skip
-        ids, pixels = self.kernels.rasterize_to_indices_3dgs(
-            range_start, range_end, transmittances, means2d, conics, opacities, image_width, image_height, tile_size,
-            isect_offsets, flatten_ids,
-        )  # fmt: skip
-        return ids, pixels, torch.zeros_like(pixels)
-
 
 class _Rasterisation(torch.autograd.Function):
     """The kernels of the forward and the backward pass, joined for colours alone."""
@@ -326,6 +287,12 @@ def make_renderer(name, monkeypatch):
     if not torch.cuda.is_available():
         pytest.skip("there is no CUDA device for gsplat")
     return GsplatRenderer()
+
+
+def alpha_cap_of(renderer):
+    """The largest alpha of the gsplat in use: what an opaque Gaussian gives the pixel that it is centred on."""
+    K = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    return float(renderer.render(gaussian((0, 0, 1), opacity=1 - 1e-7), Camera(np.eye(4), K, 1, 1)).alpha.max())
 
 
 def install(monkeypatch, gsplat, kernels=()):

@@ -11,7 +11,7 @@ import toy
 from gaussian_trimmer.errors import InputError
 from gaussian_trimmer.finding import at_point, find
 from gaussian_trimmer.finding.agreement import Candidate, agree
-from gaussian_trimmer.finding.judging import Verdict
+from gaussian_trimmer.finding.found import Verdict
 from gaussian_trimmer.finding.tall_things import TallThings
 from gaussian_trimmer.finding.tiles import plan_tiles, tile_counts
 from gaussian_trimmer.finding.visible_surface import NothingShowsError
@@ -113,11 +113,9 @@ def test_a_box_at_the_border_of_a_tile_is_not_whole():
 
 
 def candidate(rows, confidence=0.8, reaches_ceiling=False, foot=0.0):
-    box = np.zeros(3), np.ones(3)
-    verdict = Verdict(1, 0.1, 1.0, 0, box, confidence, "stands on a surface")
-    return Candidate(
-        np.array(rows), verdict, np.array([0, 0, foot + 0.5]), np.ones(3), reaches_ceiling, reaches_ceiling
-    )
+    centre = np.array([0, 0, foot + 0.5])
+    verdict = Verdict(1, 0.1, 1.0, 0, centre, np.ones(3), confidence, "stands on a surface")
+    return Candidate(np.array(rows), verdict, reaches_ceiling, reaches_ceiling)
 
 
 def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
@@ -125,7 +123,7 @@ def test_what_most_tiles_agree_on_wins_and_what_one_tile_joined_is_dropped():
     both = range(180)
     found = agree([candidate(chair)] * 5 + [candidate(other)] * 4 + [candidate(both)] * 2, 200, UP)
     assert [len(one.rows) for one in found] == [100, 80]
-    assert all(one.confidence == 0.8 for one in found)
+    assert all(one.verdict.confidence == 0.8 for one in found)
 
 
 def test_things_that_are_sure_by_themselves_come_before_the_group_that_most_tiles_made_of_them():
@@ -164,13 +162,13 @@ def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
     )
     found = agree(few + small + cut, 200, UP)
     assert len(found) == 3
-    assert max(one.confidence for one in found) < 0.5
+    assert max(one.verdict.confidence for one in found) < 0.5
     assert {one.verdict.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
 
 
 def test_how_sure_an_object_is_is_what_most_that_are_alike_think():
     looks = [candidate(range(100), confidence) for confidence in (0.9, 0.3, 0.2)]
-    assert [one.confidence for one in agree(looks, 100, UP)] == [0.3]
+    assert [one.verdict.confidence for one in agree(looks, 100, UP)] == [0.3]
 
 
 def tall_room():

@@ -16,8 +16,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from gaussian_trimmer.finding.found import SURE
-from gaussian_trimmer.finding.judging import DOUBTFUL, Verdict
+from gaussian_trimmer.finding.found import Verdict
+from gaussian_trimmer.finding.judging import DOUBTFUL
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
 
 _ALIKE = 0.6
@@ -41,19 +41,10 @@ class Candidate:
     rows: IntArray
     """Its Gaussians in the scene, (C,), ascending."""
     verdict: Verdict
-    centre: Float64Array
-    """Middle of its box in the scene, (3,)."""
-    size: Float64Array
-    """Size of the box along two horizontal axes and up, (3,)."""
     cut_off: bool
     """Its upper end was cut off with the ceiling."""
     reaches_ceiling: bool
     """What was cut off goes on up to the ceiling, as a wall does."""
-
-    @property
-    def confidence(self) -> float:
-        """How sure it is, 0 to 1."""
-        return self.verdict.confidence
 
 
 def agree(candidates: Sequence[Candidate], size: int, up: Float64Array, *, parts: bool = False) -> list[Candidate]:
@@ -72,12 +63,12 @@ def agree(candidates: Sequence[Candidate], size: int, up: Float64Array, *, parts
     common = _common(candidates, size)
     alike = _alike(common)
     counts = np.asarray(alike.sum(axis=1)).ravel().tolist()
-    confidence = np.array([candidate.confidence for candidate in candidates])
+    confidence = np.array([candidate.verdict.confidence for candidate in candidates])
     shared = [float(np.median(confidence[row.indices])) for row in alike]
     agreed = [_agreed(*one) for one in zip(candidates, (one.rows for one in candidates), counts, shared, strict=True)]
-    heights = np.array([one.size[2] for one in candidates])
-    feet = np.array([one.centre @ up for one in candidates]) - heights / 2
-    sure = np.array([one.confidence >= SURE for one in agreed])
+    heights = np.array([one.verdict.size[2] for one in candidates])
+    feet = np.array([one.verdict.centre @ up for one in candidates]) - heights / 2
+    sure = np.array([one.verdict.sure for one in agreed])
     groups, wholes, is_part = _groups_wholes_and_parts(common, sure, feet, heights)
     taken, found = np.zeros(size, np.bool_), []
     for place in np.lexsort((-common.diagonal(), -np.array(counts), wholes & parts, groups)).tolist():

@@ -11,8 +11,8 @@ import numpy as np
 from gaussian_trimmer.cameras import CameraSet, up_frame
 from gaussian_trimmer.finding.agreement import Candidate, agree
 from gaussian_trimmer.finding.contacts import one_thing
-from gaussian_trimmer.finding.found import SURE, FoundObject, FoundObjects
-from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, Verdict, judge, judge_surface
+from gaussian_trimmer.finding.found import FoundObject, FoundObjects, Verdict
+from gaussian_trimmer.finding.judging import MIN_SHARE_AT_ALL, FindConfig, judge, judge_surface
 from gaussian_trimmer.finding.model_masks import AskedModel
 from gaussian_trimmer.finding.regions import find_regions
 from gaussian_trimmer.finding.room_surfaces import Room, find_room
@@ -105,10 +105,7 @@ def find_objects(
     with clock("regions"):
         [(verdicts, numbers)] = looks.judged(scene, surface, views, room, (0.0,))
         labels = with_hidden(surface, numbers, _HIDDEN_REACH, np.arange(len(scene)))
-    objects = tuple(
-        _described(scene, labels, number, verdict, *_box_in_scene(surface, verdict))
-        for number, verdict in enumerate(verdicts, 1)
-    )
+    objects = tuple(_described(scene, labels, number, verdict) for number, verdict in enumerate(verdicts, 1))
     looked_at = np.ones(len(scene), np.bool_)
     return FoundObjects(scene, labels, objects, tuple(views), looked_at, found_up, clock.seconds, surface)
 
@@ -176,7 +173,7 @@ class Looks:
                 low, high = np.percentile(points, _END_PERCENTILES, axis=0)
                 if tile.holds(low[:2], high[:2]):
                     cut = bool(high[2] > top - _CUT_SHARE * (high[2] - low[2]))
-                    found.append(Candidate(rows, verdict, *_box_in_scene(surface, verdict), cut, False))
+                    found.append(Candidate(rows, verdict, cut, False))
         return found
 
 
@@ -221,20 +218,18 @@ def _find_in_tiles(scene: Gaussians, up: UpVector, storey: Storey, looks: Looks,
     with clock("agree"):
         agreed = sorted(
             agree(candidates, len(shown), up.direction, parts=looks.config.parts),
-            key=lambda one: (one.confidence < SURE, -len(one.rows)),
+            key=lambda one: (not one.verdict.sure, -len(one.rows)),
         )
         labels = np.zeros(len(scene), np.int64)
         for number, one in enumerate(agreed, 1):
             labels[shown_rows[one.rows]] = number
         cut_off = [n for n, one in enumerate(agreed, 1) if one.cut_off and not one.reaches_ceiling]
         labels = tall.grown(labels, cut_off) if cut_off else labels
-    boxes = [
-        _box_of(scene, labels == n, up) if n in cut_off else (one.centre, one.size) for n, one in enumerate(agreed, 1)
-    ]
-    objects = tuple(
-        _described(scene, labels, number, one.verdict, *box)
-        for number, (one, box) in enumerate(zip(agreed, boxes, strict=True), 1)
-    )
+    verdicts = [one.verdict for one in agreed]
+    for number in cut_off:
+        centre, size = _box_of(scene, labels == number, up)
+        verdicts[number - 1] = replace(verdicts[number - 1], centre=centre, size=size)
+    objects = tuple(_described(scene, labels, number, verdict) for number, verdict in enumerate(verdicts, 1))
     return FoundObjects(scene, labels, objects, tuple(views), below | (labels > 0), up, clock.seconds)
 
 
@@ -262,12 +257,6 @@ def name_objects(
     return verdicts, numbers
 
 
-def _box_in_scene(surface: VisibleSurface, verdict: Verdict) -> tuple[Float64Array, Float64Array]:
-    """Return the middle of a region's box in the scene, (3,), and its size along the surface's axes, (3,)."""
-    low, high = verdict.box
-    return surface.centre + surface.unit * (low + high) / 2 @ surface.axes, surface.unit * (high - low)
-
-
 def _box_of(scene: Gaussians, mask: BoolArray, up: UpVector) -> tuple[Float64Array, Float64Array]:
     """Return the middle of the box around the Gaussians of a mask (N,), (3,), and its size as seen along up, (3,)."""
     axes = up_frame(up.direction)
@@ -275,22 +264,8 @@ def _box_of(scene: Gaussians, mask: BoolArray, up: UpVector) -> tuple[Float64Arr
     return (low + high) / 2 @ axes, high - low
 
 
-def _described(
-    scene: Gaussians, labels: IntArray, number: int, verdict: Verdict, centre: Float64Array, size: Float64Array
-) -> FoundObject:
+def _described(scene: Gaussians, labels: IntArray, number: int, verdict: Verdict) -> FoundObject:
     """Describe one object as users know it."""
     rows = np.flatnonzero(labels == number)
     colour = np.clip(0.5 + SH_C0 * scene.sh_dc[rows].mean(axis=0, dtype=np.float64), 0, 1)
-    return FoundObject(
-        id=number,
-        kind="object" if verdict.region is not None else "surface",
-        centre=centre,
-        size=size,
-        colour=np.asarray(colour, np.float64),
-        gaussians=len(rows),
-        shown=verdict.shown,
-        seen=verdict.seen,
-        view=verdict.view,
-        confidence=verdict.confidence,
-        why=verdict.why,
-    )
+    return FoundObject(**vars(verdict), id=number, colour=np.asarray(colour, np.float64), gaussians=len(rows))

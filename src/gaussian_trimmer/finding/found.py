@@ -18,27 +18,21 @@ SURE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class FoundObject:
-    """One object, or one surface of the room."""
+class Verdict:
+    """What is thought of one region of the visible surface, or of a surface of the room."""
 
-    id: int
-    """Its number among the labels, from 1."""
-    kind: str
-    """`object`, or `surface` for a table top, floor or wall."""
-    centre: Float64Array
-    """Middle of its box, in the scene's coordinates, (3,)."""
-    size: Float64Array
-    """Length along both horizontal axes of the frame and height of its box, in scene units, (3,)."""
-    colour: Float64Array
-    """Its mean colour, 0 to 1, (3,)."""
-    gaussians: int
-    """Number of its Gaussians."""
+    region: int | None
+    """Number of the region; None for a surface of the room."""
     shown: float
     """Share of the views' pixels that it fills."""
     seen: float
     """Share of the views in which it is seen well."""
     view: int
     """Number of the view that shows it best."""
+    centre: Float64Array
+    """Middle of its box, in the scene's coordinates, (3,)."""
+    size: Float64Array
+    """Length along both horizontal axes of the frame and height of its box, in scene units, (3,)."""
     confidence: float
     """How sure it is that this is one object, 0 to 1."""
     why: str
@@ -48,6 +42,23 @@ class FoundObject:
     def sure(self) -> bool:
         """Whether it is trimmed unless it is taken out."""
         return self.confidence >= SURE
+
+
+@dataclass(frozen=True, eq=False)
+class FoundObject(Verdict):
+    """One object, or one surface of the room."""
+
+    id: int
+    """Its number among the labels, from 1."""
+    colour: Float64Array
+    """Its mean colour, 0 to 1, (3,)."""
+    gaussians: int
+    """Number of its Gaussians."""
+
+    @property
+    def kind(self) -> str:
+        """`object`, or `surface` for a table top, floor or wall."""
+        return "surface" if self.region is None else "object"
 
 
 @dataclass(frozen=True, eq=False)

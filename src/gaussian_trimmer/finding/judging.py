@@ -7,11 +7,11 @@ from typing import Annotated
 
 import numpy as np
 
-from gaussian_trimmer.finding.found import SURE
+from gaussian_trimmer.finding.found import Verdict
 from gaussian_trimmer.finding.regions import FILLED, MIN_AREA
 from gaussian_trimmer.finding.room_surfaces import Room, RoomSurface
 from gaussian_trimmer.finding.visible_surface import VisibleSurface, seen_share
-from gaussian_trimmer.gaussians import BoolArray, Float64Array, IntArray
+from gaussian_trimmer.gaussians import BoolArray, IntArray
 from gaussian_trimmer.settings import Range, Share
 
 MIN_SHARE_AT_ALL = 0.1
@@ -20,8 +20,8 @@ DOUBTFUL = 0.4
 """Confidence in what has no surface under it, or carries a surface of the room, at most."""
 _MIN_INSIDE = 0.95
 """Share of a region that must lie within the pictures, in scenes that fill them and have no floor."""
-_CRUMB = 0.1
-"""What shows less than this share of the largest thing is a crumb of it, where there is no room."""
+_MIN_SHARE_OF_LARGEST = 0.1
+"""What shows less than this share of the largest object is a fragment of it, where there is no room."""
 _NEARLY_ALL = 0.9
 """What shows more than this share of all, where there is no room, may be several things on one another."""
 _CARRYING = 0.1
@@ -46,24 +46,6 @@ class FindConfig:
     """Also name the surfaces of the room: table tops, floors and walls; not in captures that are looked at in tiles."""
 
 
-@dataclass(frozen=True, eq=False)
-class Verdict:
-    """What is thought of one region."""
-
-    region: int | None
-    """Its number; None for a surface of the room."""
-    shown: float
-    """Share of the views' pixels."""
-    seen: float
-    """Share of the views."""
-    view: int
-    """Number of the view that shows it best."""
-    box: tuple[Float64Array, Float64Array]
-    """Corners, in units along the axes of the visible surface, (3,) each."""
-    confidence: float
-    why: str
-
-
 def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[Verdict]:
     """The regions that are objects, the sure ones first, then those that show most.
 
@@ -82,8 +64,8 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
     by_view = {number: surface.shown[:, rows].sum(axis=1) for number, rows in members.items()}
     seen = {number: seen_share(shares) for number, shares in by_view.items()}
     most = max(seen.values(), default=1.0)
-    # Beside a thing without a room there are only crumbs of it.
-    least = config.min_shown if room.has_floor else max(config.min_shown, _CRUMB * float(shown.max(initial=0.0)))
+    of_largest = 0.0 if room.has_floor else _MIN_SHARE_OF_LARGEST * float(shown.max(initial=0.0))
+    least = max(config.min_shown, of_largest)
     found = []
     for number, rows in members.items():
         low, high = np.quantile(surface.points[rows], _END_QUANTILES, axis=0)
@@ -101,16 +83,14 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
             confidence, doubts = min(confidence, DOUBTFUL), ["goes on beyond the pictures", *doubts]
         if not room.has_floor and shown[number] > _NEARLY_ALL:
-            confidence, doubts = (
-                min(confidence, DOUBTFUL),
-                ["is nearly the whole scene; click on parts", *doubts],
-            )
+            confidence, doubts = min(confidence, DOUBTFUL), ["is nearly the whole scene; click on parts", *doubts]
         if rests is None:
             confidence, doubts = min(confidence, DOUBTFUL), ["no surface was found under it", *doubts]
         why = ", ".join([*([rests] if rests else []), *doubts])
         view = int(np.argmax(by_view[number]))
-        found.append(Verdict(number, float(shown[number]), seen[number], view, (low, high), confidence, why))
-    return sorted(found, key=lambda verdict: (verdict.confidence < SURE, -verdict.shown))
+        box = surface.box_in_scene(low, high)
+        found.append(Verdict(number, float(shown[number]), seen[number], view, *box, confidence, why))
+    return sorted(found, key=lambda verdict: (not verdict.sure, -verdict.shown))
 
 
 def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> Verdict:
@@ -122,10 +102,9 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
     """
     by_view = surface.shown[:, rows].sum(axis=1)
     shown = float(by_view.sum()) / max(float(surface.shown.sum()), 1e-12)
-    points = surface.points[rows]
-    box = points.min(axis=0), points.max(axis=0)
+    box = surface.box_in_scene(surface.points[rows].min(axis=0), surface.points[rows].max(axis=0))
     why = "a table top, floor or shelf" if one.horizontal else "a wall"
-    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), box, 1.0, why)
+    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), *box, 1.0, why)
 
 
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:

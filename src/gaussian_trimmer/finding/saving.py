@@ -79,7 +79,8 @@ def write_found(
 def described(one: FoundObject, name: str = "") -> dict[str, Any]:
     """One object as tables and JSON hold it; lengths in scene units."""
     red, green, blue = (round(255 * float(value)) for value in one.colour)
-    place, size = (dict(zip(keys, values.tolist(), strict=True)) for keys, values in _boxes(one))
+    place = dict(zip(("x", "y", "z"), one.centre.tolist(), strict=True))
+    size = dict(zip(("length", "width", "height"), one.size.tolist(), strict=True))
     return {
         "id": one.id,
         "name": name,
@@ -144,10 +145,6 @@ def _card(one: FoundObject, name: str) -> str:
 
 def _picture_of(one: FoundObject) -> str:
     return f"object_{one.id:03d}.png"
-
-
-def _boxes(one: FoundObject) -> list[tuple[tuple[str, str, str], Any]]:
-    return [(("x", "y", "z"), one.centre), (("length", "width", "height"), one.size)]
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -103,8 +103,6 @@ class VisibleSurface:
     """Pairs of neighbours, each once, (E, 2)."""
     contact: Float64Array
     """Length of boundary along which both touch, in units, (E,)."""
-    convexity: Float64Array
-    """How convex the surface is between both, 0 to 1, (E,)."""
     affinity: Float64Array
     """How much both belong together by colour and convexity, 0 to 1, (E,)."""
 
@@ -117,6 +115,10 @@ class VisibleSurface:
     def resolution(self) -> float:
         """Distance between neighbours, in units."""
         return float(np.median(np.sqrt(self.areas)))
+
+    def box_in_scene(self, low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return the middle of a box in the scene, (3,), and its size, (3,), by its corners among the points."""
+        return self.centre + self.unit * (low + high) / 2 @ self.axes, self.unit * (high - low)
 
 
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
@@ -228,7 +230,6 @@ def visible_surface(scene: Gaussians, look: Look, measured: MeasuredSurface, up:
         measured=measured,
         edges=numbers[found.edges[edges]],
         contact=found.lengths[edges] / unit * measured.overlap[edges],
-        convexity=found.convexity[edges],
         affinity=found.affinity[edges],
     )
 

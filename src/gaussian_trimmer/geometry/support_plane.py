@@ -21,8 +21,9 @@ from gaussian_trimmer.settings import Range, Share
 
 _FOOT_DISTANCE_RADII = 0.4
 """Vertical distance from the object's foot within which the plane is searched, in object radii."""
-_CRUMBS = 0.01
-"""Visible weight, relative to the object's, of what is no surface: crumbs beside a thing that was captured alone."""
+_MIN_SURFACE_WEIGHT = 0.01
+"""Visible weight, relative to the object's, of the faintest surface; floaters beside an object that was captured alone
+have less."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def find_support_plane(
     bin_height = 2 / 3 * config.thickness  # a layer is three bins
     layer = densest_layer(height[level], weights[level], bin_height, float(foot - _FOOT_DISTANCE_RADII))
     least = config.min_share * weights[level].sum(), config.min_share_of_all * weights[~selection].sum()
-    if layer is None or layer[1] < max(*least, _CRUMBS * weights[selection].sum()):
+    if layer is None or layer[1] < max(*least, _MIN_SURFACE_WEIGHT * weights[selection].sum()):
         return None
     shown = weights[selection]
     if shown[height[selection] <= layer[0] + config.thickness].sum() > config.max_selected_within * shown.sum():

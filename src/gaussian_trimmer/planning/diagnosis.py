@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussian_trimmer.cameras import Camera
-from gaussian_trimmer.gaussians import BoolArray, FloatArray, Gaussians
-from gaussian_trimmer.geometry.bounds import Bounds
+from gaussian_trimmer.gaussians import BoolArray, Gaussians
+from gaussian_trimmer.geometry.bounds import Bounds, median_radius
 from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
@@ -66,19 +66,14 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
     if share <= _MOST_OF_SCENE:
         return None
     if selection.all():
-        return "The object is the whole file, so nothing is left without it. To cut out a part, select that part."
+        return "The object is the whole file, so the scene without it is empty. To cut out a part, select that part."
     rest = scene.means[~selection]
-    if len(rest) < _MIN_JUDGED or _spread(rest) > _LARGEST_REST * _spread(scene.means[selection]):
+    if len(rest) < _MIN_JUDGED or median_radius(rest) > _LARGEST_REST * median_radius(scene.means[selection]):
         return None
     return (
         f"The selection holds {100 * share:.0f} % of the scene's Gaussians, and what it leaves out lies together. If "
         "that is the object, select it instead."
     )
-
-
-def _spread(means: FloatArray) -> float:
-    """Median distance of points (N, 3) from their middle."""
-    return float(np.median(np.linalg.norm(means - np.median(means, axis=0), axis=1)))
 
 
 def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
+from gaussian_trimmer.geometry.bounds import median_radius
 from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
 from gaussian_trimmer.planning.storey import MIN_FLOOR, find_storey, sampled
 
@@ -214,7 +215,7 @@ def _up_from_points(
     """Normal of the plane that most points lie on, if enough do."""
     if len(points) < _MIN_POINTS:
         return None
-    tolerance = _THICKNESS_RADII * _robust_radius(points)
+    tolerance = _THICKNESS_RADII * median_radius(points)
     plane = _best_plane(points, object_points, tolerance, rng) if tolerance > 0 else None
     if plane is None:
         return None
@@ -236,7 +237,7 @@ def _stands_above(plane: Plane, others: Float64Array, object_points: Float64Arra
     heights = others
     if object_points is not None:
         standing = plane.signed_distance(object_points)
-        if np.median(abs(standing)) > _LYING_DISTANCE_RADII * _robust_radius(object_points):
+        if np.median(abs(standing)) > _LYING_DISTANCE_RADII * median_radius(object_points):
             heights = standing
     return bool((heights > 0).sum() >= (heights < 0).sum())
 
@@ -244,7 +245,7 @@ def _stands_above(plane: Plane, others: Float64Array, object_points: Float64Arra
 def _is_flat(points: FloatArray, direction: Float64Array) -> bool:
     """Whether an object is as flat along a direction as a rug on its floor, or a picture on its wall."""
     heights = points @ direction
-    limit = _LYING_DISTANCE_RADII * _robust_radius(points.astype(np.float64))
+    limit = _LYING_DISTANCE_RADII * median_radius(points.astype(np.float64))
     return bool(np.median(np.abs(heights - np.median(heights))) < limit)
 
 
@@ -271,10 +272,6 @@ def _distances(points: FloatArray, centre: Float64Array) -> Float64Array:
         x, y, z = (points[part] - centre).T
         np.sqrt(x * x + y * y + z * z, out=distances[part])
     return distances
-
-
-def _robust_radius(points: Float64Array) -> float:
-    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def _best_plane(
@@ -312,5 +309,5 @@ def _standing(
     heights = normals @ object_points.T - offsets[:, None]  # (P, M)
     heights *= np.where(np.median(heights, axis=1) < 0, -1, 1)[:, None]
     on_one_side = (heights > -tolerance).mean(axis=1)
-    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(_robust_radius(object_points), tolerance)
+    gap = np.maximum(0.0, np.quantile(heights, 0.05, axis=1)) / max(median_radius(object_points), tolerance)
     return np.asarray(on_one_side / (1.0 + gap))

@@ -79,13 +79,13 @@ def inpaint_surfaces(
         rgb, relight = inpaint_shift_map(picture.rgb, picture.known, hole)
         hole &= _where_it_is(picture, hole)
         relief = copy_relief(gaussians, background & visible, picture, surfaces, hole, rgb, relight)
-        new += [relief.copies] if relief else []
-        sink, top = (-relief.low, max(relief.high, _HEIGHT_RADII)) if relief else (_SINK_RADII, _HEIGHT_RADII)
-        new.append(_new_gaussians(picture, hole, rgb, sink, gaussians.sh_rest.shape[2]))
+        copies, low, high = relief or (gaussians.select(slice(0)), -_SINK_RADII, 0.0)
+        new.append(copies)
+        new.append(_new_gaussians(picture, hole, rgb, -low, gaussians.sh_rest.shape[2]))
         (rows, columns), inside = picture.pixels_of(gaussians.means)
         inside &= background
         height = surface.heights(gaussians.means)
-        there = inside & hole[rows, columns] & (height < top)
+        there = inside & hole[rows, columns] & (height < max(high, _HEIGHT_RADII))
         replaced |= there & ((height > -_HEIGHT_RADII) | ((height > -_DEPTH_RADII) & ~visible))
         in_it = inside & (np.abs(height) < THICKNESS_RADII)
         factor = np.where(in_it, np.maximum(factor, relight[rows, columns]), factor)

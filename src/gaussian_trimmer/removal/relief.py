@@ -8,7 +8,6 @@ what lies a shift away is copied, stones and all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -45,15 +44,6 @@ Patch = tuple[tuple[int, int], BoolArray]
 """A shift down and right, and the pixels (H, W) that are filled with what lies so much farther."""
 
 
-@dataclass(frozen=True, eq=False)
-class Relief:
-    """Copies that fill a hole, and the heights between which the relief lies, in object radii."""
-
-    copies: Gaussians
-    low: float
-    high: float
-
-
 def copy_relief(
     gaussians: Gaussians,
     seen: BoolArray,
@@ -62,8 +52,10 @@ def copy_relief(
     hole: BoolArray,
     filled: FloatArray,
     relight: FloatArray,
-) -> Relief | None:
-    """Return what fills a hole with the surface's relief, or None if the filled picture does as well.
+) -> tuple[Gaussians, float, float] | None:
+    """Return copies that fill a hole with the surface's relief, and between which heights, in object radii, it lies.
+
+    None if the filled picture does as well.
 
     Args:
         gaussians: what is around the object, N.
@@ -92,7 +84,7 @@ def copy_relief(
             np.array([*(np.array(shift) / PIXELS_A_RADIUS), _SINK_RADII]) @ picture.surface.axes * picture.surface.unit,
         )
         copies.append(taken.replace(means=(taken.means - step).astype(np.float32)))
-    return Relief(concatenate(copies), low, high)
+    return concatenate(copies), low, high
 
 
 def patches_with_grain(

@@ -102,12 +102,8 @@ def take_picture(
     return replace(picture, rgb=rgb, known=known, empty=empty, hole=_at_the_object(_opened(hole), picture, views))
 
 
-def cameras_before(views: RemovalViews, surfaces: Sequence[Surface]) -> list[Camera]:
-    """Return the views but for those from behind any of the surfaces."""
-    return [camera for camera in views.cameras if _is_before(camera, surfaces)]
-
-
 def _is_before(camera: Camera, surfaces: Sequence[Surface]) -> bool:
+    """Tell whether a camera looks from before all surfaces."""
     return bool(above_all(surfaces, camera.centre[None], THICKNESS_RADII).all())
 
 
@@ -162,7 +158,7 @@ def _from_above(
     for other in surfaces:
         ours &= np.abs(other.heights(means)) >= height
     # Nobody looked from straight above, so the colours are those of the views, and not what they would be from there.
-    drawn, before = views.gaussians.select(ours), cameras_before(views, surfaces)
+    drawn, before = views.gaussians.select(ours), [view for view in views.cameras if _is_before(view, surfaces)]
     colours = np.mean([view_colours(drawn, view) for view in before], axis=0) if before else np.zeros((len(drawn), 3))
     # In the surface's own frame, and with heights rounded, for in a level surface depths are equal: neither the order
     # of rows nor the scene's axes may decide.

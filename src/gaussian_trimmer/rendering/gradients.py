@@ -18,7 +18,6 @@ from gaussian_trimmer.rendering.numba_cpu import (
     project_view,
     whole_tiles,
 )
-from gaussian_trimmer.rendering.projection_kernels import Tiles
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +110,15 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     moves = moving[projection.rows]
     sums = np.zeros((len(projection.rows), kernels.N_SUMS), np.float32)
     for tiles in projection.parts(camera, kernels.N_SUMS):
-        pairs, busy = _differentiated(drawing, tiles, moves, padded)
+        pairs = np.zeros((len(tiles.lists), kernels.N_SUMS), np.float32)
+        busy = np.zeros(len(tiles.starts) - 1, np.bool_)
+        images, out = (drawing.padded, padded), (pairs, busy)
+        parallel_for(
+            lambda first, last, tiles=tiles, images=images, out=out: kernels.differentiate_tiles(  # type: ignore[misc]
+                projection.splats, projection.colours, moves, tiles, images, out, (first, last)
+            ),
+            len(busy),
+        )
         kernels.sum_moving_pairs(pairs, tiles.starts, tiles.lists, busy, sums)
     chosen = np.flatnonzero(moves)
     rows = projection.rows[chosen]
@@ -128,25 +135,3 @@ def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatA
     derivatives = np.zeros((len(gaussians), kernels.N_PARAMETERS), np.float32)
     derivatives[rows] = found
     return derivatives
-
-
-def _differentiated(
-    drawing: Drawing, tiles: Tiles, moves: BoolArray, slopes: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """What `differentiate_tiles` finds of some tiles of a view."""
-    projection = drawing.projection
-    pairs, busy = np.zeros((len(tiles.lists), kernels.N_SUMS), np.float32), np.zeros(len(tiles.starts) - 1, np.bool_)
-
-    def differentiate(first: int, last: int) -> None:
-        kernels.differentiate_tiles(
-            projection.splats,
-            projection.colours,
-            moves,
-            tiles,
-            (drawing.padded, slopes),
-            (pairs, busy),
-            (first, last),
-        )
-
-    parallel_for(differentiate, len(busy))
-    return pairs, busy

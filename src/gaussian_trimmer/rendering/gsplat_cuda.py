@@ -1,8 +1,7 @@
 """The GPU renderer: gsplat's CUDA kernels behind the `Renderer` contract.
 
 gsplat shares every constant of this package but one: up to version 1.5.3 a Gaussian's alpha is capped at 0.999, not at
-0.99, so that what lies right behind an opaque centre shows ten times less. The cap of the installed version is
-measured and used where this package repeats the kernels' arithmetic.
+0.99, so that what lies right behind an opaque centre shows ten times less.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, wraps
+from functools import wraps
 from typing import Any, TypeVar, cast
 from weakref import WeakKeyDictionary
 
@@ -27,11 +26,10 @@ from gaussian_trimmer.rendering import (
     LOW_PASS_VARIANCE,
     Rendering,
     check_pairs,
-    pixels_inside,
 )
-from gaussian_trimmer.rendering.gsplat_contributors import top_by_kernel, top_by_pairs
 from gaussian_trimmer.rendering.gsplat_import import import_gsplat
 from gaussian_trimmer.rendering.gsplat_projection import Projection
+from gaussian_trimmer.rendering.numba_cpu import NumbaRenderer
 
 Tensor = Any  # torch is imported late, so its types have no name here.
 Method = TypeVar("Method", bound=Callable[..., Any])
@@ -64,29 +62,6 @@ class _Uploaded:
     """The last few, by the id of the camera, which stays its own because the camera is kept."""
 
 
-class _RenderingOnDevice(Rendering):
-    """A rendering whose images leave the device when they are first looked at; most never are.
-
-    Arrays are taken too, so that `dataclasses.replace` works.
-    """
-
-    def __init__(
-        self, rgb: Tensor | FloatArray, alpha: Tensor | FloatArray, depth: Tensor | FloatArray, weights: FloatArray
-    ) -> None:
-        # Past the setters of a frozen dataclass. What is no attribute yet is looked up below.
-        vars(self).update(weights=weights, on_device={"rgb": rgb, "alpha": alpha, "depth": depth})
-
-    def __getattr__(self, name: str) -> Any:
-        left = vars(self).get("on_device", {})
-        if name in left:
-            vars(self)[name] = left[name] if isinstance(left[name], np.ndarray) else _array(left[name])
-            # Only then is it let go, and by another dictionary: other threads and copies may be looking too.
-            vars(self)["on_device"] = {other: image for other, image in left.items() if other != name}
-        if name not in vars(self):
-            raise AttributeError(f"A rendering has no '{name}'.")
-        return vars(self)[name]
-
-
 def _on_device(method: Method) -> Method:
     """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in."""
 
@@ -117,9 +92,9 @@ class GsplatRenderer:
     def __init__(self, device: str = "cuda") -> None:
         self._torch, self._gsplat = import_gsplat(device)
         self._device = self._torch.device(device)
-        # Version 1.6 is known by its kernel for this.
-        self._lists_top = hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids")
-        self._tile = _TILE_OF_1_6 if self._lists_top else _TILE
+        is_1_6 = hasattr(self._gsplat, "rasterize_top_contributing_gaussian_ids")
+        self._tile = _TILE_OF_1_6 if is_1_6 else _TILE
+        self._cpu = NumbaRenderer()
         self._uploaded: WeakKeyDictionary[Gaussians, _Uploaded] = WeakKeyDictionary()
 
     @_on_device
@@ -135,7 +110,7 @@ class GsplatRenderer:
             rgb = rgb + (1 - alpha)[..., None] * self._tensor(background)
         everywhere = self._blank(camera, int(weights)) + 1
         shown = self._weights_under(everywhere, gaussians, camera).flatten()
-        return _RenderingOnDevice(rgb, alpha, image[..., 3], _array(shown))
+        return Rendering(_array(rgb), _array(alpha), _array(image[..., 3]), _array(shown))
 
     @_on_device
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
@@ -157,21 +132,11 @@ class GsplatRenderer:
         sums = [self._weights_under((label == part).float(), gaussians, camera) for part in parts]
         return _array(self._torch.cat(sums, dim=1))
 
-    @_on_device
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
-        """The k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
-        pixels = pixels_inside(pixels, camera)
-        if not len(gaussians) or not len(pixels):
-            return np.full((len(pixels), k), -1), np.zeros((len(pixels), k), np.float32)
-        flat = self._torch.tensor(pixels[:, 1] * camera.width + pixels[:, 0], device=self._device)
-        projection = self._projection(gaussians, camera)
-        if self._lists_top:
-            ids, weights = top_by_kernel(self._gsplat, projection, camera, flat, k)
-        else:
-            ids, weights = top_by_pairs(self._gsplat, projection, camera, flat, k, self._alpha_cap)
-        return _array(self._torch.where(weights > 0, ids, -1)), _array(weights)
+        """The k largest blend weights at each asked pixel, found on the CPU; see `Renderer.top_contributors`."""
+        return self._cpu.top_contributors(gaussians, camera, pixels, k)
 
     def _weights_under(self, images: Tensor, gaussians: Gaussians, camera: Camera) -> Tensor:
         """Sums over pixels of alpha_i T_i times the values of images (H, W, L), as (N, L), the same in every run.
@@ -312,15 +277,6 @@ class GsplatRenderer:
 
     def _blank(self, camera: Camera, n_channels: int) -> Tensor:
         return self._torch.zeros((camera.height, camera.width, n_channels), device=self._device)
-
-    @cached_property
-    def _alpha_cap(self) -> float:
-        """Largest alpha of the installed gsplat: what an opaque Gaussian gives the pixel that it is centred on."""
-        ahead, unturned = np.array([[0, 0, 1]], np.float32), np.array([[1, 0, 0, 0]], np.float32)
-        zeros, no_rest = np.zeros((1, 3), np.float32), np.zeros((1, 3, 0), np.float32)
-        opaque = Gaussians(ahead, zeros, unturned, np.array([100], np.float32), zeros, no_rest)
-        K = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
-        return float(self.render(opaque, Camera(np.eye(4), K, 1, 1)).alpha.max())
 
 
 def _array(tensor: Tensor) -> NDArray[Any]:

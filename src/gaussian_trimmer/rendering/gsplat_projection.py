@@ -31,11 +31,6 @@ class Projection:
         held = (self.means, self.conics, self.opacities, self.tile_starts, self.tile_lists)
         return int(sum(tensor.nbytes for tensor in held))
 
-    def list_lengths(self) -> Tensor:
-        """Number of splats that reach each tile, (tiles,)."""
-        starts = self.tile_starts.flatten().long()
-        return starts.diff(append=starts.new_tensor([len(self.tile_lists)]))
-
     def apart(self) -> Projection:
         """The same picture with a splat of its own for every entry of the tiles' lists."""
         rows = self.tile_lists.long()

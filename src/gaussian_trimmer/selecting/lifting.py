@@ -19,7 +19,6 @@ from gaussian_trimmer.gaussians import BoolArray, Float64Array, Gaussians
 from gaussian_trimmer.rendering import Renderer
 from gaussian_trimmer.rendering.lifting import label_weights
 from gaussian_trimmer.segmentation.segmenters.mask_files import cameras_with_masks, ids_of
-from gaussian_trimmer.selection_files.label_assignment import assign_labels
 from gaussian_trimmer.views import HALF_COVERAGE
 
 LabelArray = NDArray[np.uint8]
@@ -34,23 +33,19 @@ def lift_by_assignment(
     renderer: Renderer,
     gamma: float = 0.0,
 ) -> BoolArray:
-    """Gaussians that contribute more to the pixels inside the masks than to those outside, (N,).
+    """Return the Gaussians that contribute more to the pixels inside the masks than to those outside, (N,).
+
+    Ties are left out.
 
     Args:
         masks: one (H, W) a camera, boolean or coverage 0..255.
         gamma: slackness in [-1, 1]; above zero it takes fewer Gaussians, below zero more.
 
-    Gaussians that no view sees and ties are left out.
-    The optimal assignment of FlashSplat (Shen et al. 2024) for two labels.
-
     Raises:
-        InputError: number or sizes of masks and cameras differ, the masks are empty, or gamma is out of range.
+        InputError: the masks are empty, or as `lift_objects_by_assignment`.
     """
-    _check_gamma(gamma)
-    inside = _binary_masks(cameras, masks)
-    labels = [mask.astype(np.uint8) for mask in inside]
-    weights = sum_label_weights(gaussians, cameras, labels, 2, renderer)
-    return np.asarray(assign_labels(weights, gamma) == 1)
+    labels = [mask.astype(np.uint8) for mask in _binary_masks(cameras, masks)]
+    return np.asarray(lift_objects_by_assignment(gaussians, cameras, labels, renderer, gamma) == 1)
 
 
 def lift_objects_by_assignment(
@@ -74,7 +69,8 @@ def lift_objects_by_assignment(
     Raises:
         InputError: number or sizes of images and cameras differ, all is background, or gamma is out of range.
     """
-    _check_gamma(gamma)
+    if not -1 <= gamma <= 1:
+        raise InputError(f"The slackness gamma is {gamma}; it must lie between -1 and 1.")
     _check_sizes(cameras, labels)
     numbers = np.unique(np.concatenate([np.unique(image) for image in labels]))
     if numbers[0] < 0 or numbers.dtype.kind not in "iu":
@@ -131,11 +127,6 @@ def sum_label_weights(
     for of_view in label_weights(gaussians, cameras, labels, renderer, n_labels):
         weights += of_view
     return weights
-
-
-def _check_gamma(gamma: float) -> None:
-    if not -1 <= gamma <= 1:
-        raise InputError(f"The slackness gamma is {gamma}; it must lie between -1 and 1.")
 
 
 def _binary_masks(cameras: Sequence[Camera], masks: Sequence[NDArray[Any]]) -> list[BoolArray]:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, mask_of_rows
+from gaussian_trimmer.geometry.bounds import median_radius
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.neighbours import nearest
 from gaussian_trimmer.geometry.planes import densest_layer
@@ -126,7 +127,7 @@ def pieces_on_plane(
 
 def windows_around(scale: float, positions: Float64Array) -> Float64Array:
     """Radii of the windows about a scale: the same for all points and views of a scene (N, 3) near that scale."""
-    scene_size = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
+    scene_size = median_radius(positions)
     if scene_size == 0:
         return np.asarray(_WINDOW_RADII * scale)
     step = round(_STEPS_PER_OCTAVE * np.log2(scale / scene_size)) / _STEPS_PER_OCTAVE

@@ -49,8 +49,6 @@ class SurfaceEstimates:
     """Pairs of neighbours, each once, the smaller first, in order, (E, 2)."""
     lengths: Float64Array
     """Length of boundary that passes between both, (E,)."""
-    convexity: Float64Array
-    """How convex the surface is between both, 0 to 1, (E,)."""
     affinity: Float64Array
     """How much both belong together by colour and convexity, 0 to 1, (E,)."""
 
@@ -71,9 +69,9 @@ def estimate_surface(gaussians: Gaussians, visible: FloatArray, facing: FloatArr
     normals, flatness = _normals(means, beside, shares, facing)
     spacing = np.sqrt(squared[:, squared.shape[1] // 4])
     edges, lengths = _edges(beside, np.sqrt(squared), spacing)
-    convexity = _convexity(edges, means, normals, flatness)
-    affinity = _MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * _likeness(edges, colours) * convexity
-    return SurfaceEstimates(colours, normals, flatness, spacing, edges, lengths, convexity, affinity)
+    alike = _likeness(edges, colours) * _convexity(edges, means, normals, flatness)
+    affinity = _MIN_EDGE_WEIGHT + (1 - _MIN_EDGE_WEIGHT) * alike
+    return SurfaceEstimates(colours, normals, flatness, spacing, edges, lengths, affinity)
 
 
 def directions_to(points: NDArray[np.floating], target: Float64Array) -> FloatArray:

@@ -15,8 +15,7 @@ from gaussian_trimmer.cameras import Camera, CameraSet, vector_of_up
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.decomposition.stroke_cuts import StrokeCut
 from gaussian_trimmer.errors import InputError
-from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray, check_gaussians, mask_of_rows
-from gaussian_trimmer.geometry.limits import check_magnitudes
+from gaussian_trimmer.gaussians import BoolArray, Gaussians, IntArray
 from gaussian_trimmer.parallel import parallel_map
 from gaussian_trimmer.planning.up_vector import UpVector
 from gaussian_trimmer.rendering import Renderer
@@ -39,10 +38,6 @@ class RoughObject:
     """Gaussians of the scene that marks removed from it, (N,); None: none."""
     cuts: tuple[StrokeCut, ...] = ()
     """Strokes at which it is cut."""
-
-    def mask(self, n: int) -> BoolArray:
-        """Return which of n Gaussians were selected, (N,)."""
-        return mask_of_rows(self.rows, n)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,16 +62,6 @@ class Setup:
     def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
         """Like `map`, for work with renderer and segmenter."""
         return parallel_map(work, *items, using=[self.renderer, self.segmenter])
-
-
-def check_scene(scene: Any) -> None:
-    """Refuse what cannot be trimmed.
-
-    Raises:
-        InputError: the scene is not `Gaussians`, or holds numbers with which nothing can be computed.
-    """
-    check_gaussians(scene)
-    check_magnitudes(scene)
 
 
 def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
@@ -121,8 +106,8 @@ def _mask_of_integers(values: NDArray[Any], n: int) -> BoolArray:
         raise InputError(
             f"The selection has {len(values)} whole numbers from {lowest} to {highest}, which can be "
             f"{'both a mask and' if is_mask else 'neither a mask nor'} row numbers: a mask of {n} Gaussians has {n} "
-            f"numbers that are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once{twice}. Give booleans, "
-            "such as 'labels == 3'."
+            f"numbers that are 0 and 1 or 0 and 255, row numbers are from 0 to {n - 1}, each once{twice}. Give "
+            "booleans, such as 'labels == 3'."
         )
     return np.asarray(values != 0) if is_mask else np.isin(np.arange(n), values)
 

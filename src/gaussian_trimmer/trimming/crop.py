@@ -20,7 +20,6 @@ from gaussian_trimmer.gaussians import (
     mask_of_rows,
 )
 from gaussian_trimmer.geometry.bounds import Bounds, touching
-from gaussian_trimmer.geometry.support_plane import SupportPlane, SupportPlaneConfig, find_support_plane
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.observed_side import limit_yaw_to_observed
 from gaussian_trimmer.planning.virtual_cameras import plan_cameras
@@ -66,17 +65,6 @@ class SceneCrop:
     def without_copies(self) -> SceneCrop:
         """The same crop, which copies `local` and `shown` from the scene again when they are asked for."""
         return replace(self)
-
-    def support_plane(self, members: BoolArray, visible: FloatArray, config: SupportPlaneConfig) -> SupportPlane | None:
-        """The plane that the object stands on, if there is one.
-
-        Args:
-            members: which Gaussians are the object, (L,).
-            visible: blend weight of each Gaussian in the views, (L,).
-            config: what counts as a plane.
-        """
-        positions = self.local.means / np.float32(self.bounds.radius)
-        return find_support_plane(positions, members, visible.astype(np.float64), self.bounds, config)
 
 
 @dataclass(frozen=True, eq=False)

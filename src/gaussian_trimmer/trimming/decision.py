@@ -16,8 +16,8 @@ from gaussian_trimmer.cameras import training_cameras
 from gaussian_trimmer.decomposition.alpha_targets import OutlineViews, resized_mask
 from gaussian_trimmer.decomposition.evidence import Decomposition, prune_halo, vote
 from gaussian_trimmer.decomposition.straddlers import split_straddlers
-from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray
-from gaussian_trimmer.geometry.support_plane import SupportPlane
+from gaussian_trimmer.gaussians import BoolArray, IntArray, LabelArray, mask_of_rows
+from gaussian_trimmer.geometry.support_plane import SupportPlane, find_support_plane
 from gaussian_trimmer.planning.diagnosis import find_wrong_input, selection_warning, up_warning
 from gaussian_trimmer.planning.small_views import close_up_of, views_at_heights
 from gaussian_trimmer.planning.up_vector import UpVector, find_up
@@ -99,7 +99,8 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
     with clock("weigh"):
         parts = vote(crop.shown, parts, crop.selected, probability, views, renderer, config.evidence)
     with clock("prune"):
-        plane = crop.support_plane(parts.members, renderings.visible, config.label_crf.support_plane)
+        positions, weights = crop.local.means / np.float32(crop.bounds.radius), renderings.visible.astype(np.float64)
+        plane = find_support_plane(positions, parts.members, weights, crop.bounds, config.label_crf.support_plane)
         outline = _outline_views(setup, crop, accepted, plane)
         if config.evidence.min_in_place > 0:
             parts = prune_halo(crop.local, parts, outline, config.evidence.min_in_place)
@@ -111,7 +112,7 @@ def decide(setup: Setup, rough: RoughObject, clock: Clock) -> Decision:
 
 def _plan(setup: Setup, rough: RoughObject) -> Decision:
     """Decide where to look from; refused if an input is wrong."""
-    scene, selection = setup.scene, rough.mask(len(setup.scene))
+    scene, selection = setup.scene, mask_of_rows(rough.rows, len(setup.scene))
     up = setup.up or find_up(scene, setup.cameras, setup.config.up, selection)
     crop = crop_scene(setup, selection, _excluded(setup, rough), up.direction)
     wrong = find_wrong_input(scene, selection, crop.bounds, training_cameras(setup.cameras))

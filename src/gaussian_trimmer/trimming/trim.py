@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaussian_trimmer.cameras import Camera, CameraSet, as_camera_set
 from gaussian_trimmer.config import TrimConfig
-from gaussian_trimmer.gaussians import Gaussians, LabelArray
+from gaussian_trimmer.gaussians import Gaussians, LabelArray, check_gaussians
 from gaussian_trimmer.geometry.bounds import own_frame, robust_bounds
+from gaussian_trimmer.geometry.limits import check_magnitudes
 from gaussian_trimmer.output.result import THE_OBJECT, TrimResult
 from gaussian_trimmer.planning.diagnosis import up_warning
 from gaussian_trimmer.planning.small_views import views_of_place
@@ -22,14 +23,7 @@ from gaussian_trimmer.removal.remove import Removal, remove
 from gaussian_trimmer.removal.views import RemovalViews
 from gaussian_trimmer.rendering import DEFAULT_RENDERER, Renderer, get_renderer
 from gaussian_trimmer.segmentation.segmenters import DEFAULT_SEGMENTER, Segmenter, get_segmenter
-from gaussian_trimmer.trimming.arguments import (
-    RoughObject,
-    Setup,
-    check_scene,
-    mask_of_excluded,
-    rough_objects,
-    settings,
-)
+from gaussian_trimmer.trimming.arguments import RoughObject, Setup, mask_of_excluded, rough_objects, settings
 from gaussian_trimmer.trimming.assembly import assemble_object, assemble_result
 from gaussian_trimmer.trimming.clock import LOG, Clock, Progress
 from gaussian_trimmer.trimming.decision import Decision, decide
@@ -120,7 +114,8 @@ def trim_objects(
             a setting is out of its range; the scene holds numbers with which nothing can be computed; or a renderer or
             segmenter of the caller's gives something else than its contract says.
     """
-    check_scene(scene)
+    check_gaussians(scene)
+    check_magnitudes(scene)
     cameras = as_camera_set(cameras)
     rough, clock = rough_objects(objects, len(scene)), Clock(progress)
     setup = Setup(

@@ -7,8 +7,9 @@ pattern instead of a folder, `*` stands for that name without its ending, or for
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -113,13 +114,14 @@ def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
     """
     if not (_is_pattern(folder) or folder.is_dir()):
         raise InputError(f"There is no folder '{folder}' to read masks from.")
-    listing = _Listing()
-    found = [camera for camera in cameras if find_mask(folder, camera, listing) is not None]
+    names_in = cache(_names_in)  # a camera has fourteen names that its mask may have
+    found = [camera for camera in cameras if find_mask(folder, camera, names_in) is not None]
     if not found:
         example = clip_name(cameras[0].name) or "the pictures, but the cameras have no names"
         prompts = sorted({path.name for path in folder.glob("*/chosen_*.png")})
         hint = f" Of LangSplat's answers name one: '{folder}/*/{clip_name(prompts[0])}'." if prompts else ""
-        if objects := sorted(path for path in folder.glob("*/") if _holds_one(cameras, path)):
+        inner = sorted(folder.glob("*/"))
+        if objects := [path for path in inner if any(find_mask(path, camera, names_in) for camera in cameras)]:
             hint = f" Give the folder of one object, such as '{folder}/{clip_name(objects[0].name)}'."
         raise InputError(
             f"No mask in '{folder}' has the name of one of the {len(cameras)} pictures, such as {example}.{hint}"
@@ -127,33 +129,25 @@ def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
     return found
 
 
-def _holds_one(cameras: Sequence[Camera], folder: Path) -> bool:
-    listing = _Listing()
-    return any(find_mask(folder, camera, listing) is not None for camera in cameras)
-
-
 def _is_pattern(folder: Path) -> bool:
     return "*" in str(folder)
 
 
-class _Listing:
-    """The names in folders, each listed once: a camera has fourteen names that its mask may have."""
-
-    def __init__(self) -> None:
-        self._names: dict[Path, frozenset[str]] = {}
-
-    def may_have(self, folder: Path, names: Iterable[str]) -> bool:
-        """Whether a folder has one of the names, in capitals or not: some systems do not tell these apart."""
-        if folder not in self._names:
-            try:
-                self._names[folder] = frozenset(path.name.casefold() for path in folder.iterdir())
-            except (OSError, ValueError):  # there is no such folder, or there can be none
-                self._names[folder] = frozenset()
-        return not self._names[folder].isdisjoint(name.casefold() for name in names)
+def _names_in(folder: Path) -> frozenset[str]:
+    """Return the names in a folder, folded since some systems do not tell capitals apart; none if it cannot be read."""
+    try:
+        return frozenset(path.name.casefold() for path in folder.iterdir())
+    except (OSError, ValueError):  # there is no such folder, or there can be none
+        return frozenset()
 
 
-def find_mask(folder: Path, camera: Camera, listing: _Listing | None = None) -> Path | None:
-    """The mask of a camera's picture, or None.
+def find_mask(folder: Path, camera: Camera, names_in: Callable[[Path], frozenset[str]] | None = None) -> Path | None:
+    """Return the mask of a camera's picture, or None.
+
+    Args:
+        folder: of the masks, or a pattern.
+        camera: the camera.
+        names_in: gives the folded names in a folder, so that most masks which are not there are not looked for.
 
     Raises:
         InputError: there are several.
@@ -167,7 +161,7 @@ def find_mask(folder: Path, camera: Camera, listing: _Listing | None = None) -> 
     if picture is None:
         return None
     names = {f"{stem}{suffix}" for stem in (picture.name, picture.stem) for suffix in _SUFFIXES}
-    if listing is not None and not listing.may_have(picture.parent, names):
+    if names_in is not None and names_in(picture.parent).isdisjoint(map(str.casefold, names)):
         return None
     found = sorted(path for path in map(picture.parent.joinpath, names) if is_file(path))
     if len(found) > 1:

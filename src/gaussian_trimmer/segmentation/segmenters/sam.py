@@ -117,8 +117,7 @@ class SamSegmenter:
         Raises:
             InputError: the model cannot be run.
         """
-        follow = self.config.prompt == "follow"
-        logits = self._followed(views, gaussians, renderer) if follow else self._logits(views)
+        logits = self._logits(views, (gaussians, renderer) if self.config.prompt == "follow" else None)
         if not self.config.fusion:
             return [logit > 0 for logit in logits]
         silhouettes = [view.silhouette for view in views]
@@ -138,20 +137,6 @@ class SamSegmenter:
         """Drop the embeddings that are kept, so that every picture is encoded anew, as in the first trim."""
         self._embeddings.clear()
 
-    def _logits(self, views: Sequence[View]) -> list[FloatArray]:
-        """The chosen mask of each view as logits, (H, W)."""
-        logits = []
-        for number, view in enumerate(views):
-            self._report(f"{number + 1} of {len(views)}")
-            logits.append(self._logits_of(view))
-        return logits
-
-    def _logits_of(self, view: View) -> FloatArray:
-        prompt = self._prompt(view)
-        if prompt is None:
-            return np.full(view.alpha.shape, -1, np.float32)
-        return self._chosen(self.propose(view.rgb, prompt), view.object_prior)
-
     def _chosen(self, found: Candidates, expected: FloatArray) -> FloatArray:
         """Of the model's masks for a prompt the one that the settings ask for, as logits (H, W)."""
         if self.config.choice == "score":
@@ -159,25 +144,27 @@ class SamSegmenter:
         fits = [agreement(logits > 0, expected) for logits in found.logits]
         return np.asarray(found.logits[int(np.argmax(fits))])
 
-    def _followed(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[FloatArray]:
-        """The mask of each view as logits, (H, W): the first by the selected object's box, the others by those before.
+    def _logits(self, views: Sequence[View], followed: tuple[Gaussians, Renderer] | None = None) -> list[FloatArray]:
+        """Return the chosen mask of each view as logits, (H, W).
 
-        A mask that is accepted gives each Gaussian the weight that it has inside and outside of it. A further view is
-        prompted with the shares that follow, and by the labels where it shows what no earlier view has shown.
+        Where masks are followed, one that is accepted gives each Gaussian the weight that it has inside and outside of
+        it. A further view is prompted with the shares that follow, and by the labels where it shows what no earlier
+        view has shown.
         """
-        weights, logits = np.zeros((len(gaussians), 2), np.float32), []
+        weights, logits = np.zeros((len(followed[0]) if followed else 0, 2), np.float32), []
         for number, view in enumerate(views):
             self._report(f"{number + 1} of {len(views)}")
-            known = weights.any()
-            expected = _carried(view, weights, gaussians, renderer) if known else view.object_prior
-            prompt = prompt_of(expected, self._points()) if known else self._prompt(view)
+            expected, prompt, known = view.object_prior, self._prompt(view), weights.any()
+            if followed and known:
+                expected = _carried(view, weights, *followed)
+                prompt = prompt_of(expected, self._points())
             if prompt is None:
                 logits.append(np.full(view.alpha.shape, -1, np.float32))
                 continue
             logits.append(self._chosen(self.propose(view.rgb, prompt), expected))
             mask = logits[-1] > 0
-            if mask.any() and (not known or mask_overlap(mask, expected > HALF) >= _FOLLOWED):
-                weights += renderer.blend_weights(gaussians, view.camera, mask.astype(np.uint8), 2)
+            if followed and mask.any() and (not known or mask_overlap(mask, expected > HALF) >= _FOLLOWED):
+                weights += followed[1].blend_weights(followed[0], view.camera, mask.astype(np.uint8), 2)
         return logits
 
     def _prompt(self, view: View) -> Prompt | None:
