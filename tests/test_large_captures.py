@@ -112,9 +112,9 @@ def test_a_box_at_the_border_of_a_tile_is_not_whole():
     assert not tile.holds(tile.low, middle)
 
 
-def candidate(rows, confidence=0.8, reaches_ceiling=False, foot=0.0):
+def candidate(rows, confidence=0.8, reaches_ceiling=False, foot=0.0, doubts=()):
     centre = np.array([0, 0, foot + 0.5])
-    verdict = Verdict(1, 0.1, 1.0, 0, centre, np.ones(3), confidence, "stands on a surface")
+    verdict = Verdict(1, 0.1, 1.0, 0, centre, np.ones(3), confidence, "stands on a surface", doubts)
     return Candidate(np.array(rows), verdict, reaches_ceiling, reaches_ceiling)
 
 
@@ -164,6 +164,16 @@ def test_what_few_tiles_found_alike_is_small_or_cut_off_is_doubted():
     assert len(found) == 3
     assert max(one.verdict.confidence for one in found) < 0.5
     assert {one.verdict.why.split(", ")[1].split()[0] for one in found} == {"found", "small", "reaches"}
+
+
+def test_a_sure_object_has_no_doubts_and_an_unsure_one_has_each_once():
+    seen_badly = candidate(range(100), 0.3, doubts=("seen in few views",))
+    [sure] = agree([seen_badly, candidate(range(100)), candidate(range(100))], 100, UP)
+    assert sure.verdict.sure and sure.verdict.why == "stands on a surface"
+    [small] = agree([candidate(range(10), 0.3, doubts=("small",))] * 3, 100, UP)
+    assert small.verdict.why == "stands on a surface, small"
+    [doubted] = agree([candidate(range(100)), seen_badly, seen_badly], 100, UP)
+    assert not doubted.verdict.sure and doubted.verdict.why.count(",") == 1
 
 
 def test_how_sure_an_object_is_is_what_most_that_are_alike_think():

@@ -112,8 +112,8 @@ def _agreed(candidate: Candidate, rows: IntArray, count: int, confidence: float)
     if len(rows) < _MIN_GAUSSIANS:
         doubts.append("small")
     confidence = min(confidence, DOUBTFUL) if doubts else confidence
-    why = ", ".join([candidate.verdict.why, *doubts])
-    verdict = replace(candidate.verdict, confidence=confidence, why=why)
+    said = tuple(dict.fromkeys([*candidate.verdict.doubts, *doubts])) or ("most tiles doubt it",)
+    verdict = replace(candidate.verdict, confidence=confidence, doubts=said)
     return replace(candidate, rows=rows, verdict=verdict)
 
 

@@ -35,13 +35,21 @@ class Verdict:
     """Length along both horizontal axes of the frame and height of its box, in scene units, (3,)."""
     confidence: float
     """How sure it is that this is one object, 0 to 1."""
-    why: str
-    """What it rests on and, if it is unsure, why."""
+    rests_on: str
+    """What it rests on, in words; empty if nothing was found."""
+    doubts: tuple[str, ...]
+    """Why it may be no object."""
 
     @property
     def sure(self) -> bool:
         """Whether it is trimmed unless it is taken out."""
         return self.confidence >= SURE
+
+    @property
+    def why(self) -> str:
+        """What it rests on and, if it is unsure, why."""
+        said = [self.rests_on, *(() if self.sure else self.doubts)]
+        return ", ".join(text for text in said if text)
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,19 +77,17 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
         }
         confidence = min(ratio / (1 + ratio) for ratio in ratios.values())
         doubts = [name for name, ratio in ratios.items() if ratio < 1]
-        rests = _rests_on(surface, room, rows)
+        rests_on = _rests_on(surface, room, rows)
         if surface.areas[rows[room.under[rows]]].sum() > _CARRYING * surface.areas[rows].sum():
             confidence, doubts = min(confidence, DOUBTFUL), ["is under a surface", *doubts]
         if not room.has_floor and surface.filled > FILLED and surface.inside[rows].mean() < _MIN_INSIDE:
             confidence, doubts = min(confidence, DOUBTFUL), ["goes on beyond the pictures", *doubts]
         if not room.has_floor and shown[number] > _NEARLY_ALL:
             confidence, doubts = min(confidence, DOUBTFUL), ["is nearly the whole scene; click on parts", *doubts]
-        if rests is None:
+        if not rests_on:
             confidence, doubts = min(confidence, DOUBTFUL), ["no surface was found under it", *doubts]
-        why = ", ".join([*([rests] if rests else []), *doubts])
-        view = int(np.argmax(by_view[number]))
-        box = surface.box_in_scene(low, high)
-        found.append(Verdict(number, float(shown[number]), seen[number], view, *box, confidence, why))
+        view, box, said = int(np.argmax(by_view[number])), surface.box_in_scene(low, high), tuple(doubts)
+        found.append(Verdict(number, float(shown[number]), seen[number], view, *box, confidence, rests_on, said))
     return sorted(found, key=lambda verdict: (not verdict.sure, -verdict.shown))
 
 
@@ -103,16 +101,16 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
     by_view = surface.shown[:, rows].sum(axis=1)
     shown = float(by_view.sum()) / max(float(surface.shown.sum()), 1e-12)
     box = surface.box_in_scene(surface.points[rows].min(axis=0), surface.points[rows].max(axis=0))
-    why = "a table top, floor or shelf" if one.horizontal else "a wall"
-    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), *box, 1.0, why)
+    what = "a table top, floor or shelf" if one.horizontal else "a wall"
+    return Verdict(None, shown, seen_share(by_view), int(np.argmax(by_view)), *box, 1.0, what, ())
 
 
-def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str | None:
-    """What a region rests on, in words."""
+def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str:
+    """What a region rests on, in words; empty if nothing was found."""
     if not room.has_floor:
         return "touches nothing else"
     if (surface.areas[rows] * room.feet[rows]).any():
         return "stands on a surface"
     if (surface.areas[rows] * room.leaning[rows]).any():
         return "touches a wall"
-    return None
+    return ""
