@@ -40,7 +40,7 @@ SAVE = f"""
 import sys
 from pathlib import Path
 from gaussian_trimmer.app import edits
-from gaussian_trimmer.app.files import Target, save
+from gaussian_trimmer.app.files import save
 from gaussian_trimmer.app.project import project_as_json, write_private
 from gaussian_trimmer.app.session import Session
 from gaussian_trimmer.app.snapshots import TrimChoices
@@ -51,7 +51,7 @@ session.do(edits.mark, Sphere((0.0, 0.0, 1.0), 1.2 if sys.argv[3] == "new" else 
 session.do(edits.cut_out, TrimChoices())
 print({READY!r}, flush=True)
 write_private(output / "kept" / "project.json", project_as_json(session.now, output))
-save(session.now, Target(output / "results", overwrite=True))
+save(session.now, output / "results", overwrite=True)
 """
 QUICK = ["--plan.size", "96", "--plan.views", "2", "--refine", "off", "--up", "z", "--quiet", "--overwrite"]
 TIMES = ("report.json", "manifest.json", "records", "summary.csv", "summary.html")
