@@ -39,7 +39,7 @@ class Bounds:
         return float(np.linalg.norm(self.half_extents))
 
     def corners(self) -> Float64Array:
-        """The eight corners in the world, (8, 3)."""
+        """Return the eight corners in the world, (8, 3)."""
         signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1).reshape(8, 3)
         return np.asarray(self.centre + (signs * self.half_extents) @ self.axes)
 

@@ -40,7 +40,7 @@ _MIN_GROUND_CONFIDENCE = 0.2
 
 
 def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cameras: Sequence[Camera]) -> str | None:
-    """Why the object cannot be trimmed with what was given, a clause without a full stop; None if it can.
+    """Say why the object cannot be trimmed with what was given, a clause without a full stop; None if it can.
 
     Args:
         scene: all N Gaussians.
@@ -54,7 +54,7 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
 
 
 def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
-    """What speaks against a selection (N,) of most of a scene, a sentence; None if nothing does.
+    """Return what speaks against a selection (N,) of most of a scene, a sentence; None if nothing does.
 
     A capture of little but the object is mostly selected, too, but then what is left lies around it.
     """
@@ -72,7 +72,7 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
 
 
 def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | None:
-    """What speaks against the up vector, a sentence; None if nothing does.
+    """Return what speaks against the up vector, a sentence; None if nothing does.
 
     Args:
         scene: all N Gaussians.
@@ -104,7 +104,7 @@ def _has_floor(scene: Gaussians, up: UpVector, wall: UpVector) -> bool:
 
 
 def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
-    """How much more often the neighbours of a selected Gaussian are selected than any Gaussian is.
+    """Return how much more often the neighbours of a selected Gaussian are selected than any Gaussian is.
 
     1 where all of them are, 0 where they are no more often than by chance. Judged on a sample, the same every time.
 
