@@ -127,11 +127,6 @@ def _voxel_size(target: Gaussians, points: Float64Array) -> float:
     return float((high - low).max()) / _VOXELS_ACROSS
 
 
-def median_radius(points: FloatArray | Float64Array) -> float:
-    """Return the median distance of points (N, 3) from their middle."""
-    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
-
-
 def touching(target: Gaussians, group: BoolArray, gap: float = 0.0) -> BoolArray:
     """Return Gaussians outside a group that touch it: their reach and that of the group's nearest member meet, (N,).
 

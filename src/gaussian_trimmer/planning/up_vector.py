@@ -9,8 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
-from gaussian_trimmer.geometry.bounds import median_radius
-from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
+from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, median_radius, random_planes
 from gaussian_trimmer.planning.storey import MIN_FLOOR, find_storey, sampled
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
