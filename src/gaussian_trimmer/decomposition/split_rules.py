@@ -43,7 +43,7 @@ SplitRule = Callable[[Gaussians, Float64Array, Float64Array], tuple[Gaussians, G
 
 
 def split_plane(gaussians: Gaussians, normals: Float64Array, offsets: Float64Array) -> tuple[Gaussians, Gaussians]:
-    """Children that follow the profile of their parent on either side of the plane, and together all of it.
+    """Return children that follow the profile of their parent on either side of the plane, and together all of it.
 
     Centres move along u = Sigma n / sigma_n and variances shrink along u alone, so what the plane does not cut stays.
 
@@ -75,7 +75,7 @@ def split_plane(gaussians: Gaussians, normals: Float64Array, offsets: Float64Arr
 def split_principal_axis(
     gaussians: Gaussians, normals: Float64Array, offsets: Float64Array
 ) -> tuple[Gaussians, Gaussians | None]:
-    """Children that share the longest axis in the ratio in which the plane cuts it, of the parent's opacity.
+    """Return children that share the longest axis in the ratio in which the plane cuts it, of the parent's opacity.
 
     Eqs. 8 and 9 of GaussianTrimmer with the complement as second child: l' = lambda l, x' = x + (l - l') / 2 e. Where
     the plane crosses the axis, lambda is kept in [0.05, 0.95]. Where it does not, the parent stays whole on the side of
@@ -99,7 +99,7 @@ def split_principal_axis(
 def split_sagd(
     gaussians: Gaussians, normals: Float64Array, offsets: Float64Array
 ) -> tuple[Gaussians, Gaussians | None]:
-    """The one child of SAGD's published code, for comparison: moved by eq. 9, all three scales times 0.8 lambda.
+    """Return the one child of SAGD's published code, for comparison: moved by eq. 9, all three scales times 0.8 lambda.
 
     It leaves a hole where the outside child would be. Arguments and lambda as in `split_principal_axis`; whole parents
     keep their size.
@@ -121,7 +121,7 @@ SPLIT_RULES: Mapping[str, SplitRule] = {
 
 
 def _half_moments(d: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Centres (M,) and variances (M,) of the children that stand for exp(-t^2 / 2) on t > -d.
+    """Return centres (M,) and variances (M,) of the children that stand for exp(-t^2 / 2) on t > -d.
 
     The profile to the power p is a normal density of variance 1 / p: its truncated moments, and the variance times p.
     """
@@ -134,7 +134,7 @@ def _half_moments(d: Float64Array) -> tuple[Float64Array, Float64Array]:
 
 
 def _overlap(m1: Float64Array, v1: Float64Array, m2: Float64Array | float, v2: Float64Array | float) -> Float64Array:
-    """Integral of exp(-(t - m1)^2 / 2 v1) exp(-(t - m2)^2 / 2 v2) over the line, (M,)."""
+    """Return the integral of exp(-(t - m1)^2 / 2 v1) exp(-(t - m2)^2 / 2 v2) over the line, (M,)."""
     total = v1 + v2
     return np.asarray(np.sqrt(2.0 * math.pi * v1 * v2 / total) * np.exp(-0.5 * (m1 - m2) ** 2 / total))
 
@@ -142,7 +142,7 @@ def _overlap(m1: Float64Array, v1: Float64Array, m2: Float64Array | float, v2: F
 def _amplitudes(
     d: Float64Array, m1: Float64Array, v1: Float64Array, m2: Float64Array, v2: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """Heights of the inside (M,) and outside (M,) children over the parent's, by least squares.
+    """Return heights of the inside (M,) and outside (M,) children over the parent's, by least squares.
 
     The three residuals, of equal weight: either child against its part of the profile, and their sum against all of it.
     """
@@ -161,7 +161,7 @@ def _amplitudes(
 def _compress(
     gaussians: Gaussians, normals: Float64Array, shifts: Float64Array, variances: Float64Array, amplitudes: Float64Array
 ) -> Gaussians:
-    """The Gaussians moved by `shifts` u, with covariance Sigma - (1 - variance) u u' and opacity times `amplitudes`.
+    """Return Gaussians moved by `shifts` u, with covariance Sigma - (1 - variance) u u' and opacity times `amplitudes`.
 
     With Sigma = F F' and the unit vector w = F' n / sigma_n, u = F w and the new factor is F (I - (1 - sqrt(v)) w w').
     Its singular values are the scales, to a relative accuracy that the eigenvalues of Sigma would not have.
@@ -184,7 +184,7 @@ def _compress(
 
 
 def _principal_axes(factors: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Right-handed left singular vectors (M, 3, 3), in columns, and singular values (M, 3) of factors (M, 3, 3).
+    """Return right-handed left singular vectors (M, 3, 3), in columns, and singular values (M, 3) of factors (M, 3, 3).
 
     One-sided Jacobi (Demmel and Veselic 1992): columns are turned in pairs until they are orthogonal. It starts from
     the factor's own columns and turns no pair that is orthogonal but for rounding. Where singular values are equal, as
@@ -218,7 +218,7 @@ def _principal_axes(factors: Float64Array) -> tuple[Float64Array, Float64Array]:
 def _cut_axes(
     gaussians: Gaussians, normals: Float64Array, offsets: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Longest axes, turned to the inside (M, 3), lengths of their segments (M,), and the shares of these inside (M,).
+    """Return longest axes, turned inside (M, 3), lengths of their segments, and shares of these inside, (M,) each.
 
     A share is 0 or 1 where the plane does not cross the segment.
     """
@@ -240,7 +240,7 @@ def _cut_axes(
 def _shorten(
     gaussians: Gaussians, axes: Float64Array, lengths: Float64Array, shares: Float64Array, factors: Float64Array
 ) -> Gaussians:
-    """The Gaussians with their segments cut to `shares` at the end of `axes` and their scales times `factors` (M, 3).
+    """Return Gaussians with segments cut to `shares` at the end of `axes`, and scales times `factors` (M, 3).
 
     Where the share is zero, the Gaussian keeps place and shape and becomes transparent.
     """

@@ -118,7 +118,7 @@ def find_straddlers(
 
 
 def contour_pixels(mask: BoolArray, band: int) -> IntArray:
-    """Pixels (x, y) within `band` of the mask's contour on either side, (P, 2); the image's edge is no contour."""
+    """Return pixels (x, y) within `band` of a mask's contour, on either side, (P, 2); the image's edge is none."""
     kernel = np.ones((2 * band + 1, 2 * band + 1), np.uint8)
     padded = cv2.copyMakeBorder(mask.astype(np.uint8), band, band, band, band, cv2.BORDER_REPLICATE)
     ring = (cv2.dilate(padded, kernel) != cv2.erode(padded, kernel))[band:-band, band:-band]
@@ -127,7 +127,7 @@ def contour_pixels(mask: BoolArray, band: int) -> IntArray:
 
 
 def signed_distance(mask: BoolArray) -> FloatArray:
-    """Distance of every pixel to the mask's contour in pixels, positive inside, (H, W)."""
+    """Return the distance of every pixel to the mask's contour in pixels, positive inside, (H, W)."""
     return np.asarray(np.where(mask, distance_to_outside(mask) - 0.5, 0.5 - distance_to_outside(~mask)), np.float32)
 
 
@@ -161,7 +161,7 @@ def straddlers_in_view(
 
 
 def _tangent_planes(means: Float64Array, camera: Camera, mask: BoolArray) -> tuple[Float64Array, Float64Array]:
-    """For each centre (S, 3), the plane through the camera and the tangent of the contour nearest to its projection.
+    """Find the plane through the camera and the tangent of the contour nearest to the projection of each centre (S, 3).
 
     Returns unit normals towards the mask's inside (S, 3) and the centres' signed distances in scene units (S,). The
     contour is where the smoothed signed distance is zero; its gradient at the centre's pixel points across the contour.

@@ -72,7 +72,7 @@ class ThingsAtPoints:
         tall = TallThings(self.scene.select(around), self.up, storey, top)
 
         def whole(one: Candidate) -> IntArray:
-            """The rows of a thing, with what was cut off it."""
+            """Return the rows of a thing, with what was cut off it."""
             thing = rows[one.rows]
             if not one.cut_off or tall.reaches_ceiling(np.searchsorted(around, thing)):
                 return thing

@@ -47,7 +47,7 @@ class Contacts:
 
 
 def one_thing(contacts: Contacts) -> Float64Array:
-    """Log-odds that the regions of each contact are one thing, (P,)."""
+    """Return log-odds that the regions of each contact are one thing, (P,)."""
     return np.asarray(contacts.measures @ np.array(WEIGHTS) + INTERCEPT)
 
 
@@ -60,7 +60,7 @@ class Colours:
         self._known: dict[tuple[int, int], FloatArray] = {}
 
     def accuracy(self, regions: IntArray, pairs: IntArray) -> Float64Array:
-        """Balanced accuracy of telling the regions (S,) of each pair (P, 2) apart by their colours, 0.5 to 1, (P,)."""
+        """Return balanced accuracies of telling the regions (S,) of pairs (P, 2) apart by colour, 0.5 to 1, (P,)."""
         if not len(pairs):
             return np.zeros(0)
         numbers, ends = np.unique(pairs, return_inverse=True)
@@ -84,7 +84,7 @@ class Colours:
 
 @_jit
 def _accuracies(histograms, pairs):  # type: ignore[no-untyped-def]
-    """Balanced accuracy of telling by the blurred histogram which of two a colour is of, 0.5 to 1, (P,).
+    """Return the balanced accuracy of telling by the blurred histogram which of two a colour is of, 0.5 to 1, (P,).
 
     The histograms (R, 2, B) are as they are, and blurred.
     """

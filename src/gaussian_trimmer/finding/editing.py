@@ -22,7 +22,7 @@ def chosen_objects(
     split: Iterable[int] = (),
     names: Mapping[int, str] | None = None,
 ) -> dict[str, BoolArray]:
-    """Rough selections (N,) of the objects that are wanted, by their names, as `trim_objects` takes them.
+    """Return rough selections (N,) of the objects that are wanted, by their names, as `trim_objects` takes them.
 
     Args:
         found: the objects.

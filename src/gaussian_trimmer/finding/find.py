@@ -120,7 +120,7 @@ class Looks:
     segmenter: PromptableModel | None = None
 
     def close(self) -> Looks:
-        """The same at tiles, where what is named at all may be sure; its Gaussians tell how large it is."""
+        """Return the same at tiles, where what is named at all may be sure; its Gaussians tell how large it is."""
         return replace(self, config=replace(self.config, min_shown=MIN_SHARE_AT_ALL * self.config.min_shown))
 
     def judged(

@@ -98,7 +98,7 @@ class FoundObjects:
         return iter(self.objects)
 
     def mask(self, number: int) -> BoolArray:
-        """Which Gaussians one object has, (N,).
+        """Return which Gaussians one object has, (N,).
 
         Raises:
             InputError: there is no object of that number.
@@ -108,7 +108,7 @@ class FoundObjects:
         return np.asarray(self.labels == number)
 
     def selections(self, *, unsure: bool = False) -> dict[int, BoolArray]:
-        """The rough selections (N,) of the objects by their numbers, as `trim_objects` takes them.
+        """Return the rough selections (N,) of the objects by their numbers, as `trim_objects` takes them.
 
         Args:
             unsure: with the objects that the program is not sure of.

@@ -47,7 +47,7 @@ class FindConfig:
 
 
 def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindConfig) -> list[Verdict]:
-    """The regions that are objects, the sure ones first, then those that show most.
+    """Return the regions that are objects, the sure ones first, then those that show most.
 
     Args:
         regions: as `find_regions` gives them, (S,).
@@ -92,7 +92,7 @@ def judge(surface: VisibleSurface, room: Room, regions: IntArray, config: FindCo
 
 
 def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) -> Verdict:
-    """What is said of a surface of the room.
+    """Return what is said of a surface of the room.
 
     Args:
         one: the surface.
@@ -106,7 +106,7 @@ def judge_surface(surface: VisibleSurface, one: RoomSurface, rows: BoolArray) ->
 
 
 def _rests_on(surface: VisibleSurface, room: Room, rows: IntArray) -> str:
-    """What a region rests on, in words; empty if nothing was found."""
+    """Return what a region rests on, in words; empty if nothing was found."""
     if not room.has_floor:
         return "touches nothing else"
     if (surface.areas[rows] * room.feet[rows]).any():

@@ -71,7 +71,7 @@ class AskedModel:
         self._answers: _Answers | None = None
 
     def __call__(self, contacts: Contacts) -> Float64Array:
-        """Log-odds that the regions of each contact are one thing, (P,)."""
+        """Return log-odds that the regions of each contact are one thing, (P,)."""
         answers = self._answers = self._answers or self._asked(contacts)
         now = contacts.regions[answers.members]  # the region that each one asked about has become part of
         numbers, place = np.unique(now, return_inverse=True)
@@ -84,7 +84,7 @@ class AskedModel:
         return np.asarray(one_thing(contacts) + change)
 
     def _asked(self, contacts: Contacts) -> _Answers:
-        """What the model says of the regions that touch others."""
+        """Return what the model says of the regions that touch others."""
         numbers = np.unique(contacts.pairs)
         count, order = len(numbers), np.argsort(contacts.regions, kind="stable")
         members = order[np.searchsorted(contacts.regions[order], numbers)]
@@ -109,7 +109,7 @@ class AskedModel:
         return _Answers(members, taken, shown)
 
     def _seen(self, drawn: Gaussians, rows: IntArray, view: Viewpoint, numbers: IntArray) -> IntArray:
-        """Which of the numbers of the surface's Gaussians (S,) each pixel shows, -1 for none, (H, W)."""
+        """Return which of the numbers of the surface's Gaussians (S,) each pixel shows, -1 for none, (H, W)."""
         camera = view.camera
         of_row = np.full(len(self._scene), -1)
         of_row[self._surface.rows] = numbers

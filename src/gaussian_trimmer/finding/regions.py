@@ -66,7 +66,7 @@ class _Partition:
         return np.asarray(np.sqrt(self.sizes[:, 0][self.pairs].min(axis=1)))
 
     def spread(self, asked: IntArray) -> Float64Array:
-        """Standard deviation of the places along some contacts, in units, (A,)."""
+        """Return the standard deviation of the places along some contacts, in units, (A,)."""
         moments = self.links[asked, 2:] / np.maximum(self.links[asked, 1:2], 1e-30)
         return np.asarray(np.sqrt(np.maximum(moments[:, 3] - np.square(moments[:, :3]).sum(axis=1), 0)))
 
@@ -101,7 +101,7 @@ def find_regions(
     odds: Odds = one_thing,
     levels: Sequence[float] = (0.0,),
 ) -> list[IntArray]:
-    """Number of the region that each Gaussian of the visible surface is in, (S,); -1 for the room's own surfaces.
+    """Return the number of each visible Gaussian's region, (S,), at each level; -1 for the room's own surfaces.
 
     Where the scene fills its pictures and has no surfaces to stand on, every large region stands by itself, and colours
     alone say what is one thing.
@@ -139,7 +139,7 @@ def find_regions(
 
 
 def split_region(surface: VisibleSurface, part: BoolArray) -> IntArray:
-    """Number, from 0, of the main part of a region (S,) that each Gaussian of it is in, (S,); -1 elsewhere.
+    """Number the main parts of a region (S,), from 0, and say which each Gaussian of it is in, (S,); -1 elsewhere.
 
     The weakest links are those between large parts; what is small joins one of these.
     """
@@ -215,7 +215,7 @@ def _merged(numbers, pairs, links, sizes):  # type: ignore[no-untyped-def]
 
 
 def _with_borders(surface: VisibleSurface, room: Room, regions: IntArray) -> IntArray:
-    """The regions (S,) with what lies thin on surfaces of the room: each grows to where the room is linked better."""
+    """Return regions (S,) with what lies thin on surfaces of the room: they grow to where the room is linked better."""
     settled, regions = ~room.border, regions.copy()
     weight = surface.contact * surface.affinity
     for _ in range(_BORDER_ROUNDS):

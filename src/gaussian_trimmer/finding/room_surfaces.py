@@ -95,7 +95,7 @@ class Room:
 
 
 def find_room(surface: VisibleSurface) -> Room:
-    """The surfaces of the room, and which Gaussians they are, carry or hold."""
+    """Return the surfaces of the room, and which Gaussians they are, carry or hold."""
     bin_height = max(_MIN_BIN, _BIN_SPACINGS * surface.resolution)
     found = tuple(_room_surfaces(surface, bin_height))
     own, certain, feet, leaning, under = (np.zeros(len(surface.rows), np.bool_) for _ in range(5))
@@ -146,7 +146,7 @@ def _room_surfaces(surface: VisibleSurface, bin_height: float) -> Iterator[RoomS
 def _extents(
     surface: VisibleSurface, core: BoolArray, normal: Float64Array, bin_height: float
 ) -> Iterator[tuple[float, BoolArray]]:
-    """Area of each large connected part of a layer (S,), and what lies above, on or below it, (S,)."""
+    """Yield the area of each large connected part of a layer (S,), and what lies above, on or below it, (S,)."""
     if not core.any():
         return
     across = np.eye(3)[0] if abs(normal[0]) < _FACING else np.eye(3)[1]
@@ -182,7 +182,7 @@ def _extents(
 def _belongs_to_a_thing(
     surface: VisibleSurface, within: BoolArray, heights: Float64Array, normal: Float64Array, horizontal: bool
 ) -> bool:
-    """Whether a layer is the top or the side of a thing: its sides are below it, or its other side is behind it."""
+    """Tell whether a layer is the top or side of a thing: its sides are below it, or its other side is behind it."""
     towards = surface.normals @ normal
     own = within & (towards > _NEARLY_FACING) & (np.abs(heights) < _BEHIND)
     if horizontal:
@@ -193,14 +193,14 @@ def _belongs_to_a_thing(
 
 
 def _hull(cells: BoolArray) -> NDArray[np.uint8]:
-    """The convex hull of some cells of a grid."""
+    """Return the convex hull of some cells of a grid."""
     filled = np.zeros(cells.shape, np.uint8)
     corners = cv2.convexHull(np.argwhere(cells)[:, ::-1].astype(np.int32))
     return np.asarray(cv2.fillConvexPoly(filled, corners, (1,)), np.uint8)
 
 
 def _upper_side(heights: Float64Array, areas: Float64Array, bin_height: float) -> float:
-    """Height above a plane at which the layer ends that lies in it, with one bin more for its roughness."""
+    """Return the height above a plane at which the layer ends that lies in it, with one bin more for its roughness."""
     near = np.abs(heights) < _LAYER_BINS * bin_height
     bins = (heights[near] / bin_height + _LAYER_BINS).astype(np.int64)
     held = np.convolve(np.bincount(bins, areas[near], 2 * _LAYER_BINS), np.ones(3))[1:-1]

@@ -77,7 +77,7 @@ def write_found(
 
 
 def described(one: FoundObject, name: str = "") -> dict[str, Any]:
-    """One object as tables and JSON hold it; lengths in scene units."""
+    """Return one object as tables and JSON hold it; lengths in scene units."""
     red, green, blue = (round(255 * float(value)) for value in one.colour)
     place = dict(zip(("x", "y", "z"), one.centre.tolist(), strict=True))
     size = dict(zip(("length", "width", "height"), one.size.tolist(), strict=True))
@@ -98,7 +98,7 @@ def described(one: FoundObject, name: str = "") -> dict[str, Any]:
 
 
 def draw_found(found: FoundObjects, one: FoundObject, renderer: Renderer) -> Picture:
-    """An object in the view that shows it best, with what is around it dimmed."""
+    """Return an object in the view that shows it best, with what is around it dimmed."""
     view = found.views[one.view]
     rows = np.flatnonzero(found.looked_at)
     rows = rows[drawn_rows(found.scene.means[rows], view)]
@@ -112,7 +112,7 @@ def draw_found(found: FoundObjects, one: FoundObject, renderer: Renderer) -> Pic
 
 
 def page(found: FoundObjects, command: Sequence[str], names: Mapping[int, str]) -> str:
-    """The page as HTML; it works without a server, and loads nothing but the pictures beside it."""
+    """Return the page as HTML; it works without a server, and loads nothing but the pictures beside it."""
     cards = [_card(one, names.get(one.id, "")) for one in found]
     sure = sum(one.sure for one in found)
     plan = '<img src="plan.png" alt="the objects on a plan, by their numbers">' if found.objects else ""

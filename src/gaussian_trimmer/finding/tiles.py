@@ -86,6 +86,6 @@ def _side(plan: Float64Array, count: int) -> float:
 
 
 def _cells(places: Float64Array, side: float) -> IntArray:
-    """Number the squares of a grid in which places of the plan (N, 2), not negative, lie, (N,)."""
+    """Return the number the squares of a grid in which places of the plan (N, 2), not negative, lie, (N,)."""
     x, y = np.floor(places / side).astype(np.int64).T
     return np.asarray((x << 32) | y)

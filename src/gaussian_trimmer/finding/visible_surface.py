@@ -122,7 +122,7 @@ class VisibleSurface:
 
 
 def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
-    """At most so many of the items, evenly spread, with the first and the last one.
+    """Return at most so many of the items, evenly spread, with the first and the last one.
 
     >>> evenly_spread("abcdefg", 3)
     ['a', 'd', 'g']
@@ -132,7 +132,7 @@ def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
 
 
 def views_of(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
-    """Where a scene is looked at from: some of its training cameras or, without cameras, places around its middle."""
+    """Return views to look at a scene from: some of the training cameras or, without cameras, around its middle."""
     taken = training_cameras(cameras)
     if taken:
         return [Viewpoint(camera) for camera in evenly_spread(taken, _MOST_VIEWS)]
@@ -275,7 +275,7 @@ def _small(camera: Camera) -> Camera:
 
 
 def _unit(points: Float64Array, shown: FloatArray, cameras: Sequence[Camera]) -> float:
-    """Half of what a picture's longer side spans at the median depth of what each view shows."""
+    """Return half of what a picture's longer side spans at the median depth of what each view shows."""
     spans = []
     for weight, camera in zip(shown, cameras, strict=True):
         depths = camera.project(points[weight > _MIN_SHOWN_PIXELS])[1]
@@ -285,7 +285,7 @@ def _unit(points: Float64Array, shown: FloatArray, cameras: Sequence[Camera]) ->
 
 
 def _inside(means: Float64Array, cameras: Sequence[Camera]) -> FloatArray:
-    """Share of the cameras in whose pictures each centre (S, 3) lies, (S,)."""
+    """Return the share of the cameras in whose pictures each centre (S, 3) lies, (S,)."""
     inside = np.zeros(len(means), np.float32)
     for camera in cameras:
         inside += camera.contains(camera.project(means)[0])
@@ -293,7 +293,7 @@ def _inside(means: Float64Array, cameras: Sequence[Camera]) -> FloatArray:
 
 
 def _touching(gaussians: Gaussians, edges: IntArray) -> Float64Array:
-    """How much the Gaussians of each edge overlap, 0 to 1, (E,).
+    """Return how much the Gaussians of each edge overlap, 0 to 1, (E,).
 
     It is the density of a normal distribution, relative to its peak, at their distance in sums of their standard
     deviations along it: surfaces are covered by Gaussians that overlap, dense scenes' as well as sparse ones'.
@@ -312,5 +312,5 @@ def _touching(gaussians: Gaussians, edges: IntArray) -> Float64Array:
 
 
 def seen_share(shown: FloatArray) -> float:
-    """Share of the views in which something is seen well, beside the best one, by its share of each view (V,)."""
+    """Return the share of views in which something is seen well, beside the best one, by its share of each (V,)."""
     return float(np.mean(shown > 0.2 * shown.max(initial=0.0))) if shown.any() else 0.0

@@ -39,7 +39,7 @@ class Bounds:
         return float(np.linalg.norm(self.half_extents))
 
     def corners(self) -> Float64Array:
-        """The eight corners in the world, (8, 3)."""
+        """Return the eight corners in the world, (8, 3)."""
         signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1).reshape(8, 3)
         return np.asarray(self.centre + (signs * self.half_extents) @ self.axes)
 
@@ -125,11 +125,6 @@ def _voxel_size(target: Gaussians, points: Float64Array) -> float:
     """Return a sixteenth of the largest weighted interdecile range along an axis of points (N, P, 3)."""
     low, high = _percentiles(points, target.opacities.astype(np.float64), (10, 90))
     return float((high - low).max()) / _VOXELS_ACROSS
-
-
-def median_radius(points: FloatArray | Float64Array) -> float:
-    """Return the median distance of points (N, 3) from their middle."""
-    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def touching(target: Gaussians, group: BoolArray, gap: float = 0.0) -> BoolArray:

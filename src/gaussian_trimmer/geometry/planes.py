@@ -154,6 +154,11 @@ def random_planes(
     return normals, np.asarray((normals * first[proper]).sum(axis=1))
 
 
+def median_radius(points: FloatArray | Float64Array) -> float:
+    """Return the median distance of points (N, 3) from their middle, which tolerances are relative to."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+
+
 def inlier_shares(normals: Float64Array, offsets: Float64Array, points: Float64Array, tolerance: float) -> Float64Array:
     """Return the shares of points (N, 3) that lie near each of some planes, (P,)."""
     columns, counts = np.ascontiguousarray(points.T), np.empty(len(normals))

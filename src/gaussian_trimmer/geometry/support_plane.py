@@ -103,7 +103,7 @@ def attached_to_object(
     reach: float,
     config: SupportPlaneConfig,
 ) -> BoolArray:
-    """Gaussians that are not labelled as object but belong to a piece that may be the object's, (N,).
+    """Return gaussians that are not labelled as object but belong to a piece that may be the object's, (N,).
 
     A piece is what lies above the plane and is connected by short steps. It may be the object's if some of it is
     labelled so and all of it lies within the bounds of what is labelled, so that the selection has every end of it: a
@@ -131,7 +131,7 @@ def attached_to_object(
 
 
 def _within_bounds(positions: FloatArray, selected: FloatArray, margin: float) -> BoolArray:
-    """Which positions (N, 3) lie in the box of the selected ones (M, 3), widened by a margin, (N,)."""
+    """Return which positions (N, 3) lie in the box of the selected ones (M, 3), widened by a margin, (N,)."""
     if len(selected) == 0:
         return np.zeros(len(positions), np.bool_)
     low, high = selected.min(axis=0) - margin, selected.max(axis=0) + margin

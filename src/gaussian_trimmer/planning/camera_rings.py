@@ -33,7 +33,7 @@ def ring(
     pitches: Float64Array | float,
     lens: Lens,
 ) -> list[Camera]:
-    """Cameras at given angles and one distance from a point that they all face.
+    """Return cameras at given angles and one distance from a point that they all face.
 
     Args:
         centre: the point, (3,).
@@ -51,13 +51,13 @@ def ring(
 def ring_poses(
     centre: Float64Array, axes: Float64Array, distance: float, yaws: Float64Array, pitches: Float64Array | float
 ) -> list[Float64Array]:
-    """World-to-camera transforms (4, 4) of the cameras of a `ring`."""
+    """Return world-to-camera transforms (4, 4) of the cameras of a `ring`."""
     directions = ring_directions(axes, yaws, pitches)
     return [look_at(centre + distance * direction, centre, axes[2]) for direction in directions]
 
 
 def ring_directions(axes: Float64Array, yaws: Float64Array, pitches: Float64Array | float) -> Float64Array:
-    """Unit vectors from the centre of a `ring` to its cameras, (V, 3)."""
+    """Return unit vectors from the centre of a `ring` to its cameras, (V, 3)."""
     level = np.cos(pitches)
     local = [np.cos(yaws) * level, np.sin(yaws) * level, np.broadcast_to(np.sin(pitches), yaws.shape)]
     return np.stack(local, axis=-1) @ axes
@@ -71,7 +71,7 @@ def framing_distance(
     fill: float,
     centre: Float64Array | None = None,
 ) -> float:
-    """The smallest distance of a `ring` at which the bounds' corners lie within the middle `fill` of every view.
+    """Return the smallest distance of a `ring` at which the bounds' corners lie within the middle `fill` of every view.
 
     The ring is about the bounds' centre, if no other point is given.
 

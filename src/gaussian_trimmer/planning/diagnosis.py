@@ -12,9 +12,10 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera
 from gaussian_trimmer.gaussians import BoolArray, Gaussians
-from gaussian_trimmer.geometry.bounds import Bounds, median_radius
+from gaussian_trimmer.geometry.bounds import Bounds
 from gaussian_trimmer.geometry.limits import lost_places
 from gaussian_trimmer.geometry.neighbours import nearest
+from gaussian_trimmer.geometry.planes import median_radius
 from gaussian_trimmer.planning.observed_angles import cameras_that_see
 from gaussian_trimmer.planning.storey import find_storey, sampled
 from gaussian_trimmer.planning.up_vector import KNOWN_SOURCES, UpVector, up_from_ground_plane
@@ -43,7 +44,7 @@ _MIN_GROUND_CONFIDENCE = 0.2
 
 
 def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cameras: Sequence[Camera]) -> str | None:
-    """Why the object cannot be trimmed with what was given, a clause without a full stop; None if it can.
+    """Say why the object cannot be trimmed with what was given, a clause without a full stop; None if it can.
 
     Args:
         scene: all N Gaussians.
@@ -57,7 +58,7 @@ def find_wrong_input(scene: Gaussians, selection: BoolArray, bounds: Bounds, cam
 
 
 def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
-    """What speaks against a selection (N,) of most of a scene, a sentence; None if nothing does.
+    """Return what speaks against a selection (N,) of most of a scene, a sentence; None if nothing does.
 
     A capture of little but the object is mostly selected, too, but then what is left is next to nothing or lies around
     it.
@@ -77,7 +78,7 @@ def selection_warning(scene: Gaussians, selection: BoolArray) -> str | None:
 
 
 def up_warning(scene: Gaussians, selection: BoolArray, up: UpVector) -> str | None:
-    """What speaks against the up vector, a sentence; None if nothing does.
+    """Return what speaks against the up vector, a sentence; None if nothing does.
 
     Args:
         scene: all N Gaussians.
@@ -109,7 +110,7 @@ def _has_floor(scene: Gaussians, up: UpVector, wall: UpVector) -> bool:
 
 
 def neighbour_agreement(scene: Gaussians, selection: BoolArray) -> float:
-    """How much more often the neighbours of a selected Gaussian are selected than any Gaussian is.
+    """Return how much more often the neighbours of a selected Gaussian are selected than any Gaussian is.
 
     1 where all of them are, 0 where they are no more often than by chance. Judged on a sample, the same every time.
 

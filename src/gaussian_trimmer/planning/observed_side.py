@@ -36,7 +36,7 @@ _FACING_PITCHES_DEGREES = 30.0, 10.0
 
 
 def limit_yaw_to_observed(scene: Gaussians, selection: BoolArray, bounds: Bounds, config: PlanConfig) -> PlanConfig:
-    """The plan limited to the middle of the directions from which the object is unobstructed, at a low pitch.
+    """Return the plan limited to the middle of the directions from which the object is unobstructed, at a low pitch.
 
     The plan is returned unchanged if the object is not blocked on one side, or if it gives yaw or pitch itself.
 
@@ -60,7 +60,7 @@ def limit_yaw_to_observed(scene: Gaussians, selection: BoolArray, bounds: Bounds
 
 
 def _free_shares(scene: Gaussians, selection: BoolArray, bounds: Bounds) -> Float64Array:
-    """How freely the object is seen in each sector around it, from 0 to 1, (_SECTORS,).
+    """Return how freely the object is seen in each sector around it, from 0 to 1, (_SECTORS,).
 
     A sector is filled by the solid angles of the Gaussians in it, as if they lay there at random: what they leave free
     falls off exponentially with their sum.

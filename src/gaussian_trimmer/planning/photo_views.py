@@ -30,7 +30,7 @@ def photo_views(
     fill: float = 0.75,
     visible_share: Callable[[Camera], float] = lambda camera: 1.0,
 ) -> list[Camera]:
-    """Up to `number` of the cameras that show an object large, unhidden and from different sides, cropped to it.
+    """Return up to `number` of the cameras that show an object large, unhidden and from different sides, cropped to it.
 
     Args:
         cameras: cameras whose photographs can be read.
@@ -68,7 +68,7 @@ def photo_views(
 
 
 def visible_share(scene: Gaussians, selection: BoolArray, camera: Camera, renderer: Renderer) -> float:
-    """How much of a selected object a camera sees that nothing hides, in [0, 1]; 0 if it sees nothing of it."""
+    """Return how much of a selected object a camera sees that nothing hides, in [0, 1]; 0 if it sees nothing of it."""
     small = camera.resized(_SMALL_PIXELS / max(camera.width, camera.height))
     alone = float(renderer.render(scene.select(selection), small).alpha.sum())
     shown = float(renderer.blend_values(scene, small, selection.astype(np.float32)[:, None]).sum())
@@ -76,7 +76,7 @@ def visible_share(scene: Gaussians, selection: BoolArray, camera: Camera, render
 
 
 def _box(camera: Camera, bounds: Bounds) -> Float64Array | None:
-    """Pixel box of the bounds' corners (4,), or None if one of them is behind the camera."""
+    """Return the pixel box of the bounds' corners (4,), or None if one of them is behind the camera."""
     pixels, depths = camera.project(bounds.corners())
     if not (depths > camera.near).all():
         return None
@@ -84,7 +84,7 @@ def _box(camera: Camera, bounds: Bounds) -> Float64Array | None:
 
 
 def _share_inside(camera: Camera, box: Float64Array | None) -> float:
-    """Share of a pixel box that lies within a camera's picture; zero without a box."""
+    """Return the share of a pixel box that lies within a camera's picture; zero without a box."""
     if box is None:
         return 0.0
     clipped = np.clip(box.reshape(2, 2), 0, (camera.width, camera.height))
@@ -92,7 +92,7 @@ def _share_inside(camera: Camera, box: Float64Array | None) -> float:
 
 
 def _cropped(camera: Camera, box: Float64Array | None, size: int, fill: float) -> Camera:
-    """The same camera on a square crop around a box, scaled to `size` pixels."""
+    """Return the same camera on a square crop around a box, scaled to `size` pixels."""
     assert box is not None
     side = max(float(max(box[2:] - box[:2])) / fill, size / _MAX_ENLARGEMENT)
     corner = (box[:2] + box[2:]) / 2 - side / 2

@@ -82,7 +82,7 @@ def close_up_of(camera: Camera, bounds: Bounds, size: int) -> tuple[Camera, tupl
 
 
 def views_of_place(bounds: Bounds, size: int, above: bool = False) -> list[Camera]:
-    """Small views from all sides at two heights, those of the upper one between those of the lower one.
+    """Return small views from all sides at two heights, those of the upper one between those of the lower one.
 
     They go around the whole circle even where the object was seen from one side only: with views of that side alone,
     hidden Gaussians behind the object pass for parts of it (docs/decisions/filled-background.md).

@@ -9,8 +9,7 @@ import numpy as np
 
 from gaussian_trimmer.cameras import Camera, CameraSet, unit_up, vector_of_up
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, Gaussians, sigmoid
-from gaussian_trimmer.geometry.bounds import median_radius
-from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, random_planes
+from gaussian_trimmer.geometry.planes import Plane, fit_plane, inlier_shares, median_radius, random_planes
 from gaussian_trimmer.planning.storey import MIN_FLOOR, find_storey, sampled
 
 DEFAULT_UP = (0.0, -1.0, 0.0)
@@ -88,7 +87,7 @@ def find_up(
     given: str | Sequence[float] | Float64Array | UpVector | None = None,
     object_rows: BoolArray | None = None,
 ) -> UpVector:
-    """The up vector from the best source there is.
+    """Return the up vector from the best source there is.
 
     In order of preference: the given vector, the one that the camera file states, the cameras' axes, the plane that the
     scene or the object stands on, the axis along which the floor of a room lies, what the file's format says, and -y
@@ -115,7 +114,7 @@ def find_up(
 
 
 def _up_from_ground(gaussians: Gaussians, object_rows: BoolArray | None) -> UpVector | None:
-    """As `up_from_ground_plane`; in rooms that may be the ceiling, as the furniture tells, or a wall with a picture."""
+    """Do as `up_from_ground_plane`, but for ceilings of rooms, as the furniture tells, and walls with a picture."""
     found = up_from_ground_plane(gaussians, object_rows)
     if found is None:
         return None
@@ -129,7 +128,7 @@ def _up_from_ground(gaussians: Gaussians, object_rows: BoolArray | None) -> UpVe
 
 
 def up_from_cameras(cameras: Sequence[Camera]) -> UpVector | None:
-    """The direction in which the cameras were held upright, or None where they do not agree on one.
+    """Return the direction in which the cameras were held upright, or None where they do not agree on one.
 
     Cameras that turn about the vertical keep their right axes level, whatever their pitch, so the direction in which
     the right axes vary least is up. That holds on a part of an orbit too, where the mean of the up axes leans towards
@@ -170,7 +169,7 @@ def up_from_layers(gaussians: Gaussians) -> UpVector | None:
 
 
 def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = None) -> UpVector | None:
-    """Normal of the plane that most Gaussians lie on, towards what stands on it, or None where there is no plane.
+    """Return the normal of the plane that most Gaussians lie on, towards what stands on it; None where there is none.
 
     RANSAC over at most 20 000 centres drawn by opacity, then least squares on the inliers; the same every time. With
     `object_rows` (N,) the object's surroundings are searched, at first the nearest ones, and planes that touch it from
@@ -198,7 +197,7 @@ def up_from_ground_plane(gaussians: Gaussians, object_rows: BoolArray | None = N
 
 
 def _is_plausible(up: Float64Array, scene: Gaussians) -> bool:
-    """Whether a small plane may be the ground: it lies along the axes, or as the plane of the whole scene."""
+    """Tell whether a small plane may be the ground: it lies along the axes, or as the plane of the whole scene."""
     if _along_axis(up[None])[0]:
         return True
     whole = up_from_ground_plane(scene)
@@ -212,7 +211,7 @@ def _up_from_points(
     min_slanted_share: float,
     rng: np.random.Generator,
 ) -> UpVector | None:
-    """Normal of the plane that most points lie on, if enough do."""
+    """Return the normal of the plane that most points lie on, if enough do."""
     if len(points) < _MIN_POINTS:
         return None
     tolerance = _THICKNESS_RADII * median_radius(points)
@@ -229,7 +228,7 @@ def _up_from_points(
 
 
 def _stands_above(plane: Plane, others: Float64Array, object_points: Float64Array | None) -> bool:
-    """Whether what stands on a plane is on the side of its normal: the object, or most others if it lies in the plane.
+    """Tell whether the object, or most others if it lies in the plane, stand on the side of the plane's normal.
 
     Args:
         others: heights of those points that are not in the plane, (P,).
@@ -243,19 +242,19 @@ def _stands_above(plane: Plane, others: Float64Array, object_points: Float64Arra
 
 
 def _is_flat(points: FloatArray, direction: Float64Array) -> bool:
-    """Whether an object is as flat along a direction as a rug on its floor, or a picture on its wall."""
+    """Tell whether an object is as flat along a direction as a rug on its floor, or a picture on its wall."""
     heights = points @ direction
     limit = _LYING_DISTANCE_RADII * median_radius(points.astype(np.float64))
     return bool(np.median(np.abs(heights - np.median(heights))) < limit)
 
 
 def _along_axis(normals: Float64Array) -> BoolArray:
-    """Which normals (P, 3) lie along y or z, as up does in nearly all tools, (P,)."""
+    """Return which normals (P, 3) lie along y or z, as up does in nearly all tools, (P,)."""
     return np.asarray(abs(normals[:, 1:]).max(axis=1) > _AXIS_COSINE)
 
 
 def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Generator) -> Float64Array:
-    """Centres of at most `size` of the Gaussians in `rows`, drawn by opacity, in random order, (M, 3)."""
+    """Return centres of at most `size` of the Gaussians in `rows`, drawn by opacity, in random order, (M, 3)."""
     candidates = np.flatnonzero(rows)
     candidates = candidates[:: 1 + len(candidates) // _MOST_CANDIDATES]
     weights = sigmoid(gaussians.opacity_logits[candidates]).astype(np.float64) + 1e-6
@@ -265,7 +264,7 @@ def _draw(gaussians: Gaussians, rows: BoolArray, size: int, rng: np.random.Gener
 
 
 def _distances(points: FloatArray, centre: Float64Array) -> Float64Array:
-    """Distance of each point from a centre, (N,); in parts that fit into the processor's cache."""
+    """Return the distance of each point from a centre, (N,); in parts that fit into the processor's cache."""
     distances = np.empty(len(points))
     for start in range(0, len(points), _POINTS_AT_ONCE):
         part = slice(start, start + _POINTS_AT_ONCE)
@@ -277,7 +276,7 @@ def _distances(points: FloatArray, centre: Float64Array) -> Float64Array:
 def _best_plane(
     points: Float64Array, object_points: Float64Array | None, tolerance: float, rng: np.random.Generator
 ) -> Plane | None:
-    """The plane of highest score among random ones, or None where all points lie in a line.
+    """Return the plane of highest score among random ones, or None where all points lie in a line.
 
     A score is at most the share of inliers, with its bonus, so the planes are scored in falling order of that until
     none can win.
@@ -305,7 +304,7 @@ def _best_plane(
 def _standing(
     normals: Float64Array, offsets: Float64Array, object_points: Float64Array, tolerance: float
 ) -> Float64Array:
-    """How far an object stands on each plane, (P,): 1 if wholly on one side and touching, towards 0 otherwise."""
+    """Return how far an object stands on each plane, (P,): 1 if wholly on one side and touching, else towards 0."""
     heights = normals @ object_points.T - offsets[:, None]  # (P, M)
     heights *= np.where(np.median(heights, axis=1) < 0, -1, 1)[:, None]
     on_one_side = (heights > -tolerance).mean(axis=1)

@@ -48,7 +48,7 @@ class PlanConfig:
 def plan_cameras(
     target: Gaussians, up: Float64Array, config: PlanConfig = PlanConfig(), training_cameras: Sequence[Camera] = ()
 ) -> tuple[list[Camera], Bounds]:
-    """Cameras around the selected object, ordered by yaw, and the bounds that they frame.
+    """Return cameras around the selected object, ordered by yaw, and the bounds that they frame.
 
     Args:
         target: the selected object.
@@ -74,7 +74,7 @@ def plan_cameras(
 
 
 def _angles(bounds: Bounds, config: PlanConfig, training_cameras: Sequence[Camera]) -> tuple[Float64Array, float]:
-    """Yaws (V,) and the pitch, in radians."""
+    """Return yaws (V,) and the pitch, in radians."""
     pitch, first, span = np.radians(30.0), 0.0, 2 * np.pi
     if training_cameras:
         first, span, pitch = observed_angles(training_cameras, bounds, pitch)

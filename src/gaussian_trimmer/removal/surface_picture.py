@@ -64,7 +64,7 @@ class SurfacePicture:
         return np.stack([first, second, np.zeros_like(first)], axis=-1)
 
     def pixels_of(self, points: FloatArray) -> tuple[IntArray, BoolArray]:
-        """Rows and columns above or below which points (N, 3) lie, (2, N), and whether the picture has them, (N,)."""
+        """Return rows and columns at which points (N, 3) lie, (2, N), and whether the picture has them, (N,)."""
         pixels = np.floor((self.surface.coordinates(points)[:, :2] + _HALF_WIDTH_RADII) * PIXELS_A_RADIUS)
         inside: BoolArray = np.asarray(((pixels >= 0) & (pixels < len(self.hole))).all(axis=1), np.bool_)
         return np.where(inside[:, None], pixels, 0).astype(np.int64).T, inside

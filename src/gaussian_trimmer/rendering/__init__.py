@@ -59,7 +59,7 @@ class Renderer(Protocol):
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
-        """Colour, alpha and depth of a view, and in the same pass, if asked for, the blend weights of its Gaussians.
+        """Render colour, alpha and depth of a view and, in the same pass if asked for, the blend weights of Gaussians.
 
         `background` is an RGB colour (3,), black if not given.
         """
@@ -81,7 +81,7 @@ class Renderer(Protocol):
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
-        """The k Gaussians of largest blend weight at each asked pixel (x, y), by reverse alpha blending.
+        """Return the k Gaussians of largest blend weight at each asked pixel (x, y), by reverse alpha blending.
 
         Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
         """
@@ -89,7 +89,7 @@ class Renderer(Protocol):
 
 
 def pixels_inside(pixels: IntArray, camera: Camera) -> IntArray:
-    """Pixels (x, y) as integers (P, 2).
+    """Return pixels (x, y) as integers (P, 2).
 
     Raises:
         ValueError: a pixel lies outside the camera's image.
@@ -125,7 +125,7 @@ DEFAULT_RENDERER = "auto"
 
 
 def get_renderer(name: str) -> Renderer:
-    """The renderer of that name; `auto` is numba, also where gsplat could run: it has not been tested on a GPU yet.
+    """Make the renderer of that name; `auto` is numba, even where gsplat could run, which no GPU has tested yet.
 
     Raises:
         InputError: no renderer has that name, or what it needs is not installed.

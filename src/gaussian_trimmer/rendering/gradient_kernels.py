@@ -44,7 +44,7 @@ _FOUR, _SIXTEEN = np.float32(4), np.float32(16)
 
 @_jit
 def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # type: ignore[no-untyped-def]
-    """Sums over the pixels of each pair of a tile and a Gaussian, which `gather` turns into derivatives.
+    """Sum over the pixels of each pair of a tile and a Gaussian what `gather` turns into derivatives.
 
     Args:
         splats, colours: of the M drawn Gaussians, from near to far, (M, 8) and (M, 4).
@@ -148,7 +148,7 @@ def differentiate_tiles(splats, colours, moves, tiles, images, out, jobs):  # ty
 
 @_jit
 def huber_gradient(image, picture, weight, delta):  # type: ignore[no-untyped-def]
-    """Derivatives of the sum of weight * sqrt(d^2 + delta^2) by an image's values, (4, H', W').
+    """Return derivatives of the sum of weight * sqrt(d^2 + delta^2) by an image's values, (4, H', W').
 
     Args:
         image: colour, depth and alpha, (5, H', W').

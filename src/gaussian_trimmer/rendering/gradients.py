@@ -94,7 +94,7 @@ def loss_gradient(drawing: Drawing, picture: FloatArray, weight: FloatArray, del
 
 
 def gradients(drawing: Drawing, slopes: FloatArray, moving: BoolArray) -> FloatArray:
-    """Derivatives of a loss by the parameters of Gaussians, (N, 13).
+    """Return derivatives of a loss by the parameters of Gaussians, (N, 13).
 
     The columns are: mean in scene units (3), log-scales (3), turn about the Gaussian's own axes in radians (3), opacity
     logit, sh_dc (3). That a colour changes with the direction of view is left out, since fitted Gaussians move by

@@ -63,7 +63,7 @@ class _Uploaded:
 
 
 def _on_device(method: Method) -> Method:
-    """The method where gradients can be taken, since blend weights are gradients, whatever mode the caller is in."""
+    """Let a method take gradients, since blend weights are gradients, whatever mode the caller is in."""
 
     @wraps(method)
     def wrapped(self: GsplatRenderer, *arguments: Any, **options: Any) -> Any:
@@ -101,7 +101,7 @@ class GsplatRenderer:
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
-        """Colour, alpha and depth of a view, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
+        """Render colour, alpha and depth, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
         image, alpha = self._blank(camera, 4), self._blank(camera, 1)[..., 0]
         if len(gaussians):
             image, alpha, _ = self._project(gaussians, camera)
@@ -114,7 +114,7 @@ class GsplatRenderer:
 
     @_on_device
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
-        """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
+        """Return blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
         if not len(gaussians):
             return _array(self._blank(camera, values.shape[1]))
         projection = self._projection(gaussians, camera)
@@ -135,11 +135,11 @@ class GsplatRenderer:
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
-        """The k largest blend weights at each asked pixel, found on the CPU; see `Renderer.top_contributors`."""
+        """Return the k largest blend weights at each asked pixel, found on the CPU; see `Renderer.top_contributors`."""
         return self._cpu.top_contributors(gaussians, camera, pixels, k)
 
     def _weights_under(self, images: Tensor, gaussians: Gaussians, camera: Camera) -> Tensor:
-        """Sums over pixels of alpha_i T_i times the values of images (H, W, L), as (N, L), the same in every run.
+        """Sum over pixels alpha_i T_i times the values of images (H, W, L), as (N, L), the same in every run.
 
         They are the gradient of a blended image by the values that are blended, so gsplat's backward pass gives them at
         the price of a few pictures. Its kernel adds up what the warps of a tile find in any order; with splats apart
@@ -153,7 +153,7 @@ class GsplatRenderer:
         return (sums.double() * _WEIGHT_UNIT).float()
 
     def _gradient(self, projection: Projection, camera: Camera, images: Tensor) -> Tensor:
-        """Sums over pixels of alpha_i T_i times the values of images (H, W, L), for each splat, (M, L)."""
+        """Return sums over pixels of alpha_i T_i times the values of images (H, W, L), for each splat, (M, L)."""
         black = projection.means.new_zeros((1, projection.means.shape[1], images.shape[2]), requires_grad=True)
         with self._torch.enable_grad():
             light, alpha = self._blend(projection, camera, black, background=black.new_ones((1, images.shape[2])))
@@ -165,7 +165,7 @@ class GsplatRenderer:
     def _blend(
         self, projection: Projection, camera: Camera, values: Tensor, background: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Blended values (1, M, C) before a background (1, C), as (H, W, C), and alpha, (H, W)."""
+        """Return blended values (1, M, C) before a background (1, C), as (H, W, C), and alpha, (H, W)."""
         image, alpha = self._gsplat.rasterize_to_pixels(
             projection.means,
             projection.conics,
@@ -188,7 +188,7 @@ class GsplatRenderer:
         return kept[id(camera)][1]
 
     def _project(self, gaussians: Gaussians, camera: Camera) -> tuple[Tensor, Tensor, Projection]:
-        """Colour and mean depth (H, W, 4), alpha (H, W), and the projection that they were drawn from, now kept."""
+        """Return colour and mean depth (H, W, 4), alpha (H, W), and the projection of both, which is kept."""
         drawn = self._upload(gaussians)
         world_to_camera = camera.world_to_camera.astype(np.float64)
         world_to_camera[:3, 3] += world_to_camera[:3, :3] @ drawn.origin
@@ -224,7 +224,7 @@ class GsplatRenderer:
         return image[0], alpha[0, ..., 0], projection
 
     def _shortened(self, drawn: _Uploaded, world_to_camera: Float64Array, camera: Camera) -> Tensor:
-        """Scales (N, 3) of which none shows longer than `LARGEST_SPREAD`: gsplat squares them in single precision."""
+        """Return scales (N, 3), none of which shows longer than `LARGEST_SPREAD`: gsplat squares single precision."""
         forward = self._tensor(world_to_camera[2])
         depths = (drawn.means @ forward[:3] + forward[3]).clamp(min=camera.near)
         limit = depths * (LARGEST_SPREAD / float(max(camera.K[0, 0], camera.K[1, 1])))
@@ -272,7 +272,7 @@ class GsplatRenderer:
         return self._uploaded[gaussians]
 
     def _tensor(self, values: NDArray[Any]) -> Tensor:
-        """A copy of an array on the device, in float32."""
+        """Return a copy of an array on the device, in float32."""
         return self._torch.tensor(values, dtype=self._torch.float32, device=self._device)
 
     def _blank(self, camera: Camera, n_channels: int) -> Tensor:

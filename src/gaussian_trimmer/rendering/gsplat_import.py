@@ -11,7 +11,7 @@ _INSTALL = 'run: pip install "gaussian-trimmer[cuda]", or render with --renderer
 
 
 def import_gsplat(device: str) -> tuple[Any, Any]:
-    """The modules torch and gsplat, with the kernels of gsplat loaded; compiles them if this was never done.
+    """Return the modules torch and gsplat, with the kernels of gsplat loaded; compiles them if this was never done.
 
     Raises:
         InputError: a library, the device or the kernels are missing.

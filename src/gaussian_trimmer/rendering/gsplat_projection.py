@@ -32,7 +32,7 @@ class Projection:
         return int(sum(tensor.nbytes for tensor in held))
 
     def apart(self) -> Projection:
-        """The same picture with a splat of its own for every entry of the tiles' lists."""
+        """Return the same picture with a splat of its own for every entry of the tiles' lists."""
         rows = self.tile_lists.long()
         return replace(
             self,

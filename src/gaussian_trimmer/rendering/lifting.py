@@ -40,7 +40,7 @@ def label_weights(
 
 
 def share_inside(weights: FloatArray, min_weight: float = 0.0) -> FloatArray:
-    """Share of the blend weights outside and inside of masks (N, 2) that is inside, (N,).
+    """Return the share of the blend weights outside and inside of masks (N, 2) that is inside, (N,).
 
     It is one half where there is no more weight than `min_weight`.
     """

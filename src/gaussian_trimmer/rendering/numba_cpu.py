@@ -70,7 +70,7 @@ class Projection:
         return self.rows.nbytes + self.splats.nbytes + self.colours.nbytes + self.tile_starts.nbytes + lists
 
     def parts(self, camera: Camera, n_labels: int = 0) -> Iterator[Tiles]:
-        """All tiles in order, in as few runs as keep lists, and n_labels weights of each entry, within memory."""
+        """Yield all tiles in order, in as few runs as keep lists, and n_labels weights of each entry, within memory."""
         of_an_entry = max(_BYTES_OF_A_PAIR, _BYTES_OF_A_WEIGHT * n_labels)
         first, n_tiles, starts = 0, len(self.tile_starts) - 1, self.tile_starts
         while first < n_tiles:
@@ -80,7 +80,7 @@ class Projection:
             first = last
 
     def _listed(self, first: int, last: int, camera: Camera) -> Tiles:
-        """The tiles from `first` up to before `last`."""
+        """Return the tiles from `first` up to before `last`."""
         begin, end = self.tile_starts[[first, last]]
         starts = self.tile_starts[first : last + 1] - begin
         if self.tiles is not None:
@@ -89,7 +89,7 @@ class Projection:
         return _binned(self.splats, starts, first, camera)
 
     def scattered(self, sums: FloatArray, n: int) -> FloatArray:
-        """Sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
+        """Return sums of drawn Gaussians (M, L) as sums of all Gaussians (n, L)."""
         all_sums = np.zeros((n, sums.shape[1]), np.float32)
         all_sums[self.rows] = sums
         return all_sums
@@ -108,7 +108,7 @@ class NumbaRenderer:
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
-        """Colour, alpha and depth of a view, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
+        """Render colour, alpha and depth, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
         projection = self._projection(gaussians, camera)
         labels = np.ones((int(weights), camera.height, camera.width), np.float32)
         image, sums = _blend(projection, projection.colours, camera, labels)
@@ -119,7 +119,7 @@ class NumbaRenderer:
         return Rendering(rgb, alpha, depth, projection.scattered(sums, len(gaussians)).ravel())
 
     def blend_values(self, gaussians: Gaussians, camera: Camera, values: FloatArray) -> FloatArray:
-        """Blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
+        """Return blend-weighted sums of per-Gaussian values; see `Renderer.blend_values`."""
         projection = self._projection(gaussians, camera)
         drawn = np.ascontiguousarray(values[projection.rows], np.float32)
         return np.stack(list(_blend(projection, drawn, camera, _NO_LABELS)[0][:-1]), axis=-1)
@@ -136,7 +136,7 @@ class NumbaRenderer:
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
-        """The k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
+        """Return the k largest blend weights at each asked pixel; see `Renderer.top_contributors`."""
         pixels = pixels_inside(pixels, camera)
         projection = self._projection(gaussians, camera)
         ids, weights = np.full((len(pixels), k), -1, np.int64), np.zeros((len(pixels), k), np.float32)
@@ -150,7 +150,7 @@ class NumbaRenderer:
         return np.where(ids >= 0, projection.rows[ids] if len(projection.rows) else -1, -1), weights
 
     def _projection(self, gaussians: Gaussians, camera: Camera) -> Projection:
-        """The projection of Gaussians into a camera, made at the first call and kept while there is room for it."""
+        """Project Gaussians into a camera at the first call, and keep the projection while there is room for it."""
         key = id(gaussians), id(camera)
         with self._looking:
             known = self._kept.get(key)
@@ -197,7 +197,7 @@ def project_view(gaussians: Gaussians, camera: Camera, wanted: BoolArray | None 
 
 
 def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """What `project` finds of all Gaussians; columns of a table become arrays of their own share by share."""
+    """Return what `project` finds of all Gaussians; columns of a table become arrays of their own share by share."""
     n = len(gaussians)
     found = np.empty((n, 8), np.float32), np.empty((n, 4), np.float32), np.zeros(n, np.bool_)
     pinhole = pinhole_of(camera)
@@ -212,7 +212,7 @@ def _projected(gaussians: Gaussians, camera: Camera) -> tuple[FloatArray, FloatA
 
 
 def _binned(splats: FloatArray, starts: IntArray, first_tile: int, camera: Camera) -> Tiles:
-    """The tiles from `first_tile` on whose lists begin at `starts` (T + 1,), with their lists."""
+    """Return the tiles from `first_tile` on whose lists begin at `starts` (T + 1,), with their lists."""
     lists, spans = np.zeros(starts[-1], np.int32), np.zeros((starts[-1], 2), np.uint8)
     tiles = Tiles(first_tile, starts, lists, spans, camera.width, camera.height)
     ends = starts[:-1].copy()
@@ -227,18 +227,18 @@ def _by_columns(work: Callable[[int, int], Any], across: int, n_splats: int) -> 
 
 
 def _owned(values: FloatArray) -> FloatArray:
-    """The same array, or a copy if it is a column of a table or cannot be written: kernels are compiled once."""
+    """Return the same array, or a copy if it is a column of a table or cannot be written: kernels are compiled once."""
     return np.require(values, requirements=("C", "W"))
 
 
 def ellipsoids_of(gaussians: Gaussians, rows: IntArray | slice) -> Ellipsoids:
-    """Gaussians, or some of them, as the kernels take them."""
+    """Return gaussians, or some of them, as the kernels take them."""
     g = gaussians
     return Ellipsoids(*(_owned(a[rows]) for a in (g.means, g.log_scales, g.quaternions, g.opacity_logits)))
 
 
 def pinhole_of(camera: Camera) -> Pinhole:
-    """A camera as the kernels take it."""
+    """Return a camera as the kernels take it."""
     margin = FRUSTUM_MARGIN * np.array([camera.width, camera.height])
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     with np.errstate(all="ignore"):  # Lenses that are possible in name only show nothing; the kernel sees to that.
@@ -257,7 +257,7 @@ def pinhole_of(camera: Camera) -> Pinhole:
 def _blend(
     projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Blended values followed by alpha, (C + 1, H, W), and blend weights under label images (L, H, W), (M, L)."""
+    """Return blended values, then alpha, (C + 1, H, W), and blend weights under label images (L, H, W), (M, L)."""
     image, sums = blend_view(projection, values, camera, labels)
     return image[:, : camera.height, : camera.width], sums
 
@@ -265,7 +265,7 @@ def _blend(
 def blend_view(
     projection: Projection, values: FloatArray, camera: Camera, labels: FloatArray = _NO_LABELS
 ) -> tuple[FloatArray, FloatArray]:
-    """The same, on images of whole tiles: (C + 1, H', W') and (M, L)."""
+    """Return the same, on images of whole tiles: (C + 1, H', W') and (M, L)."""
     labels = whole_tiles(labels)
     across, down = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((values.shape[1] + 1, down * TILE, across * TILE), np.float32)
@@ -283,6 +283,6 @@ def blend_view(
 
 
 def whole_tiles(images: FloatArray) -> FloatArray:
-    """Images (L, H, W) extended with zeros to whole tiles, (L, H', W'); the same array if they are that already."""
+    """Extend images (L, H, W) with zeros to whole tiles, (L, H', W'); the same array if they are that already."""
     missing = -images.shape[1] % TILE, -images.shape[2] % TILE
     return np.pad(images, ((0, 0), (0, missing[0]), (0, missing[1]))) if any(missing) and len(images) else images

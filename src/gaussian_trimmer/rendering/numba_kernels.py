@@ -36,7 +36,7 @@ _QUARTER = np.float32(0.25)  # Turns the factor of q in exp(-q / 2) into that of
 
 @numba.njit(cache=CACHE, inline="always")
 def _falloff(q):  # type: ignore[no-untyped-def]
-    """exp(-8 q) of q >= 0 by a polynomial of exp(-q), squared three times."""
+    """Return exp(-8 q) of q >= 0 by a polynomial of exp(-q), squared three times."""
     q = min(q, _ONE)
     e = _ONE - q * (_E1 - q * (_E2 - q * (_E3 - q * (_E4 - q * _E5))))
     e = e * e
@@ -57,7 +57,7 @@ def _weight_and_light(full, before):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=CACHE, inline="always")
 def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
-    """Whether blending goes on at any pixel of a tile."""
+    """Tell whether blending goes on at any pixel of a tile."""
     light = _ZERO
     for p in range(_AREA):
         light += max(transmittance[p], _ZERO)
@@ -66,7 +66,7 @@ def _lets_light_through(transmittance):  # type: ignore[no-untyped-def]
 
 @_jit
 def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ignore[no-untyped-def]
-    """Front-to-back blending of the tiles of some jobs, of which there are as many as tiles.
+    """Blend the tiles of some jobs, of which there are as many as tiles, front to back.
 
     Writes to the image (C + 1, H', W'), with H', W' rounded up to whole tiles, the blended values and, last, alpha; and
     to pairs (P, L), zero before, each pair's sum of blend weights under each of the label images (L, H', W').
@@ -153,7 +153,7 @@ def blend_tiles(splats, values, tiles, labels, image, pairs, jobs):  # type: ign
 
 @numba.njit(cache=CACHE, inline="always")
 def _four_sums(batch, mark):  # type: ignore[no-untyped-def]
-    """Sums of the four rows of `batch` (4, p), each weighted by `mark` (p,)."""
+    """Return sums of the four rows of `batch` (4, p), each weighted by `mark` (p,)."""
     a, b, c, d = _ZERO, _ZERO, _ZERO, _ZERO
     batch_a, batch_b, batch_c, batch_d = batch[0], batch[1], batch[2], batch[3]
     for p in range(len(mark)):
@@ -180,7 +180,7 @@ def sum_pairs(pairs, lists, totals):  # type: ignore[no-untyped-def]
 
 @_jit
 def top_of_pixels(splats, tiles, pixels, ids, weights):  # type: ignore[no-untyped-def]
-    """The largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals.
+    """Return the largest blend weights of each pixel, in falling order; the nearer Gaussian first among equals.
 
     Writes as many as there is room for to ids and weights (P, k), which hold -1 and 0, for pixels within the tiles.
     """

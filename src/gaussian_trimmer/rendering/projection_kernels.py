@@ -66,7 +66,7 @@ class Tiles(NamedTuple):
 
 @_jit
 def project(ellipsoids, sh_dc, sh_rest, pinhole, splats, colours, drawn):  # type: ignore[no-untyped-def]
-    """EWA projection of N Gaussians.
+    """Project N Gaussians by EWA splatting.
 
     Writes splats (N, 8): pixel centre x, y; A, B, C with |L^T d|^2 = (A dx + B dy)^2 + (C dy)^2; opacity; half extents
     of the alpha cut-off in x and y; colours and depth (N, 4); and which Gaussians reach the image (N,), false before.
@@ -157,7 +157,7 @@ def project(ellipsoids, sh_dc, sh_rest, pinhole, splats, colours, drawn):  # typ
 
 @numba.njit(cache=CACHE, inline="always")
 def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
-    """Real spherical harmonics of degree 0 to 3 in direction (x, y, z), with the signs of the 3DGS files."""
+    """Return real spherical harmonics of degree 0 to 3 in direction (x, y, z), with the signs of the 3DGS files."""
     k = rest.shape[0]
     value = SH_C0 * dc
     if k >= 3:
@@ -179,7 +179,7 @@ def _radiance(dc, rest, x, y, z):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=CACHE, inline="always")
 def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
-    """First and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches.
+    """Return first and one past the last column of tiles, of those from `start` to `end`, that the ellipse touches.
 
     No column for an ellipse that is not finite. Numbers are compared before they become integers: beyond these lies
     what no processor says the same of.
@@ -194,7 +194,7 @@ def _columns_reached(splat, start, end):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=CACHE, inline="always")
 def _rows_reached(splat, left, height):  # type: ignore[no-untyped-def]
-    """First and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
+    """Return first and one past the last row of pixels that the ellipse reaches within the tiles from column `left` on.
 
     On the ellipse (A dx + B dy)^2 + (C dy)^2 = q the lowest and highest dy lie at dx = +-(B / A) half_y, or, where that
     is beside the tiles, at the pixel column nearest to it. No row for an ellipse that is not finite.

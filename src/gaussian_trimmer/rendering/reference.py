@@ -52,7 +52,7 @@ class ReferenceRenderer:
     def render(
         self, gaussians: Gaussians, camera: Camera, background: FloatArray | None = None, weights: bool = False
     ) -> Rendering:
-        """Colour, alpha and depth of a view, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
+        """Render colour, alpha and depth, and the Gaussians' blend weights if asked for; see `Renderer.render`."""
         with _some_not_finite():
             depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
             seen = np.column_stack([view_colours(gaussians, camera), depths, np.ones(len(gaussians))])
@@ -88,7 +88,7 @@ class ReferenceRenderer:
     def top_contributors(
         self, gaussians: Gaussians, camera: Camera, pixels: IntArray, k: int
     ) -> tuple[IntArray, FloatArray]:
-        """The k Gaussians of largest blend weight at each asked pixel (x, y), nearest first where weights are equal.
+        """Find the k Gaussians of largest weight at each asked pixel (x, y), nearest first where weights are equal.
 
         Returns row numbers (P, k), -1 where fewer than k contribute, and weights (P, k) in falling order.
         """
@@ -108,7 +108,7 @@ class ReferenceRenderer:
 
 
 def view_colours(gaussians: Gaussians, camera: Camera) -> Float64Array:
-    """Colours (N, 3), not negative, that the spherical harmonics show towards the camera."""
+    """Return colours (N, 3), not negative, that the spherical harmonics show towards the camera."""
     directions = gaussians.means - camera.centre
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = np.divide(directions, lengths, out=np.zeros_like(directions), where=lengths > 0)
@@ -118,7 +118,7 @@ def view_colours(gaussians: Gaussians, camera: Camera) -> Float64Array:
 
 
 def sh_basis(directions: Float64Array) -> Float64Array:
-    """Real spherical harmonics of degrees 0 to 3 at unit directions (N, 3), as (N, 16).
+    """Return real spherical harmonics of degrees 0 to 3 at unit directions (N, 3), as (N, 16).
 
     Ordered by degree l, then by m from -l to l; odd m carry the Condon-Shortley sign, as trained models expect.
     """
@@ -146,7 +146,7 @@ def sh_basis(directions: Float64Array) -> Float64Array:
 
 
 def projected_covariances(gaussians: Gaussians, camera: Camera) -> Float64Array:
-    """Covariances in the image, J W Sigma W^T J^T plus the low-pass filter, in square pixels, (N, 2, 2).
+    """Return covariances in the image, J W Sigma W^T J^T plus the low-pass filter, in square pixels, (N, 2, 2).
 
     All Gaussians must be in front of the camera. J is the Jacobian of the perspective projection at the centre, or,
     for centres far outside the image, where the linear approximation breaks down, at the margin around it.
@@ -158,7 +158,7 @@ def projected_covariances(gaussians: Gaussians, camera: Camera) -> Float64Array:
 
 
 def _projected_axes(gaussians: Gaussians, camera: Camera) -> Float64Array:
-    """J W R S, whose columns are the semi-axes as the image shows them, in pixels, (N, 2, 3); R S S^T R^T is Sigma.
+    """Return J W R S: its columns are the semi-axes as the image shows them, in pixels, (N, 2, 3); Sigma = R S S^T R^T.
 
     Those longer than `LARGEST_SPREAD` are shortened to it.
     """
@@ -180,7 +180,7 @@ def _projected_axes(gaussians: Gaussians, camera: Camera) -> Float64Array:
 
 
 def _determinants(axes: Float64Array) -> Float64Array:
-    """Determinants of the covariances with these semi-axes (N, 2, 3), (N,).
+    """Return determinants of the covariances with these semi-axes (N, 2, 3), (N,).
 
     By the formula of Cauchy and Binet, which is a sum of squares. The difference of products loses all digits of a
     long needle's.
@@ -192,12 +192,12 @@ def _determinants(axes: Float64Array) -> Float64Array:
 
 
 def _some_not_finite() -> np.errstate:
-    """For what is computed of all Gaussians: those that are not finite are not drawn, so operations may fail there."""
+    """Let operations fail at Gaussians that are not finite, since these are not drawn."""
     return np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
 def _blended(gaussians: Gaussians, camera: Camera, values: Float64Array) -> Float64Array:
-    """The image (H, W, C) of values (N, C)."""
+    """Return the image (H, W, C) of values (N, C)."""
     image = np.zeros((camera.height, camera.width, values.shape[1]))
     for splat, box, weights in _blend(gaussians, camera):
         image[box] += weights[..., None] * values[splat.row]
@@ -205,7 +205,7 @@ def _blended(gaussians: Gaussians, camera: Camera, values: Float64Array) -> Floa
 
 
 def _front_to_back(gaussians: Gaussians, camera: Camera) -> Iterator[_Splat]:
-    """The visible Gaussians by rising centre depth, and by row number where depths are equal."""
+    """Yield the visible Gaussians by rising centre depth, and by row number where depths are equal."""
     with _some_not_finite():
         depths = camera.to_camera(gaussians.means.astype(np.float64))[:, 2]
         opacities = gaussians.opacities.astype(np.float64)
@@ -224,7 +224,7 @@ def _front_to_back(gaussians: Gaussians, camera: Camera) -> Iterator[_Splat]:
 
 
 def _blend(gaussians: Gaussians, camera: Camera) -> Iterator[tuple[_Splat, Box, Float64Array]]:
-    """Alpha blending front to back: every visible Gaussian with its box of pixels and its weights alpha_i T_i there.
+    """Blend front to back: yield every visible Gaussian with its box of pixels and its weights alpha_i T_i there.
 
     Eq. 3 of "3D Gaussian Splatting", with T_i the product of 1 - alpha_j over all nearer j.
     """
@@ -243,7 +243,7 @@ def _blend(gaussians: Gaussians, camera: Camera) -> Iterator[tuple[_Splat, Box, 
 
 
 def _alpha(splat: _Splat, box: Box) -> Float64Array:
-    """min(cap, o exp(-d^T Sigma^-1 d / 2)) at the pixel centres of a box, d being their offsets from the mean."""
+    """Return min(cap, o exp(-d^T Sigma^-1 d / 2)) at pixel centres of a box, d being their offsets from the mean."""
     rows, columns = box
     y, x = np.mgrid[rows, columns] + 0.5
     d = np.stack([x, y], axis=-1) - splat.mean  # (h, w, 2)
@@ -252,7 +252,7 @@ def _alpha(splat: _Splat, box: Box) -> Float64Array:
 
 
 def _box(splat: _Splat, camera: Camera) -> Box:
-    """Rows and columns of the image outside which the Gaussian's alpha is below the cut-off; may be empty."""
+    """Return rows and columns of the image outside which the Gaussian's alpha is below the cut-off; may be empty."""
     # o exp(-q / 2) = cutoff gives the ellipse d^T Sigma^-1 d = q, which reaches sqrt(q Sigma_ii) along axis i.
     q = 2.0 * np.log(splat.opacity / ALPHA_CUTOFF)
     reach = np.sqrt(q * np.diag(splat.covariance))

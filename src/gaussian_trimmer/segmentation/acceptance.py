@@ -46,7 +46,7 @@ def check_masks(
 
 
 def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str | None:
-    """Why the views do not suffice to change the selection; None if they do."""
+    """Say why the views do not suffice to change the selection; None if they do."""
     accepted = [trimmed.view for trimmed in views if not trimmed.rejected]
     if len(accepted) >= max(1.0, (1 - config.max_wrong) * len(views)):
         hidden = float(np.mean([view.hidden_share for view in accepted]))
@@ -60,7 +60,7 @@ def rejection(views: Sequence[TrimmedView], config: AcceptanceConfig) -> str | N
 def excessive_loss(
     selection: BoolArray, keep: BoolArray, visible: FloatArray, alone: FloatArray, config: AcceptanceConfig
 ) -> str | None:
-    """Why an object that keeps too little of the selection is refused; None if it keeps enough.
+    """Say why an object that keeps too little of the selection is refused; None if it keeps enough.
 
     Args:
         selection: what was selected, (N,).

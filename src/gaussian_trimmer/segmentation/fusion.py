@@ -53,7 +53,7 @@ def fuse_with_silhouettes(
     gaussians: Gaussians,
     renderer: Renderer,
 ) -> tuple[list[BoolArray], int]:
-    """Silhouettes of labels, changed where the masks of a segmenter are better supported.
+    """Return silhouettes of labels, changed where the masks of a segmenter are better supported.
 
     Args:
         views: V views.
@@ -80,7 +80,7 @@ def fuse_with_silhouettes(
 
 
 def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray, least: float) -> BoolArray:
-    """Pixels at which mask and silhouette differ and the mask is to be followed, (H, W)."""
+    """Return pixels at which mask and silhouette differ and the mask is to be followed, (H, W)."""
     mask = logits > 0
     regions, count = _regions(silhouette, mask)
     member = regions > 0
@@ -97,7 +97,7 @@ def _supported(silhouette: BoolArray, logits: FloatArray, elsewhere: FloatArray,
 
 
 def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32], int]:
-    """Numbers from 1 for the connected regions that a mask adds or removes within each tile, (H, W), and how many."""
+    """Number connected regions, from 1, that a mask adds or removes within each tile, (H, W); also return how many."""
     height, width = mask.shape
     tile = max(1, round(_TILE_PIXELS * max(height, width) / _REFERENCE_SIDE))
     regions, count = np.zeros(mask.shape, np.int32), 0
@@ -114,7 +114,7 @@ def _regions(silhouette: BoolArray, mask: BoolArray) -> tuple[NDArray[np.int32],
 
 
 def _thin(silhouette: BoolArray) -> BoolArray:
-    """What of a silhouette is too thin for a mask to show, (H, W)."""
+    """Return what of a silhouette is too thin for a mask to show, (H, W)."""
     width = max(2, round(_MIN_WIDTH_CELLS * max(silhouette.shape) / _MASK_GRID_CELLS))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     opened = cv2.morphologyEx(silhouette.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
@@ -124,7 +124,7 @@ def _thin(silhouette: BoolArray) -> BoolArray:
 def _shares_elsewhere(
     views: Sequence[View], masks: Sequence[BoolArray], trusted: Sequence[bool], gaussians: Gaussians, renderer: Renderer
 ) -> list[FloatArray]:
-    """What the masks of the other views say of the Gaussians at each pixel: their share inside these masks, (H, W).
+    """Return the share inside the masks of the other views of the Gaussians at each pixel, (H, W) for each view.
 
     Half for Gaussians that the other views do not show.
     """

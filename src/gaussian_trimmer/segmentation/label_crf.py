@@ -159,7 +159,7 @@ class _Crf:
         return np.asarray(0.5 * (mean + 1), np.float32)
 
     def estimated_trust(self, probability: FloatArray) -> Float64Array:
-        """Log-odds that labels are right, by a solution (S,): of each group, near the boundary, (G,)."""
+        """Return log-odds that labels are right, by a solution (S,): of each group, near the boundary, (G,)."""
         wrong = np.where(self.labels, 1 - probability, probability)
         counts = self.importance * ((self.distance < 1) | ~self.label_matches_majority | self.in_plane)
         total = np.bincount(self.group, counts, _GROUPS)
@@ -170,7 +170,7 @@ class _Crf:
     def infer_hidden(
         self, positions: FloatArray, colours: FloatArray, labels: BoolArray, probability: FloatArray
     ) -> FloatArray:
-        """Probabilities (H,) of hidden Gaussians by their labels (H,) and those of the visible ones (S,)."""
+        """Return probabilities (H,) of hidden Gaussians by their labels (H,) and those of the visible ones (S,)."""
         features = _features(positions, colours, self.config)
         squared, near = nearest(self.features, features, min(self.config.k_neighbours, len(self.features)))
         followed = np.einsum("nk,nk->n", self._kernel(squared, near), 2 * probability[near] - 1)
@@ -178,7 +178,7 @@ class _Crf:
         return sigmoid(np.asarray(own + self.config.smoothness * followed, np.float32))
 
     def _kernel(self, squared: FloatArray, neighbours: NDArray[np.int32]) -> FloatArray:
-        """Weights of neighbours at squared distances (N, k), which sum up to one, (N, k)."""
+        """Return weights of neighbours at squared distances (N, k), which sum up to one, (N, k)."""
         kernel = np.exp(-0.5 * squared) * self.importance[neighbours]
         return np.asarray(kernel / (kernel.sum(axis=1, keepdims=True) + 1e-9), np.float32)
 
@@ -198,7 +198,7 @@ class _Crf:
         return attached, plane.on_surface & self.labels
 
     def _colour_ratio(self, object_share: NDArray[np.floating]) -> Float64Array:
-        """Log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
+        """Return the log-likelihood ratio of each Gaussian's colour, by the object's share of each Gaussian, (S,).
 
         The models are colour histograms of object and surroundings, weighted by visibility, each averaged with an even
         one so that colours that occur on one side only have a finite ratio. Fewer pixels than there are colours say
@@ -216,14 +216,14 @@ def _features(positions: FloatArray, colours: FloatArray, config: LabelCrfConfig
 
 
 def _others(features: FloatArray, k: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Squared distances and indices of the k nearest other points of each, (S, k); fewer columns for few points."""
+    """Find squared distances and indices of the k nearest other points of each, (S, k); fewer for few points."""
     k = min(k, len(features) - 1)
     squared, indices = nearest(features, features, k + 1)
     return squared[:, 1:], indices[:, 1:]
 
 
 def _distance_to_boundary(positions: FloatArray, inside: BoolArray, reach: float) -> FloatArray:
-    """Distance of each Gaussian from the nearest one on the other side, at most `reach`, (S,).
+    """Return the distance of each Gaussian from the nearest one on the other side, at most `reach`, (S,).
 
     If all Gaussians are on one side, there is no boundary, and the distance is zero.
     """
@@ -236,7 +236,7 @@ def _distance_to_boundary(positions: FloatArray, inside: BoolArray, reach: float
 
 
 def _colour_bins(colours: FloatArray, width: float) -> tuple[IntArray, int]:
-    """Number of each colour's bin among those that occur, (S,), and how many bins there are in all."""
+    """Return the number of each colour's bin among those that occur, (S,), and how many bins there are in all."""
     per_channel = max(1, int(np.ceil(1 / width)))
     bins = np.minimum((colours * per_channel).astype(np.int64), per_channel - 1)
     _, occurring = np.unique((bins[:, 0] * per_channel + bins[:, 1]) * per_channel + bins[:, 2], return_inverse=True)

@@ -70,7 +70,7 @@ class NothingFoundError(InputError):
 
 
 def select_by_click(scene: ViewedScene, x: int, y: int) -> Pick:
-    """The object at a pixel of a view that stands on a plane, or has nothing beside it in a capture without a floor.
+    """Select the object at a pixel that stands on a plane, or has nothing beside it in a capture without a floor.
 
     Raises:
         InputError: the pixel is outside the picture, nothing is seen there, or (`NothingFoundError`) what is seen
@@ -135,7 +135,7 @@ def _seen_alone(scene: ViewedScene, x: int, y: int) -> BoolArray | None:
 
 
 def select_by_box(scene: ViewedScene, box: Box) -> Pick:
-    """The object or part that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
+    """Return the object or part that fills a box (x0, y0, x1, y1) of a view best; x1 and y1 are exclusive.
 
     The box is clipped to the picture; on sides where it reaches the picture's edge, the object may go on beyond it.
 
@@ -166,13 +166,13 @@ def select_by_box(scene: ViewedScene, box: Box) -> Pick:
 
 
 def pieces_at_click(scene: ViewedScene, target: Target) -> list[BoolArray]:
-    """Objects that stand at a clicked point of a view, (N,) each, the likeliest first."""
+    """Return objects that stand at a clicked point of a view, (N,) each, the likeliest first."""
     small = scene.small()
     return _pieces_at(small, target, _visible_around(small, target))
 
 
 def _pieces_in_box(scene: ViewedScene, box: Box) -> Iterator[BoolArray]:
-    """The objects that stand at some pixels in the middle of a box."""
+    """Yield the objects that stand at some pixels in the middle of a box."""
     x0, y0, x1, y1 = box
     targets = []
     for u, v in _BOX_SEEDS:
@@ -189,7 +189,7 @@ def _pieces_in_box(scene: ViewedScene, box: Box) -> Iterator[BoolArray]:
 
 
 def _pieces_at(scene: ViewedScene, target: Target, visible: FloatArray, extents: bool = True) -> list[BoolArray]:
-    """Objects that stand at a point that a view shows, (N,) each, the likeliest first.
+    """Return objects that stand at a point that a view shows, (N,) each, the likeliest first.
 
     Where objects are of few Gaussians, these connect by their extents: each stands for points on its ellipsoid. Without
     `extents` only centres count, which finds fewer objects there, but does not take along what is under them.
@@ -208,18 +208,18 @@ def _pieces_at(scene: ViewedScene, target: Target, visible: FloatArray, extents:
 
 
 def _majority_of_points(points: BoolArray, of: IntArray, count: int) -> BoolArray:
-    """Which Gaussians (count,) have more than half of their points, that `of` (P,) gives them, among some (P,)."""
+    """Return which Gaussians (count,) have more than half of their points, given by `of` (P,), among some (P,)."""
     return np.asarray(2 * np.bincount(of, points, count) > np.bincount(of, minlength=count))
 
 
 def _visible_around(scene: ViewedScene, target: Target) -> FloatArray:
-    """How much each Gaussian shows in the view and in others around the point, (N,)."""
+    """Return how much each Gaussian shows in the view and in others around the point, (N,)."""
     cameras = _views_around(scene.camera, target, scene.up)
     return visible_weight(shown_weights(scene.gaussians, cameras, scene.renderer), cameras)
 
 
 def _views_around(camera: Camera, target: Target, up: Float64Array) -> list[Camera]:
-    """The view itself, and those from the other places of a circle around the point, about as high; small."""
+    """Return the view itself, and those from the other places of a circle around the point, about as high; small."""
     axes = up_frame(up)
     offset = axes @ (camera.centre - target.point)
     pitch = np.clip(np.arctan2(offset[2], np.hypot(*offset[:2])), *np.radians(_PITCH_DEGREES))
@@ -234,7 +234,7 @@ def _rescaled(pixel: tuple[int, int], camera: Camera, small: Camera) -> tuple[in
 
 
 def _clipped(box: Box, camera: Camera) -> Box:
-    """A box without what is outside the view."""
+    """Return a box without what is outside the view."""
     x0, y0, x1, y1 = box
     inside = max(x0, 0), max(y0, 0), min(x1, camera.width), min(y1, camera.height)
     if not (inside[0] < inside[2] and inside[1] < inside[3]):

@@ -58,7 +58,7 @@ class Seed:
 
 
 def expected_radius(shown: BoolArray, x: int, y: int, depth: float, camera: Camera) -> float:
-    """Half the width of the wrong region that a pixel is the middle of, in scene units.
+    """Return half the width of the wrong region that a pixel is the middle of, in scene units.
 
     Args:
         shown: where the selection is visible, (H, W).
@@ -70,7 +70,7 @@ def expected_radius(shown: BoolArray, x: int, y: int, depth: float, camera: Came
 
 
 def correct_at_click(scene: ViewedScene, selection: BoolArray, seed: Seed, earlier: Sequence[Seed]) -> BoolArray:
-    """The selection (N,) after the region around a seed has changed sides.
+    """Return the selection (N,) after the region around a seed has changed sides.
 
     Args:
         scene: the scene in the view of the click.
@@ -93,7 +93,7 @@ def correct_at_click(scene: ViewedScene, selection: BoolArray, seed: Seed, earli
 
 
 def _best_region(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Sequence[Seed]) -> BoolArray | None:
-    """The selected nodes (S,) after the best region has changed sides; None if none can."""
+    """Return the selected nodes (S,) after the best region has changed sides; None if none can."""
     fixed = _fixed(graph, before, seed, earlier)
     stay, certain = np.where(before, 1.0, -1.0), np.where(fixed == 1, _CERTAIN_COST, -np.inf)
     cut = SurfaceCut(graph, before, seed.inside, np.where(fixed == 0, graph.areas, 0.0), _COLOUR_ROUNDS)
@@ -107,7 +107,7 @@ def _best_region(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Se
 
 
 def _graph_radius(means: FloatArray, selection: BoolArray, seed: Seed) -> float:
-    """The unit of the graph: about half the size of the selection, and no less than what the click is about."""
+    """Return the unit of the graph: about half the size of the selection, and no less than what the click is about."""
     if not selection.any():
         return 2 * seed.radius
     low, high = np.quantile(means[selection].astype(np.float64), _EXTENT_QUANTILES, axis=0)
@@ -115,7 +115,7 @@ def _graph_radius(means: FloatArray, selection: BoolArray, seed: Seed) -> float:
 
 
 def _fixed(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Sequence[Seed]) -> IntArray:
-    """Which nodes are certainly inside (1), certainly outside (-1), or free (0), (S,)."""
+    """Return which nodes are certainly inside (1), certainly outside (-1), or free (0), (S,)."""
     fixed = np.where(before == seed.inside, 1 if seed.inside else -1, 0)
     for place in (*earlier, seed):
         distance = np.linalg.norm(graph.means - place.point, axis=1)
@@ -127,7 +127,7 @@ def _fixed(graph: SurfaceGraph, before: BoolArray, seed: Seed, earlier: Sequence
 
 
 def _connected(graph: SurfaceGraph, before: BoolArray, part: BoolArray, seed: Seed) -> BoolArray:
-    """The part, where only the piece of what changed sides that lies at the seed has changed them, (S,)."""
+    """Return the part, where only the piece of what changed sides that lies at the seed has changed them, (S,)."""
     rows, piece = graph.pieces(part != before)
     if len(rows) == 0:
         return part
@@ -138,7 +138,7 @@ def _connected(graph: SurfaceGraph, before: BoolArray, part: BoolArray, seed: Se
 
 
 def _width_fit(graph: SurfaceGraph, sides: tuple[BoolArray, BoolArray], seed: Seed) -> float:
-    """How well the width of what changed sides fits the click, 0 to 1."""
+    """Return how well the width of what changed sides fits the click, 0 to 1."""
     changed, others = sides
     if not changed.any() or not others.any():
         return 0.0
@@ -153,7 +153,7 @@ def _width_fit(graph: SurfaceGraph, sides: tuple[BoolArray, BoolArray], seed: Se
 def _hidden_neighbours(
     gaussians: Gaussians, graph: SurfaceGraph, changed: BoolArray, selection: BoolArray, seed: Seed
 ) -> IntArray:
-    """Rows of hidden Gaussians that follow the nearest nodes to the other side."""
+    """Return rows of hidden Gaussians that follow the nearest nodes to the other side."""
     hidden = graph.hidden[selection[graph.hidden] != seed.inside]
     # Of the nodes around, those count that are on the side that the Gaussian is on, or were.
     comparable = changed | (selection[graph.rows] != seed.inside)
@@ -161,7 +161,7 @@ def _hidden_neighbours(
 
 
 def is_meant_whole(piece: BoolArray, selected: BoolArray, effect: Effect) -> bool:
-    """Whether a click adds, or removes, a whole thing (N,), by what of it and beside it is selected, (N,)."""
+    """Tell whether a click adds, or removes, a whole thing (N,), by what of it and beside it is selected, (N,)."""
     size, ours, rest = (int(np.count_nonzero(rows)) for rows in (piece, piece & selected, selected & ~piece))
     if effect == "add":
         return ours < _DISJOINT_SHARE * size

@@ -96,11 +96,11 @@ class SelectionState:
 
     @classmethod
     def nothing(cls, n: int) -> SelectionState:
-        """What no mark selects, in a scene of n Gaussians."""
+        """Return what no mark selects, in a scene of n Gaussians."""
         return cls(np.zeros(n, np.bool_), np.zeros(n, np.bool_))
 
     def combined(self, found: BoolArray, effect: Effect) -> SelectionState:
-        """The state with what a mark means, (N,); what one removes is excluded whether or not it was selected."""
+        """Combine with what a mark means, (N,); what one removes is excluded whether or not it was selected."""
         if effect == "remove":
             return replace(self, mask=self.mask & ~found, excluded=self.excluded | found)
         mask = self.mask | found if effect == "add" else self.mask & found
@@ -121,7 +121,7 @@ class MarkInterpreter:
         renderer: Renderer | str = DEFAULT_RENDERER,
         model: PromptableModel | None = None,
     ) -> None:
-        """Marks are understood with the up vector, and the places of the photographs, of a list of resolved marks.
+        """Take the up vector, and the places of the photographs, from a list of resolved marks.
 
         Args:
             scene: all N Gaussians.
@@ -140,7 +140,7 @@ class MarkInterpreter:
             self._things = ThingsAtPoints(scene, self._up, self._renderer)
 
     def apply(self, before: SelectionState, mark: Mark) -> SelectionState:
-        """The selection after one more mark, whose view is resolved; nothing may remain selected.
+        """Return the selection after one more mark, whose view is resolved; nothing may remain selected.
 
         Raises:
             InputError: the mark is not possible, or nothing is seen at its pixels.
@@ -236,7 +236,7 @@ class MarkInterpreter:
     def _near(
         self, state: SelectionState, view: ViewedScene, rows: IntArray, mark: Click, target: Target
     ) -> tuple[SelectionState, str]:
-        """What a click in a large capture means where no thing was found; its surroundings alone are looked at."""
+        """Select what a click in a large capture means where no thing was found, by its surroundings alone."""
         distances = np.linalg.norm(view.gaussians.means - target.point.astype(np.float32), axis=1)
         near = np.flatnonzero(distances < target.depth / 2)
         around = replace(view, gaussians=view.gaussians.select(near))
@@ -258,7 +258,7 @@ class MarkInterpreter:
         return state.combined(np.asarray(within) & state.mask, mark.effect), INTERPRETATIONS["frame"]
 
     def _interpreted(self, view: ViewedScene, mark: tuple[int, int] | tuple[int, int, int, int]) -> Pick:
-        """What a pixel, or a box, means in a view."""
+        """Return what a pixel, or a box, means in a view."""
         if self._model is not None:
             return select_by_model(view, mark, self._model)
         if len(mark) == 4:
@@ -269,18 +269,18 @@ class MarkInterpreter:
             return select_around_click(view, *mark)
 
     def _picked(self, state: SelectionState, pick: Pick, rows: IntArray, effect: Effect) -> tuple[SelectionState, str]:
-        """The state with what was found among some rows of the scene."""
+        """Return the state with what was found among some rows of the scene."""
         found = mask_of_rows(rows[pick.selection], len(state.mask))
         return state.combined(found, effect), INTERPRETATIONS[pick.kind]
 
     def _viewed(self, view: View) -> tuple[ViewedScene, IntArray]:
-        """What is drawn in a view, and its rows in the scene."""
+        """Return what is drawn in a view, and its rows in the scene."""
         assert isinstance(view, Viewpoint), "views are resolved"
         drawn, rows = drawn_part(self._scene, view)
         return ViewedScene(drawn, view.camera, self._up, self._renderer, self._seen_from), rows
 
     def _from_file(self, mark: FromFile) -> tuple[BoolArray, list[str]]:
-        """What a selection file, or a file of marks, selects, (N,), and notes on how it was understood."""
+        """Return what a selection file, or a file of marks, selects, (N,), and notes on how it was understood."""
         if not is_marks_file(mark.path):
             notes: list[str] = []
             return load_selection(mark.path, self._scene, mark.options, notes.append), notes
@@ -291,7 +291,7 @@ class MarkInterpreter:
         return made.mask, [f"{len(marks.marks)} marks"]
 
     def _lifted(self, mark: FromMasks) -> tuple[BoolArray, int]:
-        """The selection (N,) by a folder of masks, and their number."""
+        """Return the selection (N,) by a folder of masks, and their number."""
         if self._cameras is None:
             raise InputError("Masks need the cameras of their pictures.")
         posed = cameras_with_masks(self._cameras.pinhole_cameras(), mark.folder)
@@ -307,7 +307,7 @@ def apply_marks(
     renderer: Renderer | str,
     model: PromptableModel | None,
 ) -> SelectionState:
-    """What resolved marks select together.
+    """Return what resolved marks select together.
 
     Raises:
         InputError: a mark is not possible, the marks are of another scene, or nothing is selected.
@@ -333,13 +333,13 @@ def apply_marks(
 
 
 def _sized(before: SelectionState, sizes: Sequence[IntArray], effect: Effect) -> SelectionState:
-    """The state with the first of some things, by their rows; the others come if the click is made again."""
+    """Return the state with the first of some things, by their rows; the others come if the click is made again."""
     after = before.combined(mask_of_rows(sizes[0], len(before.mask)), effect)
     return replace(after, other_sizes=tuple(sizes[1:]), before_click=before)
 
 
 def _camera_at(place: Point) -> Camera:
-    """A camera of which only the position counts."""
+    """Return a camera of which only the position counts."""
     pose = np.eye(4)
     pose[:3, 3] = -np.array(place)
     return Camera(pose, np.eye(3), 1, 1)

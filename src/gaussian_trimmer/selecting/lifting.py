@@ -55,7 +55,7 @@ def lift_objects_by_assignment(
     renderer: Renderer,
     gamma: float = 0.0,
 ) -> Ids:
-    """Number of the object to whose pixels each Gaussian contributes most, (N,): of all objects together.
+    """Return the number of the object to whose pixels each Gaussian contributes most, (N,): of all objects together.
 
     Memory does not grow with the number of objects, nor time with the numbers themselves, only with how many there are.
 
@@ -100,7 +100,7 @@ def lift_objects_by_assignment(
 def lift_id_masks(
     gaussians: Gaussians, cameras: CameraSet | None, folder: Path, renderer: Renderer, gamma: float = 0.0
 ) -> tuple[Ids, int]:
-    """Number of the object of each Gaussian (N,) by a folder of masks whose pixels are ids, and how many masks it has.
+    """Return the number of each Gaussian's object (N,) by a folder of masks of ids, and how many masks it has.
 
     Raises:
         InputError: there are no cameras, a mask cannot be read, or as `lift_objects_by_assignment`.
@@ -113,7 +113,7 @@ def lift_id_masks(
 
 
 def _places(image: Ids, numbers: Ids) -> LabelArray:
-    """Place of each pixel's number in a sorted list, from 1; 0 for the background, and one too many for others."""
+    """Find each pixel's number in a sorted list, from 1; 0 for the background, and one too many for others."""
     places = np.searchsorted(numbers, image)
     found = numbers[np.minimum(places, len(numbers) - 1)] == image
     return np.where(image == 0, 0, np.where(found, places, len(numbers)) + 1).astype(np.uint8)

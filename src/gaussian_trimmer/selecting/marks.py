@@ -23,7 +23,7 @@ Point = tuple[float, float, float]
 
 
 def point_of(values: Float64Array) -> Point:
-    """An array (3,) as plain numbers."""
+    """Return an array (3,) as plain numbers."""
     x, y, z = values.tolist()
     return x, y, z
 
@@ -203,7 +203,7 @@ class Marks:
         return any(isinstance(mark, Rows) and mark.cut is not None for mark in self.marks)
 
     def followed_by(self, further: Marks, cameras: Path | None = None) -> Marks:
-        """These marks and then further ones, with what these depend on.
+        """Return these marks and then further ones, with what these depend on.
 
         Args:
             further: marks in the same scene; theirs is what these do not say.

@@ -50,7 +50,7 @@ def write_marks(marks: Marks, path: Path) -> None:
 
 
 def marks_as_json(marks: Marks, folder: Path) -> dict[str, Any]:
-    """Marks whose views are resolved, as JSON holds them; paths become relative to a folder where that is possible."""
+    """Turn marks whose views are resolved into JSON; paths become relative to a folder where that is possible."""
     views: list[Viewpoint] = []
 
     def number_of(view: Viewpoint) -> int:
@@ -71,7 +71,7 @@ def marks_as_json(marks: Marks, folder: Path) -> dict[str, Any]:
 
 
 def read_marks(path: str | Path) -> Marks:
-    """The marks in a file that `write_marks` wrote. Paths in it are relative to its folder.
+    """Return the marks in a file that `write_marks` wrote. Paths in it are relative to its folder.
 
     Raises:
         InputError: the file cannot be read, holds no marks, or one of them is not possible.
@@ -81,7 +81,7 @@ def read_marks(path: str | Path) -> Marks:
 
 
 def marks_from_json(raw: Any, path: Path) -> Marks:
-    """The marks in what `marks_as_json` made, as it stands in a file.
+    """Return the marks in what `marks_as_json` made, as it stands in a file.
 
     Raises:
         InputError: it holds no marks, or one of them is not possible.
@@ -114,7 +114,7 @@ def marks_from_json(raw: Any, path: Path) -> Marks:
 
 
 def is_marks_file(path: Path) -> bool:
-    """Whether a JSON file holds marks, as far as its beginning tells; other files have other beginnings."""
+    """Tell whether a JSON file holds marks, as far as its beginning tells; other files have other beginnings."""
     if path.suffix.lower() != ".json" or not is_file(path):
         return False
     with path.open("rb") as file:
@@ -122,7 +122,7 @@ def is_marks_file(path: Path) -> bool:
 
 
 def relative_to(path: Path, folder: Path) -> str:
-    """A path as seen from a folder, with slashes, or an absolute one where the folder is no parent of it."""
+    """Return a path as seen from a folder, with slashes, or an absolute one where the folder is no parent of it."""
     whole, base = path.absolute(), folder.absolute()
     return whole.relative_to(base).as_posix() if whole.is_relative_to(base) else whole.as_posix()
 

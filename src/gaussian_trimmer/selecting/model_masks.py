@@ -40,12 +40,12 @@ class PromptableModel(Protocol):
     """What draws masks for prompts; `SamSegmenter` does."""
 
     def propose(self, rgb: FloatArray, prompt: Prompt) -> Candidates:
-        """Masks for a prompt in a picture (H, W, 3)."""
+        """Return masks for a prompt in a picture (H, W, 3)."""
         ...
 
 
 def select_by_model(scene: ViewedScene, mark: tuple[int, int] | Box, model: PromptableModel) -> Pick:
-    """What a pixel (x, y), or a box (x0, y0, x1, y1), of a view means to a model.
+    """Return what a pixel (x, y), or a box (x0, y0, x1, y1), of a view means to a model.
 
     Raises:
         InputError: the mark is outside the picture, nothing is seen or can be told apart there, or the model cannot be
@@ -67,7 +67,7 @@ def select_by_model(scene: ViewedScene, mark: tuple[int, int] | Box, model: Prom
 
 
 def _built_in(scene: ViewedScene, mark: tuple[int, int] | Box) -> Pick | None:
-    """What is found without the model, if anything."""
+    """Return what is found without the model, if anything."""
     try:
         return select_by_click(scene, *mark) if len(mark) == 2 else select_by_box(scene, mark)
     except NothingFoundError:
@@ -77,8 +77,10 @@ def _built_in(scene: ViewedScene, mark: tuple[int, int] | Box) -> Pick | None:
 def _part_seen(
     scene: ViewedScene, mark: tuple[int, int] | Box, built_in: BoolArray, model: PromptableModel
 ) -> BoolArray | None:
-    """What the model sees at the mark, on all of its sides (N,), if that is something else than the built-in way found
-    and shows better what is meant."""
+    """Return what the model sees at the mark, on all of its sides, (N,).
+
+    None if the built-in way found the same, or shows better what is meant.
+    """
     box = mark if len(mark) == 4 else None
     picture, silhouette = scene.renderer.render(scene.gaussians, scene.camera), scene.coverage(built_in) > HALF
     mask = _mask_of(model.propose(picture.rgb, _prompt(mark)), box)
@@ -104,7 +106,7 @@ def _prompt(mark: tuple[int, int] | Box) -> Prompt:
 
 
 def _mask_of(found: Candidates, box: Box | None) -> BoolArray:
-    """Of the model's masks, the one that fills the box, empty if none does; without a box the best one."""
+    """Choose the one of the model's masks that fills the box, empty if none does; without a box the best one."""
     masks = found.logits > 0
     if box is None:
         return np.asarray(masks[int(np.argmax(found.scores))])
@@ -114,7 +116,7 @@ def _mask_of(found: Candidates, box: Box | None) -> BoolArray:
 
 
 def _corrected(scene: ViewedScene, selection: BoolArray, mask: BoolArray, model: PromptableModel) -> BoolArray:
-    """A selection (N,) by the model's masks in views around it, and by the mask (H, W) of the user's own view."""
+    """Correct a selection (N,) by the model's masks in views around it, and by that of the user's own view, (H, W)."""
     gaussians, renderer = scene.gaussians, scene.renderer
     plan = PlanConfig(views=_CORRECTION_VIEWS)
     around, _ = plan_cameras(gaussians.select(selection), scene.up, plan, list(scene.seen_from))

@@ -77,7 +77,7 @@ def plan_views(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = 
 
 
 def plan_overview(gaussians: Gaussians, up: Float64Array, config: OverviewConfig = OverviewConfig()) -> Overview:
-    """Views on a circle around the middle of a scene, and after them as many of the whole capture.
+    """Return views on a circle around the middle of a scene, and after them as many of the whole capture.
 
     Training makes many small Gaussians where there is detail and few large ones elsewhere, so the middle is where the
     centres are densest, found by repeated medians of the nearest ones. A compact capture, as of a single object, is
@@ -120,7 +120,7 @@ def views_of_all(
 
 
 def drawn_rows(means: FloatArray, view: Viewpoint) -> IntArray:
-    """Rows of the Gaussians, with centres (N, 3), that are drawn in a view; the others may be in front of them."""
+    """Return rows of the Gaussians, with centres (N, 3), that a view draws; others may be in front of them."""
     if view.drawn_centre is None:
         return np.arange(len(means))
     distance = np.linalg.norm(means - np.array(view.drawn_centre, np.float32), axis=1)
@@ -128,13 +128,13 @@ def drawn_rows(means: FloatArray, view: Viewpoint) -> IntArray:
 
 
 def drawn_part(scene: Gaussians, view: Viewpoint) -> tuple[Gaussians, IntArray]:
-    """The M Gaussians of a scene that are drawn in a view, and their rows, (M,)."""
+    """Return the M Gaussians of a scene that are drawn in a view, and their rows, (M,)."""
     rows = drawn_rows(scene.means, view)
     return scene if len(rows) == len(scene) else scene.select(rows), rows
 
 
 def _framing_ring(bounds: Bounds, config: OverviewConfig, fill: float) -> list[Camera]:
-    """Views whose middle `fill` holds the bounds, nearer or farther by the factor of the configuration."""
+    """Return views whose middle `fill` holds the bounds, nearer or farther by the factor of the configuration."""
     yaws, pitch = _angles(config)
     distance = config.distance * framing_distance(bounds, yaws, pitch, _FOV_RADIANS, fill)
     return ring(
@@ -151,19 +151,19 @@ def _around_target(target: Point, radius: float, axes: Float64Array, config: Ove
 
 
 def _angles(config: OverviewConfig) -> tuple[Float64Array, float]:
-    """Yaws (V,) and the pitch, in radians."""
+    """Return yaws (V,) and the pitch, in radians."""
     return 2 * np.pi * np.arange(config.ring) / config.ring, float(np.radians(config.pitch))
 
 
 def _bounds_of_nearly_all(gaussians: Gaussians, up: Float64Array) -> Bounds:
-    """The box that holds nearly all centres, wherever they lie dense."""
+    """Return the box that holds nearly all centres, wherever they lie dense."""
     axes = up_frame(up)
     low, high = np.quantile(gaussians.means.astype(np.float64) @ axes.T, _END_QUANTILES, axis=0)
     return Bounds((low + high) / 2 @ axes, axes, (high - low) / 2)
 
 
 def _middle(means: FloatArray) -> FloatArray:
-    """Where the centres (N, 3) lie densest, (3,)."""
+    """Return where the centres (N, 3) lie densest, (3,)."""
     middle = np.median(means, axis=0)
     for _ in range(_MEDIAN_ROUNDS):
         distance = np.linalg.norm(means - middle, axis=1)

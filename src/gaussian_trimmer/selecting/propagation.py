@@ -34,7 +34,7 @@ _MAX_REMNANT_AREA, _MIN_ATTACHED_LENGTH = 0.1, 0.5
 
 
 def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> BoolArray:
-    """The object that a view's mask shows, on all of its sides, (N,); nothing where the mask shows no surface.
+    """Return the object that a view's mask shows, on all of its sides, (N,); nothing where the mask shows no surface.
 
     Args:
         scene: the scene in that view.
@@ -70,7 +70,7 @@ def propagate_mask(scene: ViewedScene, picture: Rendering, mask: BoolArray) -> B
 
 
 def _cut(graph: SurfaceGraph, share: FloatArray, allowed: BoolArray) -> BoolArray:
-    """The minimum cut by the share of each node in the mask (S,), and by which hidden ones can be object, (S,)."""
+    """Cut by the share of each node in the mask (S,), and by which hidden ones can be object, (S,)."""
     hidden = np.where(allowed, HIDDEN_UNARY, -_VISIBLE_UNARY)
     unaries = graph.areas * np.where(graph.visible_in_view, _VISIBLE_UNARY * (2 * share - 1), hidden)
     undecided = graph.areas * (~graph.visible_in_view & allowed)
@@ -80,13 +80,13 @@ def _cut(graph: SurfaceGraph, share: FloatArray, allowed: BoolArray) -> BoolArra
 
 
 def _at(mask: BoolArray, pixels: Float64Array) -> BoolArray:
-    """Values of a mask (H, W) at pixel coordinates (N, 2), outside the image those of the nearest pixels, (N,)."""
+    """Return values of a mask (H, W) at pixels (N, 2), outside the image those of the nearest ones, (N,)."""
     x, y = np.clip(np.nan_to_num(pixels), 0, (mask.shape[1] - 1, mask.shape[0] - 1)).astype(np.int64).T
     return np.asarray(mask[y, x])
 
 
 def _visible_background(picture: Rendering, mask: BoolArray, tolerance: float) -> BoolArray:
-    """Pixels outside a mask at which nothing clearly nearer than the nearest part of the mask can hide it, (H, W)."""
+    """Return pixels outside a mask at which nothing clearly nearer than its nearest part can hide it, (H, W)."""
     _, nearest_pixel = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -97,7 +97,7 @@ def _visible_background(picture: Rendering, mask: BoolArray, tolerance: float) -
 
 
 def _without_specks(graph: SurfaceGraph, part: BoolArray, visible: BoolArray) -> BoolArray:
-    """The connected pieces of a part (S,) that hold enough of what is visible of it, (S,)."""
+    """Return the connected pieces of a part (S,) that hold enough of what is visible of it, (S,)."""
     rows, piece = graph.pieces(part)
     if len(rows) == 0:
         return part
@@ -108,7 +108,7 @@ def _without_specks(graph: SurfaceGraph, part: BoolArray, visible: BoolArray) ->
 
 
 def _with_remnants(graph: SurfaceGraph, part: BoolArray) -> BoolArray:
-    """A part (S,) and the small connected pieces of the rest that are attached to it and to nothing else, (S,)."""
+    """Add to a part (S,) the small connected pieces of the rest that are attached to it and nothing else, (S,)."""
     rows, numbers = graph.pieces(~part)
     if len(rows) == 0 or not part.any():
         return part

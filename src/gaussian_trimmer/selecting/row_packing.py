@@ -13,7 +13,7 @@ from gaussian_trimmer.gaussians import BoolArray
 
 
 def pack_rows(selected: BoolArray) -> str:
-    """Which rows are selected, (N,), as text.
+    """Return which rows are selected, (N,), as text.
 
     >>> unpack_rows(pack_rows(np.array([True, False, True])), 3)
     array([ True, False,  True])
@@ -22,7 +22,7 @@ def pack_rows(selected: BoolArray) -> str:
 
 
 def unpack_rows(packed: str, n: int) -> BoolArray:
-    """The rows that `pack_rows` has packed, (N,).
+    """Return the rows that `pack_rows` has packed, (N,).
 
     Args:
         packed: the text.

@@ -40,7 +40,7 @@ class SelectionNote:
     """The scene that the selection was made in."""
 
     def is_of(self, scene: Path) -> bool:
-        """Whether the selection was made in a scene, by its path."""
+        """Tell whether the selection was made in a scene, by its path."""
         return self.scene is not None and self.scene.resolve() == scene.resolve()
 
 
@@ -99,7 +99,7 @@ def note_beside(path: Path) -> SelectionNote | None:
 
 
 def excluded_from(path: Path, n: int) -> BoolArray | None:
-    """Which of n Gaussians the marks of a saved selection removed, (N,).
+    """Return which of n Gaussians the marks of a saved selection removed, (N,).
 
     None if the selection was not made by marks, was changed since, or is of another scene.
     """

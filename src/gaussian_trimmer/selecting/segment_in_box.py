@@ -45,7 +45,7 @@ _PIECES_PER_PASS = 16
 
 
 def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
-    """The best segment in a box (N,), and how well its bounding box fits; nothing where nothing can be separated.
+    """Find the best segment in a box (N,), and how well its box fits; nothing where nothing can be separated.
 
     On sides where the box reaches the picture's edge, the object may go on beyond it.
 
@@ -81,7 +81,7 @@ def segment_in_box(scene: ViewedScene, box: Box) -> tuple[BoolArray, float]:
 
 
 def box_overlap(a: Box, b: Box) -> float:
-    """Intersection over union of two boxes.
+    """Return the intersection over union of two boxes.
 
     >>> box_overlap((0, 0, 2, 2), (1, 0, 3, 2))
     0.3333333333333333
@@ -93,12 +93,12 @@ def box_overlap(a: Box, b: Box) -> float:
 
 
 def fills(mask: BoolArray, box: Box) -> float:
-    """Intersection over union of a mask's bounding box and a box; zero for an empty mask."""
+    """Return the intersection over union of a mask's bounding box and a box; zero for an empty mask."""
     return box_overlap(bounding_box(mask), box) if mask.any() else 0.0
 
 
 def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArray]:
-    """All connected pieces of all cuts, each once, (S,) each."""
+    """Return all connected pieces of all cuts, each once, (S,) each."""
     graph = cut.graph
     visible = allowed & graph.visible_in_view
     depths = camera.project(graph.means.astype(np.float64))[1]
@@ -119,7 +119,7 @@ def _pieces(cut: SurfaceCut, allowed: BoolArray, camera: Camera) -> list[BoolArr
 
 
 def _overlaps(scene: ViewedScene, box: Box, graph: SurfaceGraph, parts: Sequence[BoolArray]) -> list[float]:
-    """Intersection over union of the box and the bounding box of each visible part, (P,)."""
+    """Return the intersection over union of the box and the bounding box of each visible part, (P,)."""
     cropped, box = _cropped(scene.camera, box)
     overlaps = []
     for start in range(0, len(parts), _PIECES_PER_PASS):
@@ -132,7 +132,7 @@ def _overlaps(scene: ViewedScene, box: Box, graph: SurfaceGraph, parts: Sequence
 
 
 def _surfaces(scene: ViewedScene, box: Box) -> list[tuple[Float64Array, float]]:
-    """For each depth at which the box shows a surface, the point in its middle (3,) and half its larger side there."""
+    """Return the middle of a box (3,), and half its larger side, at each depth at which it shows a surface."""
     camera = scene.camera
     x0, y0, x1, y1 = box
     columns, rows = (np.linspace(low, high - 1, _LATTICE_PIXELS).astype(np.int64) for low, high in ((x0, x1), (y0, y1)))
@@ -149,20 +149,20 @@ def _surfaces(scene: ViewedScene, box: Box) -> list[tuple[Float64Array, float]]:
 
 
 def _limits(box: Box, camera: Camera) -> tuple[Float64Array, Float64Array]:
-    """Lower and upper limits of a box in x and y, infinite on sides at the picture's edge, (2,) each."""
+    """Return lower and upper limits of a box in x and y, infinite on sides at the picture's edge, (2,) each."""
     low, high = np.array(box[:2], np.float64), np.array(box[2:], np.float64)
     size = np.array([camera.width, camera.height])
     return np.where(low <= 0, -np.inf, low), np.where(high >= size, np.inf, high)
 
 
 def _between(points: NDArray[np.floating], camera: Camera, low: Float64Array, high: Float64Array) -> BoolArray:
-    """Which world points (N, 3) project between two corners (2,) of the image, (N,)."""
+    """Return which world points (N, 3) project between two corners (2,) of the image, (N,)."""
     pixels, depths = camera.project(points.astype(np.float64))
     return np.asarray((depths > 0) & (pixels > low).all(axis=1) & (pixels < high).all(axis=1))
 
 
 def _cropped(camera: Camera, box: Box) -> tuple[Camera, Box]:
-    """The part of a view around a box, and the box in it."""
+    """Return the part of a view around a box, and the box in it."""
     x0, y0, x1, y1 = box
     border = int(_BORDER_SHARE * max(x1 - x0, y1 - y0)) + 2
     left, top = max(0, x0 - border), max(0, y0 - border)

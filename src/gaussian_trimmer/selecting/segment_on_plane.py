@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaussian_trimmer.gaussians import BoolArray, Float64Array, FloatArray, IntArray, mask_of_rows
-from gaussian_trimmer.geometry.bounds import median_radius
 from gaussian_trimmer.geometry.components import connected_points
 from gaussian_trimmer.geometry.neighbours import nearest
-from gaussian_trimmer.geometry.planes import densest_layer
+from gaussian_trimmer.geometry.planes import densest_layer, median_radius
 from gaussian_trimmer.parallel import parallel_map
 
 _STEPS_PER_OCTAVE = 2
@@ -84,7 +83,7 @@ class _Piece:
 def pieces_on_plane(
     positions: Float64Array, seeds: FloatArray, visible: FloatArray, scale: float, windows: Float64Array
 ) -> list[BoolArray]:
-    """The objects that hold the seeds and stand on a layer below them, (N,) each, the likeliest first.
+    """Return the objects that hold the seeds and stand on a layer below them, (N,) each, the likeliest first.
 
     Nearer layers come first: for a statue on a plinth, first the statue, then both.
 
@@ -98,7 +97,7 @@ def pieces_on_plane(
     distance, shows = np.linalg.norm(positions, axis=1), visible > _MIN_VISIBLE
 
     def found_in(clearance: float, radius: float) -> list[tuple[float, float, _Piece, BoolArray]]:
-        """Height of the layer and radius of the window, a piece that stands there, and it with what it hides."""
+        """Find, in a window, heights of layers, its radius, pieces that stand there, and each with what it hides."""
         surface = _find_layer(positions, visible, radius)
         if surface is None:
             return []
@@ -126,7 +125,7 @@ def pieces_on_plane(
 
 
 def windows_around(scale: float, positions: Float64Array) -> Float64Array:
-    """Radii of the windows about a scale: the same for all points and views of a scene (N, 3) near that scale."""
+    """Return radii of windows about a scale: the same for all points and views of a scene (N, 3) near it."""
     scene_size = median_radius(positions)
     if scene_size == 0:
         return np.asarray(_WINDOW_RADII * scale)
@@ -135,7 +134,7 @@ def windows_around(scale: float, positions: Float64Array) -> Float64Array:
 
 
 def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> float | None:
-    """Height of the most visible layer below the origin, or None where nothing is below it."""
+    """Return the height of the most visible layer below the origin, or None where nothing is below it."""
     height, bin_height = positions[:, 2], _BIN_HEIGHT * window
     below = (
         (np.hypot(positions[:, 0], positions[:, 1]) < _LAYER_DISTANCE * window)
@@ -151,7 +150,7 @@ def _find_layer(positions: Float64Array, visible: FloatArray, window: float) -> 
 def _stable_pieces(
     positions: Float64Array, seeds: FloatArray, visible: FloatArray, rows: IntArray, gaps: Float64Array
 ) -> list[_Piece]:
-    """The pieces of some rows around the seeds that stay the same over several gaps, the most stable first."""
+    """Return the pieces of some rows around the seeds that stay the same over several gaps, the most stable first."""
     if not seeds[rows].any():
         return []
     members = _nested_pieces(positions, seeds, rows, gaps)
@@ -171,7 +170,7 @@ def _stable_pieces(
 
 
 def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, gaps: Float64Array) -> list[IntArray]:
-    """For each gap, rising, the rows of the connected piece that holds most of the seeds.
+    """Return, for each gap, rising, the rows of the connected piece that holds most of the seeds.
 
     A piece is searched within that of the next larger gap, which is what it falls out of as the gap shrinks.
     """
@@ -184,7 +183,7 @@ def _nested_pieces(positions: Float64Array, seeds: FloatArray, rows: IntArray, g
 
 
 def _stands(positions: Float64Array, shows: BoolArray, piece: _Piece, surface: float, window: float) -> bool:
-    """Whether the piece reaches down to the layer, and what shows of the layer goes on around its foot."""
+    """Tell whether the piece reaches down to the layer, and what shows of the layer goes on around its foot."""
     height = positions[piece.rows, 2] - surface
     lowest = np.quantile(height, _END_QUANTILES[0])
     if lowest > _MAX_FOOT_HEIGHT * piece.radius:
@@ -210,7 +209,7 @@ def _grown(cells: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
 
 
 def _with_hidden(positions: Float64Array, piece: _Piece, hidden: IntArray) -> BoolArray:
-    """The piece, and those of some hardly visible rows that are near it, (N,)."""
+    """Return the piece, and those of some hardly visible rows that are near it, (N,)."""
     chosen = mask_of_rows(piece.rows, len(positions))
     if len(hidden):
         points, queries = (positions[rows].astype(np.float32) for rows in (piece.rows, hidden))

@@ -37,7 +37,7 @@ class SelectionResult:
         return f"<SelectionResult: {np.count_nonzero(self.mask):,} of {len(self.mask):,} Gaussians{made}>"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """The mask, for NumPy."""
+        """Return the mask, for NumPy."""
         return np.array(self.mask, dtype, copy=bool(copy) or dtype not in (None, np.bool_))
 
     def save_marks(self, path: str | Path) -> None:

@@ -15,7 +15,7 @@ _MIN_GAUSSIANS = 2
 
 
 def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Array) -> BoolArray:
-    """Which centres (N, 3) lie in a box or a ball, or above a plane, (N,).
+    """Return which centres (N, 3) lie in a box or a ball, or above a plane, (N,).
 
     Args:
         up: the scene's up vector (3,), along which z points where the shape's coordinates are `up`.
@@ -42,7 +42,7 @@ def inside_shape(means: FloatArray, shape: Box3D | Sphere | Plane, up: Float64Ar
 
 
 def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:
-    """The selection (N,) and all Gaussians within some spacings of it, (N,).
+    """Return the selection (N,) and all Gaussians within some spacings of it, (N,).
 
     Args:
         spacings: distance in median distances between neighbouring Gaussians of the selection.
@@ -54,7 +54,7 @@ def grown(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray
 
 
 def shrunk(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArray:
-    """The selection (N,) without the Gaussians within some spacings of others that are not selected, (N,).
+    """Return the selection (N,) without the Gaussians within some spacings of others that are not selected, (N,).
 
     Args:
         spacings: as for `grown`.
@@ -66,7 +66,7 @@ def shrunk(means: FloatArray, selection: BoolArray, spacings: float) -> BoolArra
 
 
 def _near(means: FloatArray, some: BoolArray, reach: float) -> BoolArray:
-    """Which of the other Gaussians lie within reach of some (N,), (N,)."""
+    """Return which of the other Gaussians lie within reach of some (N,), (N,)."""
     near, others = np.zeros(len(some), np.bool_), np.flatnonzero(~some)
     if reach > 0 and len(others) and some.any():
         squared, _ = nearest(means[some], means[others], 1)

@@ -38,7 +38,7 @@ class SurfaceCut:
     def cuts(
         self, unaries: Float64Array, colour: float, tidied: Callable[[BoolArray], BoolArray] = lambda part: part
     ) -> Iterator[BoolArray]:
-        """The selected nodes after the cut, and after each repetition with colours, (S,) each.
+        """Yield the selected nodes after the cut, and after each repetition with colours, (S,) each.
 
         Args:
             unaries: as for `SurfaceGraph.cut`, (S,).
@@ -58,7 +58,7 @@ class SurfaceCut:
         terms: Iterable[tuple[Float64Array, float]],
         tidied: Callable[[BoolArray], BoolArray] = lambda part: part,
     ) -> Iterator[BoolArray]:
-        """The cuts for several unary terms and weights of colour, each once."""
+        """Yield the cuts for several unary terms and weights of colour, each once."""
         seen: set[bytes] = set()
         for unaries, colour in terms:
             for part in self.cuts(unaries, colour, tidied):
@@ -68,12 +68,12 @@ class SurfaceCut:
                 yield part
 
     def sides(self, part: BoolArray) -> tuple[BoolArray, BoolArray]:
-        """Which nodes changed sides and which stayed on the side that they left, (S,) each."""
+        """Return which nodes changed sides and which stayed on the side that they left, (S,) each."""
         changed = part != self.before
         return changed, (self.before != self.inside) & ~changed
 
     def separation(self, part: BoolArray, least_contrast: float = 0.0) -> float:
-        """How well what changed sides is separated from what did not, about 0 to 1."""
+        """Return how well what changed sides is separated from what did not, about 0 to 1."""
         changed, others = self.sides(part)
         if not changed.any() or not others.any():
             return 0.0
@@ -85,7 +85,7 @@ class SurfaceCut:
 
 
 def colour_weight(accuracy: float) -> float:
-    """Weight of colour models by their balanced accuracy, 0 to 1.
+    """Return the weight of colour models by their balanced accuracy, 0 to 1.
 
     >>> colour_weight(0.5), colour_weight(1.0)
     (0.0, 1.0)

@@ -75,19 +75,19 @@ def estimate_surface(gaussians: Gaussians, visible: FloatArray, facing: FloatArr
 
 
 def directions_to(points: NDArray[np.floating], target: Float64Array) -> FloatArray:
-    """Unit vectors from points (P, 3) to a target (3,), (P, 3)."""
+    """Return unit vectors from points (P, 3) to a target (3,), (P, 3)."""
     offset = np.asarray(target - points, np.float32)
     return np.asarray(offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-30))
 
 
 def colour_bins(colours: FloatArray) -> IntArray:
-    """Number of the histogram's bin that each Lab colour (S, 3) lies in, (S,)."""
+    """Return the number of the histogram's bin that each Lab colour (S, 3) lies in, (S,)."""
     bins = np.clip((colours + _BIN_OFFSET) / _BIN_SIZE, 0, np.array(_COLOUR_BINS) - 1).astype(np.int64)
     return np.asarray(np.ravel_multi_index(tuple(bins.T), _COLOUR_BINS))
 
 
 def colour_evidence(bins: IntArray, inside: Float64Array, outside: Float64Array) -> tuple[Float64Array, float]:
-    """Clipped log-likelihood ratio of each colour in one part of a surface against another, (S,).
+    """Return the clipped log-likelihood ratio of each colour in one part of a surface against another, (S,).
 
     The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
 
@@ -106,7 +106,7 @@ def colour_evidence(bins: IntArray, inside: Float64Array, outside: Float64Array)
 
 
 def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) -> FloatArray:
-    """Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
+    """Return Lab colours (S, 3) after two passes of a bilateral filter over the neighbourhoods (S, K)."""
     lab = np.asarray(cv2.cvtColor(rgb.astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0])
     for _ in range(2):
         around = lab.take(beside, axis=0)
@@ -119,7 +119,7 @@ def _smoothed(rgb: FloatArray, beside: NDArray[np.int32], shares: FloatArray) ->
 def _normals(
     means: FloatArray, beside: NDArray[np.int32], shares: FloatArray, facing: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Unit normals (S, 3) of the neighbourhoods (S, K), on the side that is seen, and their flatness, 0 to 1, (S,)."""
+    """Return unit normals (S, 3) of neighbourhoods (S, K), on the side that is seen, and flatness, 0 to 1, (S,)."""
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-30)
     around = means.take(beside, axis=0)
     offsets = around - np.einsum("sk,ski->si", shares, around)[:, None]
@@ -131,7 +131,7 @@ def _normals(
 
 
 def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray) -> tuple[IntArray, Float64Array]:
-    """Pairs of neighbours, each once and in order, (E, 2), and the length of boundary that passes between them, (E,).
+    """Return pairs of neighbours, each once and in order, (E, 2), and lengths of boundary between them, (E,).
 
     The edges of a node share the length of boundary that passes it, so that the length of a cut does not depend on how
     densely a surface is covered.
@@ -147,14 +147,14 @@ def _edges(beside: NDArray[np.int32], distances: FloatArray, spacing: FloatArray
 
 
 def _likeness(edges: IntArray, colours: FloatArray) -> Float64Array:
-    """How alike the colours of both ends of each edge are, 0 to 1, (E,)."""
+    """Return how alike the colours of both ends of each edge are, 0 to 1, (E,)."""
     a, b = (colours.take(ends, axis=0) for ends in edges.T)
     difference = np.square((a - b) * _LAB_WEIGHTS).sum(axis=1)
     return np.asarray(np.exp(-0.5 * difference / _COLOUR_SIGMA**2))
 
 
 def _convexity(edges: IntArray, means: FloatArray, normals: FloatArray, flatness: FloatArray) -> Float64Array:
-    """How convex the surface is along each edge, 0 to 1, (E,)."""
+    """Return how convex the surface is along each edge, 0 to 1, (E,)."""
     a, b = edges.T
     step = (means.take(b, axis=0) - means.take(a, axis=0)).astype(np.float64)
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-30)

@@ -89,7 +89,7 @@ class SurfaceGraph:
         return self.radius * max(_GAP_RADII, _GAP_SPACINGS * float(np.sqrt(np.median(self.areas))))
 
     def cut(self, unaries: Float64Array) -> BoolArray:
-        """Which nodes are object by the minimum cut, (S,).
+        """Return which nodes are object by the minimum cut, (S,).
 
         Args:
             unaries: the cost of each node as background, or, below zero, of each as object, (S,); minus infinity for
@@ -106,34 +106,34 @@ class SurfaceGraph:
         return found
 
     def boundary(self, part: BoolArray, others: BoolArray) -> tuple[float, float]:
-        """Weight and length of the boundary between some nodes (S,) and others (S,), in radii."""
+        """Return the weight and length of the boundary between some nodes (S,) and others (S,), in radii."""
         a, b = self.edges.T
         across = (part[a] & others[b]) | (part[b] & others[a])
         return float(self.weights[across].sum()), float(self.lengths[across].sum())
 
     def pieces(self, part: BoolArray) -> tuple[IntArray, IntArray]:
-        """The nodes of a part (S,), and the number of the connected piece that each is in, (P,) each."""
+        """Return the nodes of a part (S,), and the number of the connected piece that each is in, (P,) each."""
         nodes = np.flatnonzero(part)
         if len(nodes) == 0:
             return nodes, nodes
         return nodes, connected_points(self.means[nodes].astype(np.float64), self.gap)
 
     def colour_evidence(self, part: BoolArray, others: BoolArray) -> tuple[Float64Array, float]:
-        """Clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), (S,).
+        """Return the clipped log-likelihood ratio of each node's colour in a part (S,) against others (S,), (S,).
 
         The second value is the balanced accuracy of the ratio's sign, 0.5 for colours that tell nothing.
         """
         return colour_evidence(colour_bins(self.colours), self.areas * part, self.areas * others)
 
     def with_hidden(self, gaussians: Gaussians, part: BoolArray, allowed: BoolArray) -> BoolArray:
-        """Some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
+        """Return some nodes (S,) and the hidden Gaussians beside them that are allowed (N,), as a selection (N,)."""
         selection = mask_of_rows(self.rows[part], len(gaussians))
         candidates = self.hidden[allowed[self.hidden]]
         selection[self.followers(gaussians, part, np.ones(len(part), np.bool_), candidates)] = True
         return selection
 
     def followers(self, gaussians: Gaussians, part: BoolArray, comparable: BoolArray, candidates: IntArray) -> IntArray:
-        """Those of some rows of the scene most of whose nearest comparable nodes (S,) are in a part (S,)."""
+        """Return those of some rows of the scene most of whose nearest comparable nodes (S,) are in a part (S,)."""
         if len(candidates) == 0:
             return candidates
         neighbours = min(_HIDDEN_NEIGHBOURS, len(self.means))
@@ -187,7 +187,7 @@ def build_surface_graph(
 
 
 def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
-    """Both ends of each Gaussian's longest axis, two standard deviations from its centre, (N, 3) each."""
+    """Return both ends of each Gaussian's longest axis, two standard deviations from its centre, (N, 3) each."""
     longest = np.argmax(gaussians.log_scales, axis=1)
     axes = rotation_matrices(gaussians.quaternions)[np.arange(len(gaussians)), :, longest]
     arms = 2 * np.exp(gaussians.largest_log_scales.astype(np.float64))[:, None] * axes
@@ -195,7 +195,7 @@ def axis_ends(gaussians: Gaussians) -> tuple[Float64Array, Float64Array]:
 
 
 def _views_around(scene: ViewedScene, centre: Float64Array, radius: float) -> list[Camera]:
-    """Small views of a point from all around, starting at the user's yaw."""
+    """Return small views of a point from all around, starting at the user's yaw."""
     axes = up_frame(scene.up)
     offset = axes @ (scene.camera.centre - centre)
     steps = np.concatenate([2 * np.pi * np.arange(number) / number for _, number in _VIEW_RINGS])

@@ -29,7 +29,7 @@ def resolve_views(
     views: Sequence[Viewpoint] | None = None,
     camera_path: Path | None = None,
 ) -> Marks:
-    """Marks whose views are looked up, with the up vector and the places that the scene was photographed from.
+    """Return marks whose views are looked up, with the up vector and the places that the scene was photographed from.
 
     Args:
         scene: all N Gaussians.
@@ -56,7 +56,7 @@ def resolve_views(
 
 
 def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Array) -> list[Viewpoint]:
-    """The views of the cameras or, without cameras, those that `plan_views` plans."""
+    """Return the views of the cameras or, without cameras, those that `plan_views` plans."""
     if cameras is not None:
         return [Viewpoint(camera) for camera in cameras.pinhole_cameras()]
     return plan_views(scene, up).views
@@ -65,7 +65,7 @@ def views_to_click_in(scene: Gaussians, cameras: CameraSet | None, up: Float64Ar
 def with_query_row(
     options: SelectionOptions, scene: Gaussians, view: View | None, cameras: CameraSet | None, renderer: Renderer
 ) -> SelectionOptions:
-    """Options in which a queried pixel has become the row of the Gaussian that shows most there.
+    """Return options in which a queried pixel has become the row of the Gaussian that shows most there.
 
     Args:
         options: how a selection file is read.
@@ -90,7 +90,7 @@ def with_query_row(
 
 
 def find_view(views: Sequence[Viewpoint], wanted: View) -> Viewpoint:
-    """The view of a name, with or without its ending, or else of a number from 0.
+    """Return the view of a name, with or without its ending, or else of a number from 0.
 
     Raises:
         InputError: there is none, or there are several.

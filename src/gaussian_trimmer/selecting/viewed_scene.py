@@ -31,11 +31,11 @@ class ViewedScene:
     """Training cameras, if known: the scene is not looked at from other sides."""
 
     def small(self) -> ViewedScene:
-        """The same in a view that is quick to render."""
+        """Return the same in a view that is quick to render."""
         return replace(self, camera=small_view(self.camera))
 
     def coverage(self, selection: BoolArray) -> FloatArray:
-        """Share of the picture that the selected Gaussians (N,) contribute, (H, W)."""
+        """Return the share of the picture that the selected Gaussians (N,) contribute, (H, W)."""
         return self.renderer.blend_values(self.gaussians, self.camera, selection.astype(np.float32)[:, None])[..., 0]
 
     def label_weights(self, mask: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -56,7 +56,7 @@ class Target:
 
 
 def small_view(camera: Camera) -> Camera:
-    """The view at a size at which it is quick to render from all around."""
+    """Return the view at a size at which it is quick to render from all around."""
     return camera.resized(min(1.0, _MAX_SIDE_PIXELS / max(camera.width, camera.height)))
 
 
@@ -67,7 +67,7 @@ def shown_weight(gaussians: Gaussians, camera: Camera, renderer: Renderer) -> Fl
 
 
 def shown_weights(gaussians: Gaussians, cameras: Sequence[Camera], renderer: Renderer) -> list[FloatArray]:
-    """The same in each of several views, (N,) each."""
+    """Return the same in each of several views, (N,) each."""
     plain = gaussians.replace(sh_rest=gaussians.sh_rest[:, :, :0])  # how much they show does not depend on colours
     return list(parallel_map(lambda camera: shown_weight(plain, camera, renderer), cameras, using=[renderer]))
 
@@ -83,7 +83,7 @@ def check_pixel(camera: Camera, x: int, y: int) -> None:
 
 
 def look_at_pixel(scene: ViewedScene, x: int, y: int) -> Target:
-    """The surface point at a pixel, at the weighted median depth of the Gaussians that show there.
+    """Return the surface point at a pixel, at the weighted median depth of the Gaussians that show there.
 
     Raises:
         InputError: the pixel is outside the view, or nothing is seen there.
@@ -101,7 +101,7 @@ def look_at_pixel(scene: ViewedScene, x: int, y: int) -> Target:
 
 
 def surface_points(gaussians: Gaussians, camera: Camera, pixels: IntArray, renderer: Renderer) -> Float64Array:
-    """Points of the scene that show at some pixels (P, 2), NaN where hardly anything is visible, (P, 3)."""
+    """Return points of the scene that show at some pixels (P, 2), NaN where hardly anything is visible, (P, 3)."""
     if not len(gaussians):
         return np.full((len(pixels), 3), np.nan)
     rows, weights = renderer.top_contributors(gaussians, camera, pixels, CONTRIBUTORS)
@@ -112,7 +112,7 @@ def surface_points(gaussians: Gaussians, camera: Camera, pixels: IntArray, rende
 
 
 def surface_depths(gaussians: Gaussians, camera: Camera, rows: IntArray, weights: NDArray[np.floating]) -> Float64Array:
-    """Depth of the surface at some pixels, infinite where hardly anything is visible, (P,).
+    """Return the depth of the surface at some pixels, infinite where hardly anything is visible, (P,).
 
     It is the weighted median over the largest contributors, which does not mix thin objects with what is behind them.
 

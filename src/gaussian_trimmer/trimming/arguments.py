@@ -60,12 +60,12 @@ class Setup:
     """What speaks against it."""
 
     def map(self, work: Callable[..., Made], *items: Iterable[Any]) -> Iterator[Made]:
-        """Like `map`, for work with renderer and segmenter."""
+        """Do as `map` does, for work with renderer and segmenter."""
         return parallel_map(work, *items, using=[self.renderer, self.segmenter])
 
 
 def mask_of_selection(selection: ArrayLike, n: int) -> BoolArray:
-    """A selection as a mask of n Gaussians (N,), a new array.
+    """Return a selection as a mask of n Gaussians (N,), a new array.
 
     Booleans (N,) are taken as they are. N whole numbers that are all 0 or 1, or all 0 or 255, are a mask too. Any other
     whole numbers are row numbers, from 0, in any order, each once.
@@ -188,7 +188,7 @@ def mask_of_excluded(excluded: Any, n: int) -> BoolArray | None:
 def settings(
     config: TrimConfig | None, views: int | None, up: Any, view_cameras: Sequence[Camera] | None
 ) -> TrimConfig:
-    """The settings of a trim: those of the config, with the number of views and the up vector that were given.
+    """Return the settings of a trim: those of the config, with the number of views and the up vector that were given.
 
     Raises:
         InputError: an argument is not of the kind that its name asks for, or two of them contradict each other.

@@ -63,7 +63,7 @@ class SceneCrop:
         return concatenate([self.local, self.occluders]) if len(self.occluders) else self.local
 
     def without_copies(self) -> SceneCrop:
-        """The same crop, which copies `local` and `shown` from the scene again when they are asked for."""
+        """Return the same crop, which copies `local` and `shown` from the scene again when they are asked for."""
         return replace(self)
 
 
@@ -121,7 +121,7 @@ def render_crop(crop: SceneCrop, renderer: Renderer) -> SceneRenderings:
 def complete_views(
     crop: SceneCrop, renderings: SceneRenderings, probability: FloatArray, renderer: Renderer
 ) -> list[View]:
-    """What the segmenter is given for each camera of a crop.
+    """Return what the segmenter is given for each camera of a crop.
 
     Args:
         crop: the object and the Gaussians around it, L of them.
@@ -147,7 +147,7 @@ def complete_views(
 def _surroundings(
     scene: Gaussians, selection: BoolArray, bounds: Bounds, context_radius: float
 ) -> tuple[IntArray, BoolArray]:
-    """Scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
+    """Return scene rows of the object and of the Gaussians around it (eq. 7), and which of them are the object.
 
     Selected Gaussians far from the object that nothing connects with it, floaters, are neither; nor are those that are
     wider than what is looked at.
@@ -163,7 +163,7 @@ def _surroundings(
 
 
 def _before(scene: Gaussians, cameras: Sequence[Camera], bounds: Bounds) -> BoolArray:
-    """Which Gaussians some camera may see nearer than the far end of the object, (N,)."""
+    """Return which Gaussians some camera may see nearer than the far end of the object, (N,)."""
     found, widths = np.zeros(len(scene), np.bool_), np.exp(scene.largest_log_scales)
     means = scene.means.astype(np.float64)
     for camera in cameras:
@@ -179,7 +179,7 @@ def _before(scene: Gaussians, cameras: Sequence[Camera], bounds: Bounds) -> Bool
 
 
 def _with_connected(scene: Gaussians, selection: BoolArray, members: BoolArray) -> BoolArray:
-    """The members with those of the other selected Gaussians that hang together with it, (N,)."""
+    """Return the members with those of the other selected Gaussians that hang together with it, (N,)."""
     rows = np.flatnonzero(selection)
     selected, member = scene.select(rows), members[rows]
     for _ in range(_MOST_STEPS):

@@ -65,7 +65,7 @@ class Decision:
         return np.asarray(self.considered[owner[self.considered] == number])
 
     def without_pictures(self) -> Decision:
-        """The same in little memory: neither Gaussians nor pixels are kept."""
+        """Return the same in little memory: neither Gaussians nor pixels are kept."""
         return replace(self, crop=self.crop.without_copies(), views=tuple(map(without_pictures, self.views)))
 
 
@@ -124,7 +124,7 @@ def _plan(setup: Setup, rough: RoughObject) -> Decision:
 
 
 def _excluded(setup: Setup, rough: RoughObject) -> BoolArray:
-    """Which Gaussians of the scene may not join an object, (N,)."""
+    """Return which Gaussians of the scene may not join an object, (N,)."""
     none = np.zeros(len(setup.scene), np.bool_)
     from_all, from_it = (none if mask is None else mask for mask in (setup.excluded, rough.excluded))
     return from_all | from_it
@@ -133,7 +133,7 @@ def _excluded(setup: Setup, rough: RoughObject) -> BoolArray:
 def _outline_views(
     setup: Setup, crop: SceneCrop, accepted: Sequence[TrimmedView], plane: SupportPlane | None
 ) -> OutlineViews:
-    """Small views of an object: from several heights, or cut out of the views of given cameras.
+    """Return small views of an object: from several heights, or cut out of the views of given cameras.
 
     The masks of given cameras are known if they know more of the object's outline than the scene does.
     """

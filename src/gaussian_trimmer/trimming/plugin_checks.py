@@ -50,7 +50,7 @@ def check_renderer(renderer: Renderer) -> None:
 
 
 def _two_gaussians() -> tuple[Gaussians, Camera]:
-    """Two Gaussians, and a camera that sees them."""
+    """Return two Gaussians, and a camera that sees them."""
     means = np.array([[0, 0, 2], [0.1, 0, 3]], np.float32)
     rotation = np.array([[1, 0, 0, 0]] * 2, np.float32)
     grey, no_rest = np.zeros((2, 3), np.float32), np.zeros((2, 3, 0), np.float32)

@@ -172,7 +172,7 @@ def _decide_all(setup: Setup, rough: Sequence[RoughObject], clock: Clock) -> lis
 
 
 def _light(decisions: Sequence[Decision]) -> Iterator[Decision]:
-    """Decisions one after the other, of several each without the Gaussians that an earlier stage has looked up."""
+    """Yield decisions, of several each without the Gaussians that an earlier stage has looked up."""
     return iter(decisions) if len(decisions) == 1 else (decision.without_pictures() for decision in decisions)
 
 

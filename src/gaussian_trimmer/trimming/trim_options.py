@@ -65,21 +65,21 @@ class TrimOptions:
         return settings_in(path)
 
     def settings(self) -> TrimConfig:
-        """The settings of all stages."""
+        """Return the settings of all stages."""
         if self.views is None:
             return self.config
         return replace(self.config, plan=replace(self.config.plan, views=self.views))
 
     def used_options(self) -> Any:
-        """The options of the segmenter that is used, or None if it has none."""
+        """Return the options of the segmenter that is used, or None if it has none."""
         return options_of(self.segmenter, self.segmenter_options)
 
     def make_segmenter(self) -> Segmenter:
-        """The segmenter with its options."""
+        """Return the segmenter with its options."""
         return segmenter_with(self.segmenter, self.segmenter_options)
 
     def promptable_model(self) -> Any:
-        """The segmenter if it also draws masks for clicks and boxes; None for others."""
+        """Return the segmenter if it also draws masks for clicks and boxes; None for others."""
         return self.make_segmenter() if self.segmenter == "sam" else None
 
 
@@ -118,7 +118,7 @@ def settings_in(path: Path) -> dict[Names, Any]:
 
 
 def views_of_masks(segmenter: Segmenter, cameras: CameraSet | None, config: TrimConfig) -> list[Camera] | None:
-    """The cameras of the masks that a segmenter has; None if it segments any view.
+    """Return the cameras of the masks that a segmenter has; None if it segments any view.
 
     Raises:
         InputError: the settings ask for a number of virtual views, which would not be used.

@@ -33,7 +33,7 @@ class Segmenter(Protocol):
     name: str
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view, True on the object. Views are ordered by yaw, as the frames of a video."""
+        """Return a mask (H, W) for each view, True on the object. Views are in order of yaw, as frames of a video."""
         ...
 
 
@@ -57,7 +57,7 @@ PAPER_SEGMENTER = "grabcut"
 
 
 def get_segmenter(name: str, *options: Any) -> Segmenter:
-    """The segmenter of that name, made with its options, if any are given.
+    """Return the segmenter of that name, made with its options, if any are given.
 
     Raises:
         InputError: no segmenter has that name, or what it needs is not installed.
@@ -68,24 +68,24 @@ def get_segmenter(name: str, *options: Any) -> Segmenter:
 
 
 def options_kind(name: str) -> type[Any] | None:
-    """The dataclass of a segmenter's options, or None if it has none."""
+    """Return the dataclass of a segmenter's options, or None if it has none."""
     return load(OPTIONS[name]) if name in OPTIONS else None
 
 
 def all_options() -> type[Any]:
-    """A dataclass with a field for each segmenter that has options: its name, with underscores, and its options."""
+    """Make a dataclass with a field for each segmenter that has options: its name, with underscores."""
     kinds = {field_name(name): load(kind) for name, kind in OPTIONS.items()}
     fields = [(name, kind, field(default_factory=kind)) for name, kind in kinds.items()]
     return make_dataclass("SegmenterOptions", fields, frozen=True)
 
 
 def options_of(name: str, options: Any) -> Any:
-    """The options of one segmenter among those of all, as `all_options` has them; None if it has none."""
+    """Return the options of one segmenter among those of all, as `all_options` has them; None if it has none."""
     return getattr(options, field_name(name), None)
 
 
 def segmenter_with(name: str, options: Any) -> Segmenter:
-    """The segmenter of that name with its options among those of all.
+    """Return the segmenter of that name with its options among those of all.
 
     Raises:
         InputError: as `get_segmenter`.
@@ -105,24 +105,24 @@ def name_of(plug_in: Any) -> str:
 
 
 def mask_source_of(segmenter: Segmenter) -> MaskSource:
-    """What a segmenter draws its masks from; renderings, if it does not say."""
+    """Return what a segmenter draws its masks from; renderings, if it does not say."""
     return cast(MaskSource, getattr(segmenter, "mask_source", "renderings"))
 
 
 def knows_outlines(segmenter: Segmenter) -> bool:
-    """Whether a segmenter's masks know more of the object's outline than the scene does."""
+    """Tell whether a segmenter's masks know more of the object's outline than the scene does."""
     return mask_source_of(segmenter) in ("photographs", "given")
 
 
 def paper_options(options: Any) -> Any:
-    """Options of all segmenters, as `all_options` has them, with the paper's choices in place of this program's."""
+    """Return options of all segmenters, as `all_options` has them, with the paper's choices."""
     from gaussian_trimmer.segmentation.segmenters.sam import paper_sam
 
     return replace(options, sam=paper_sam(options.sam))
 
 
 def field_name(name: str) -> str:
-    """The field of `all_options` that belongs to a segmenter.
+    """Return the field of `all_options` that belongs to a segmenter.
 
     >>> field_name("mask-files")
     'mask_files'

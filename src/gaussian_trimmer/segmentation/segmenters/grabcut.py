@@ -43,7 +43,7 @@ class GrabCutSegmenter:
         check_settings(self.config, self.name)
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view; empty where the silhouette is empty."""
+        """Return one mask (H, W) for each view; empty where the silhouette is empty."""
         return [self._segment_one(view) for view in views]
 
     def _segment_one(self, view: View) -> BoolArray:
@@ -58,7 +58,7 @@ class GrabCutSegmenter:
         return mask
 
     def _trimap(self, silhouette: NDArray[np.uint8], size: float) -> tuple[NDArray[np.uint8], BoolArray]:
-        """GrabCut's four labels by distance from the silhouette's contour, and which pixels may be object."""
+        """Return GrabCut's four labels by distance from the silhouette's contour, and which pixels may be object."""
         sure = np.asarray(cv2.erode(silhouette, _disk(self.config.inner * size)), np.uint8)
         near = np.asarray(cv2.dilate(silhouette, _disk(self.config.outer * size)), np.uint8)
         trimap = np.full(silhouette.shape, cv2.GC_BGD, np.uint8)
@@ -69,7 +69,7 @@ class GrabCutSegmenter:
 
 
 def grab_cut(rgb: FloatArray, trimap: NDArray[np.uint8], iterations: int) -> BoolArray:
-    """OpenCV's GrabCut on a picture (H, W, 3) in [0, 1], as a mask (H, W); the same for the same input.
+    """Return OpenCV's GrabCut on a picture (H, W, 3) in [0, 1], as a mask (H, W); the same for the same input.
 
     Args:
         rgb: the picture; values outside [0, 1] are clipped.

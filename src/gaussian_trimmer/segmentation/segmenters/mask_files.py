@@ -56,7 +56,7 @@ class MaskFilesSegmenter:
         self._folder = folder
 
     def own_cameras(self, cameras: CameraSet | None) -> list[Camera]:
-        """The cameras that have a mask.
+        """Return the cameras that have a mask.
 
         Raises:
             InputError: there are no cameras, their images are distorted, or the folder has no mask for any.
@@ -66,7 +66,7 @@ class MaskFilesSegmenter:
         return cameras_with_masks(cameras.pinhole_cameras(), self._folder)
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view, True where the file is brighter than half.
+        """Return one mask (H, W) for each view, True where the file is brighter than half.
 
         Raises:
             InputError: a view has no mask, or one that cannot be read or is of another size.
@@ -75,7 +75,7 @@ class MaskFilesSegmenter:
 
 
 def mask_of(camera: Camera, folder: Path) -> BoolArray:
-    """The mask of a camera's picture, True where the file is brighter than half, (H, W).
+    """Return the mask of a camera's picture, True where the file is brighter than half, (H, W).
 
     Raises:
         InputError: the folder has none, or it cannot be read or is of another size.
@@ -84,7 +84,7 @@ def mask_of(camera: Camera, folder: Path) -> BoolArray:
 
 
 def ids_of(camera: Camera, folder: Path) -> NDArray[Any]:
-    """The object numbers of a camera's picture, 0 for the background, (H, W), uint8 or int32.
+    """Return the object numbers of a camera's picture, 0 for the background, (H, W), uint8 or int32.
 
     Grey values of 8 or 16 bits are the numbers. Of colours, the number is R + 256 G + 65536 B, as COCO's panoptic masks
     have it; black is the background, and an alpha channel is left out.
@@ -107,7 +107,7 @@ def ids_of(camera: Camera, folder: Path) -> NDArray[Any]:
 
 
 def cameras_with_masks(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
-    """The cameras for whose pictures the folder has a mask, in their order.
+    """Return the cameras for whose pictures the folder has a mask, in their order.
 
     Raises:
         InputError: the folder does not exist, has several masks for one camera, or none for any.

@@ -39,7 +39,7 @@ WHERE = "docs/sam.md says where models come from"
 
 
 def find_files(folder: Path) -> tuple[Path, Path]:
-    """Encoder and decoder in a folder, or in its folder `onnx`; their names tell which is which.
+    """Return encoder and decoder in a folder, or in its folder `onnx`; their names tell which is which.
 
     Raises:
         InputError: the folder cannot be read, or does not have one of each.
@@ -75,7 +75,7 @@ def _one_of(files: Sequence[Path], role: str, folder: Path) -> Path:
 
 
 def only_input(encoder: Any, path: Path) -> Any:
-    """The input of an encoder that takes the picture; InputError if it is none of a picture."""
+    """Return the input of an encoder that takes the picture; InputError if it is none of a picture."""
     inputs = encoder.get_inputs()
     if len(inputs) != 1 or len(inputs[0].shape) not in (3, 4) or inputs[0].type not in NUMBER_TYPES:
         found = ", ".join(f"{node.name} {node.shape}" for node in inputs)
@@ -88,7 +88,7 @@ def only_input(encoder: Any, path: Path) -> Any:
 
 
 def side_of(image: Any, path: Path) -> int:
-    """Side of the square that an encoder's pictures are scaled to."""
+    """Return the side of the square that an encoder's pictures are scaled to."""
     spatial = image.shape[2:] if len(image.shape) == 4 else image.shape[:2]
     known = {size for size in spatial if isinstance(size, int)}
     if len(known) > 1 or any(size not in _POSSIBLE_SIDES for size in known):
@@ -100,7 +100,7 @@ def side_of(image: Any, path: Path) -> int:
 
 
 def match_embeddings(encoder: Any, inputs: Mapping[str, Any], encoder_path: Path, decoder_path: Path) -> dict[str, str]:
-    """For each input of the decoder that is no prompt, the output of the encoder that it takes."""
+    """Return, for each input of the decoder that is no prompt, the output of the encoder that it takes."""
     if not (any(name in inputs for name in POINTS) and any(name in inputs for name in LABELS)):
         raise InputError(
             f"'{decoder_path}' is not a decoder of the SAM family: among its inputs {', '.join(inputs)} are no points "
@@ -126,7 +126,7 @@ def match_embeddings(encoder: Any, inputs: Mapping[str, Any], encoder_path: Path
 
 
 def find_outputs(decoder: Any, path: Path) -> tuple[str, str]:
-    """The outputs with masks and with scores; the latter may be missing."""
+    """Return the outputs with masks and with scores; the latter may be missing."""
     names = [node.name for node in decoder.get_outputs()]
     masks = next((name for name in _MASK_OUTPUTS if name in names), "")
     if not masks:
@@ -135,5 +135,5 @@ def find_outputs(decoder: Any, path: Path) -> tuple[str, str]:
 
 
 def first_line(error: Exception) -> str:
-    """What an error of ONNX Runtime says first."""
+    """Return what an error of ONNX Runtime says first."""
     return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")[:300]

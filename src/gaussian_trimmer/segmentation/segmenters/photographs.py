@@ -50,7 +50,7 @@ class PhotoSegmenter:
         self._originals = {camera.name: camera for camera in originals}
 
     def describe(self) -> str:
-        """What the segmenter says of itself, and that it saw photographs."""
+        """Return what the segmenter says of itself, and that it saw photographs."""
         described = description_of(self._segmenter)
         return f"{described}, on photographs from {self._folder}"
 
@@ -60,7 +60,7 @@ class PhotoSegmenter:
             self._segmenter.report_to(report)
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view.
+        """Return one mask (H, W) for each view.
 
         Raises:
             InputError: a view is of no training camera, or its photograph cannot be used.
@@ -68,7 +68,7 @@ class PhotoSegmenter:
         return self._segmenter.segment([self._with_photo(view) for view in views])
 
     def segment_together(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
-        """The same, for segmenters that ask for the Gaussians."""
+        """Return the same, for segmenters that ask for the Gaussians."""
         if not hasattr(self._segmenter, "segment_together"):
             return self.segment(views)
         shown = [self._with_photo(view) for view in views]
@@ -83,7 +83,7 @@ class PhotoSegmenter:
 
 
 def cameras_with_photos(cameras: Sequence[Camera], folder: Path) -> list[Camera]:
-    """The cameras whose photographs are in a folder, in their order.
+    """Return the cameras whose photographs are in a folder, in their order.
 
     Raises:
         InputError: the folder does not exist, or has no photograph of any camera.
@@ -100,7 +100,7 @@ def cameras_with_photos(cameras: Sequence[Camera], folder: Path) -> list[Camera]
 
 
 def photo_of(camera: Camera, original: Camera, folder: Path) -> FloatArray:
-    """What a camera, or a crop of it, sees in the photograph of the original one, (H, W, 3) in [0, 1].
+    """Return what a camera, or a crop of it, sees in the photograph of the original one, (H, W, 3) in [0, 1].
 
     A photograph may be larger or smaller than its camera says, but must have its proportions. Black beyond its edges.
 
@@ -124,7 +124,7 @@ def photo_of(camera: Camera, original: Camera, folder: Path) -> FloatArray:
 
 
 def _resampled(picture: NDArray[np.uint8], to_photo: Float64Array, camera: Camera) -> FloatArray:
-    """The pixels of a crop, red first, in [0, 1]; 8 bits a channel until the end, since photographs are large."""
+    """Return pixels of a crop, red first, in [0, 1]; 8 bits a channel until the end, since photographs are large."""
     shrink = max(float(to_photo[0, 0]), float(to_photo[1, 1]), 1.0)
     if shrink > _MAX_BLURRED_SHRINK:  # a wide blur takes long
         factor = _MAX_BLURRED_SHRINK / shrink
@@ -153,7 +153,7 @@ def _find(folder: Path, camera: Camera) -> Path | None:
 
 
 def _read(path: Path) -> NDArray[np.uint8]:
-    """A picture (H, W, 3), blue first."""
+    """Return a picture (H, W, 3), blue first."""
     with reading(path):
         data = file_bytes(path, _MAX_FILE_BYTES)
     header = picture_header(data)

@@ -33,14 +33,14 @@ class Prompt:
     """Where the object is expected: above zero on it, (H, W)."""
 
     def corners(self) -> Float64Array:
-        """Centres of the box's first and last pixel, (2, 2)."""
+        """Return centres of the box's first and last pixel, (2, 2)."""
         assert self.box is not None
         x0, y0, x1, y1 = self.box
         return np.array([[x0 + 0.5, y0 + 0.5], [x1 - 0.5, y1 - 0.5]])
 
 
 def middle_points(region: BoolArray, number: int) -> Float64Array:
-    """Up to `number` points (P, 2) deep inside a region (H, W) and far from each other, deepest first.
+    """Return up to `number` points (P, 2) deep inside a region (H, W) and far from each other, deepest first.
 
     >>> middle_points(np.ones((5, 7), bool), 1).tolist()
     [[2.5, 2.5]]
@@ -57,6 +57,6 @@ def middle_points(region: BoolArray, number: int) -> Float64Array:
 
 
 def expected_logits(share: FloatArray) -> FloatArray:
-    """The share of the picture that the object is expected to contribute (H, W) as logits of a prompt (H, W)."""
+    """Return the share of the picture that the object is expected to contribute (H, W) as logits of a prompt (H, W)."""
     scale, offset = MASK_LOGITS
     return np.asarray(np.clip(share, 0, 1) * np.float32(scale) + np.float32(offset))

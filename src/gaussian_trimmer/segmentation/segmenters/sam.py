@@ -65,7 +65,7 @@ class SamConfig:
 
 
 def paper_sam(config: SamConfig | None = None) -> SamConfig:
-    """The paper's choices among these settings: eq. 6 in the first view, then followed, and the masks as they come."""
+    """Return settings with the paper's choices: eq. 6 in the first view, then followed, and the masks as they come."""
     return replace(config or SamConfig(), prompt="follow", choice="score", fusion=False)
 
 
@@ -89,7 +89,7 @@ class SamSegmenter:
         self._note = ""
 
     def describe(self) -> str:
-        """One line for reports: model, what runs it, and how it is prompted."""
+        """Return one line for reports: model, what runs it, and how it is prompted."""
         how = f"prompted by {self.config.prompt}, masks chosen by {self.config.choice}"
         fused = ", fused with the labels" if self.config.fusion else ""
         return f"sam with {self.config.model} ({self.model.family}) on {self.model.provider}, {how}{fused}{self._note}"
@@ -99,7 +99,7 @@ class SamSegmenter:
         self._report = report
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view; empty where the object is not expected.
+        """Return one mask (H, W) for each view; empty where the object is not expected.
 
         Raises:
             InputError: the model cannot be run.
@@ -107,7 +107,7 @@ class SamSegmenter:
         return [logits > 0 for logits in self._logits(views)]
 
     def segment_together(self, views: Sequence[View], gaussians: Gaussians, renderer: Renderer) -> list[BoolArray]:
-        """The same, fused with the silhouettes of the labels if the settings say so.
+        """Return the same, fused with the silhouettes of the labels if the settings say so.
 
         Args:
             views: V views.
@@ -126,7 +126,7 @@ class SamSegmenter:
         return masks
 
     def propose(self, rgb: FloatArray, prompt: Prompt) -> Candidates:
-        """The model's masks for a prompt in a picture (H, W, 3) in [0, 1], which is encoded once.
+        """Return the model's masks for a prompt in a picture (H, W, 3) in [0, 1], which is encoded once.
 
         Raises:
             InputError: the model cannot be run.
@@ -138,7 +138,7 @@ class SamSegmenter:
         self._embeddings.clear()
 
     def _chosen(self, found: Candidates, expected: FloatArray) -> FloatArray:
-        """Of the model's masks for a prompt the one that the settings ask for, as logits (H, W)."""
+        """Choose the one of the model's masks for a prompt that the settings ask for, as logits (H, W)."""
         if self.config.choice == "score":
             return np.asarray(found.logits[int(np.argmax(found.scores))])
         fits = [agreement(logits > 0, expected) for logits in found.logits]
@@ -188,7 +188,7 @@ class SamSegmenter:
 
 
 def _carried(view: View, weights: FloatArray, gaussians: Gaussians, renderer: Renderer) -> FloatArray:
-    """The share of a view's picture that earlier masks give the object, (H, W), or the labels where they show nothing.
+    """Return the share of a picture that earlier masks, or labels where they show nothing, give the object, (H, W).
 
     Args:
         view: the view.
@@ -204,7 +204,7 @@ def _carried(view: View, weights: FloatArray, gaussians: Gaussians, renderer: Re
 
 
 def prompt_of(expected: FloatArray, points: int = 0) -> Prompt | None:
-    """What is expected in a view as a prompt: box, silhouette and points; None if nothing is expected.
+    """Return what is expected in a view as a prompt: box, silhouette and points; None if nothing is expected.
 
     Args:
         expected: share of the picture that the object is expected to contribute, (H, W).
@@ -223,7 +223,7 @@ def prompt_of(expected: FloatArray, points: int = 0) -> Prompt | None:
 
 
 def agreement(mask: BoolArray, share: FloatArray) -> float:
-    """Intersection over union of a mask (H, W) and the share of the picture that is expected to be object, (H, W)."""
+    """Return the intersection over union of a mask (H, W) and the expected share of the object, (H, W)."""
     expected = np.clip(share, 0, 1)
     common = float(expected[mask].sum())
     return common / max(float(np.count_nonzero(mask)) + float(expected.sum()) - common, 1e-9)

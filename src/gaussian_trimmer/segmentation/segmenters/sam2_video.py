@@ -94,13 +94,13 @@ class Sam2Segmenter:
         self._side = int(self.model.config.prompt_encoder_config.image_size)
 
     def describe(self) -> str:
-        """One line for reports: model, prompting, device and number format."""
+        """Return one line for reports: model, prompting, device and number format."""
         dtype = str(self._dtype).removeprefix("torch.")
         how = f"{self.config.prompting} prompting by {self.config.prompt}"
         return f"sam2 with {self._source} ({self._model_type}), {how}, on {self._device} in {dtype}"
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view. Views are taken in order of yaw, as the frames of a video.
+        """Return one mask (H, W) for each view. Views are taken in order of yaw, as the frames of a video.
 
         A view without a prompt, because the selected object is not visible in it, gets an empty mask; so do all
         views of a video whose first view has none.
@@ -164,14 +164,14 @@ class Sam2Segmenter:
         return bool((shown > _MIN_VISIBLE_SHARE).any())
 
     def _pixels(self, view: View) -> Tensor:
-        """The picture as the model wants it, stretched to a square and normalised, (3, S, S)."""
+        """Return the picture as the model wants it, stretched to a square and normalised, (3, S, S)."""
         rgb = self._torch.from_numpy(np.clip(view.rgb, 0.0, 1.0).astype(np.float32)).to(self._device)
         square = self._resized(rgb.permute(2, 0, 1)[None], (self._side, self._side))[0]
         mean, std = (square.new_tensor(colour)[:, None, None] for colour in (self._family.mean, self._family.std))
         return ((square - mean) / std).to(self._dtype)
 
     def _corners(self, view: View) -> Tensor:
-        """Centres of the box's upper left and lower right pixel in the model's square, (1, 1, 2, 2).
+        """Return centres of the box's upper left and lower right pixel in the model's square, (1, 1, 2, 2).
 
         The model counts pixels by their centres: its prompt encoder adds the half pixel that is taken off here.
         """
@@ -181,12 +181,12 @@ class Sam2Segmenter:
         return (centres * scale - 0.5)[None, None]
 
     def _silhouette(self, view: View) -> Tensor:
-        """Where the selected object is visible, one or zero, in the model's square, (1, 1, S, S)."""
+        """Return where the selected object is visible, one or zero, in the model's square, (1, 1, S, S)."""
         visible = self._torch.from_numpy((view.object_visible > _MIN_VISIBLE_SHARE).astype(np.float32)).to(self._device)
         return (self._resized(visible[None, None], (self._side, self._side)) >= 0.5).float()
 
     def _mask(self, logits: Tensor, view: View) -> Tensor:
-        """Logits (1, 1, h, w) as a mask of the view's size, (H, W)."""
+        """Return logits (1, 1, h, w) as a mask of the view's size, (H, W)."""
         return self._resized(logits.float(), view.rgb.shape[:2])[0, 0] > 0
 
     def _empty_mask(self, view: View) -> Tensor:
@@ -199,7 +199,7 @@ class Sam2Segmenter:
 
 
 def _import_libraries() -> tuple[Any, Any]:
-    """The modules torch and transformers."""
+    """Return the modules torch and transformers."""
     try:
         torch, transformers = import_module("torch"), import_module("transformers")
         version = metadata.version("transformers")
@@ -244,7 +244,7 @@ def _check_source(source: str) -> None:
 
 
 def _find_family(transformers: Any, source: str) -> tuple[str, _Family]:
-    """The kind of a checkpoint, by its config.json."""
+    """Return the kind of a checkpoint, by its config.json."""
     try:
         configuration, _ = transformers.PreTrainedConfig.get_config_dict(source)
     except (OSError, ValueError) as error:
@@ -256,7 +256,7 @@ def _find_family(transformers: Any, source: str) -> tuple[str, _Family]:
 
 
 def _load_model(transformers: Any, class_name: str, source: str, dtype: Any) -> Any:
-    """A checkpoint as a model in inference mode, from safetensors only: other weight files could hold code."""
+    """Return a checkpoint as a model in inference mode, from safetensors only: other weight files could hold code."""
     try:
         model_class = getattr(transformers, class_name)
     except AttributeError as error:

@@ -122,7 +122,7 @@ class OnnxSam:
         return f"{kind}, {'Transformers.js' if 'input_points' in self._inputs else 'original'} export"
 
     def encode(self, rgb: FloatArray) -> Embedding:
-        """What the encoder makes of a picture (H, W, 3) in [0, 1]; values outside are clipped.
+        """Return what the encoder makes of a picture (H, W, 3) in [0, 1]; values outside are clipped.
 
         Raises:
             InputError: the model cannot be run on it.
@@ -132,7 +132,7 @@ class OnnxSam:
         return Embedding(dict(zip(self._sources, outputs, strict=True)), width, height)
 
     def decode(self, embedding: Embedding, prompt: Prompt) -> Candidates:
-        """The masks that the decoder proposes for a prompt in an encoded picture.
+        """Return the masks that the decoder proposes for a prompt in an encoded picture.
 
         Raises:
             InputError: the model cannot be run on it, or gives something else than masks.
@@ -174,13 +174,13 @@ class OnnxSam:
             raise InputError(f"The model '{path}' cannot be run ({first_line(error)}).") from error
 
     def _scale(self, width: int, height: int) -> Float64Array:
-        """Pixels of the model's square for each pixel of a picture, across and down, (2,)."""
+        """Return pixels of the model's square for each pixel of a picture, across and down, (2,)."""
         if self.is_sam2:
             return np.array([self.side / width, self.side / height])
         return np.full(2, self.side / max(width, height))
 
     def _pixels(self, rgb: FloatArray) -> dict[str, NDArray[Any]]:
-        """A picture as the encoder takes it."""
+        """Return a picture as the encoder takes it."""
         size = np.maximum(1, np.round(self._scale(rgb.shape[1], rgb.shape[0]) * rgb.shape[1::-1])).astype(int)
         image = np.clip(rgb, 0, 1).astype(np.float32)
         shrinks = size[0] < rgb.shape[1]
@@ -198,7 +198,7 @@ class OnnxSam:
         return {self._image.name: np.ascontiguousarray(square.transpose(2, 0, 1)[None]).astype(dtype)}
 
     def _prompt_feeds(self, embedding: Embedding, prompt: Prompt) -> dict[str, NDArray[Any]]:
-        """A prompt as the decoder takes it: pixels of the model's square, counted by their centres."""
+        """Return a prompt as the decoder takes it: pixels of the model's square, counted by their centres."""
         scale = self._scale(embedding.width, embedding.height)
         points, labels = prompt.points * scale - 0.5, np.where(prompt.inside, FOREGROUND, BACKGROUND)
         boxes = np.zeros((0, 4))
@@ -230,7 +230,7 @@ class OnnxSam:
         return self.side // 4
 
     def _at_model_size(self, logits: FloatArray | None, side: int) -> FloatArray:
-        """Logits of a picture (H, W) in the square of the mask prompt, (side, side)."""
+        """Return logits of a picture (H, W) in the square of the mask prompt, (side, side)."""
         assert logits is not None
         sx, sy = self._scale(logits.shape[1], logits.shape[0]) * side / self.side
         columns, rows = (np.arange(side) + 0.5) / sx - 0.5, (np.arange(side) + 0.5) / sy - 0.5
@@ -238,7 +238,7 @@ class OnnxSam:
         return _sampled(blurred.astype(np.float32), columns, rows)
 
     def _at_picture_size(self, masks: FloatArray, embedding: Embedding) -> FloatArray:
-        """Logits (K, h, w) as they come from the decoder, at the picture's size, (K, H, W)."""
+        """Return logits (K, h, w) as they come from the decoder, at the picture's size, (K, H, W)."""
         width, height = embedding.width, embedding.height
         if any(name in self._inputs for name in SIZE) and masks.shape[1:] == (height, width):
             return masks
@@ -248,7 +248,7 @@ class OnnxSam:
 
 
 def _sampled(image: FloatArray, columns: Float64Array, rows: Float64Array) -> FloatArray:
-    """An image (h, w) at pixel coordinates, bilinear, with its border values continued, (R, C)."""
+    """Return an image (h, w) at pixel coordinates, bilinear, with its border values continued, (R, C)."""
     x, y = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
     found = cv2.remap(np.ascontiguousarray(image), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(found, np.float32)
@@ -264,7 +264,7 @@ def _import_runtime() -> Any:
 
 
 def _errors_of(runtime: Any) -> tuple[type[Exception], ...]:
-    """What ONNX Runtime raises: classes of its own, which have no common one."""
+    """Return what ONNX Runtime raises: classes of its own, which have no common one."""
     own = vars(import_module(f"{runtime.__name__}.capi.onnxruntime_pybind11_state")).values()
     kinds = [kind for kind in own if isinstance(kind, type) and issubclass(kind, Exception)]
     return (*kinds, RuntimeError, ValueError, TypeError, OSError, NotImplementedError)

@@ -17,5 +17,5 @@ class SilhouetteSegmenter:
     thread_safe = True
 
     def segment(self, views: Sequence[View]) -> list[BoolArray]:
-        """One mask (H, W) for each view: the pixels of which the object contributes more than half."""
+        """Return one mask (H, W) for each view: the pixels of which the object contributes more than half."""
         return [view.silhouette for view in views]
