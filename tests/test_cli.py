@@ -369,6 +369,25 @@ def test_up_is_an_axis_wherever_it_stands(given, vector):
     assert cli._parse("convert", ["a.ply", "b.html", *given]).up == vector
 
 
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (["--options", "--html"], "--html"),
+        (["--options=--views=7"], "--views=7"),
+        (["--options", "--views 7"], "--views 7"),
+    ],
+)
+def test_a_text_of_options_may_be_a_single_one(words, options):
+    made = cli._parse("batch", [*words, "a.csv", "--quiet"])
+    assert (made.options, made.manifests[0].name, made.printing.quiet) == (options, "a.csv", True)
+
+
+def test_a_value_behind_an_equals_sign_may_begin_with_dashes(capsys):
+    assert str(cli._parse("trim", ["a.ply", "--output=--out"]).output) == "--out"
+    assert run("trim", "a.ply", "--output", "--out") == 2
+    assert "--output has no value" in capsys.readouterr().err
+
+
 def test_the_summary_adds_up(ball, tmp_path, capsys):
     folder, _, _ = ball
     assert run("trim", folder / "scene.ply", folder / "rough.npy", "--output", tmp_path, *SMALL) == 0

@@ -29,7 +29,7 @@ Names = tuple[str, ...]
 """Names of the fields that lead from a command to a value."""
 UP = "X Y Z, or an axis such as z or -y"
 _FLAG = re.compile(r"--[^\s=]*(=.*)?", re.DOTALL)
-"""Unlike a text of several options, such as "--views 7 --quiet", which is a value."""
+"""Unlike a negative number, this is not the next value of an option before it."""
 _NEGATIVE_NUMBER = re.compile(r"-[\d.]")
 _METAVARS = {int: "INT", float: "FLOAT", bool: "{true,false}"}
 
@@ -50,6 +50,8 @@ class arg:  # noqa: N801 - it stands in annotations, where a note reads like one
     """It may be given several times; the field has a tuple of all values."""
     order: bool = False
     """It has no flag: its field has names and values of all ordered options, in the order given."""
+    of_options: bool = False
+    """Its value is a text of options, so that the next word is that, also if it begins with dashes."""
 
 
 _Value = TypeVar("_Value")
@@ -222,7 +224,8 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
         if option.kind is bool and not equals:
             given[option.path] = is_on
             continue
-        found = _value(option, deque([value]) if equals else left)
+        attached = bool(equals) or option.note.of_options
+        found = _value(option, deque([value]) if equals else left, attached)
         if option.note.ordered:
             ordered.append((option.path[-1], found))
             found = (*given.get(option.path, ()), found)
@@ -231,12 +234,12 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
     return given
 
 
-def _value(option: Option, left: deque[str]) -> Any:
-    """Return the value that the next words are; they are taken out."""
+def _value(option: Option, left: deque[str], attached: bool) -> Any:
+    """Return the value that the next words are, which are taken out; what is attached may look like an option."""
     elements = option.elements
     count = len(left) if elements[-1] is Ellipsis else len(elements)
     words: list[str] = []
-    while left and len(words) < count and not _FLAG.fullmatch(left[0]):
+    while left and len(words) < count and (attached or not _FLAG.fullmatch(left[0])):
         word = left.popleft()
         if option.name == "up" and not words and AXIS.fullmatch(word):
             return vector_of_up(word)

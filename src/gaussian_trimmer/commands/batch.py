@@ -41,7 +41,7 @@ class Batch:
     """Tables of items, .csv or .jsonl, such as the batch.csv that 'objects' writes."""
     output: Annotated[Path, arg(metavar="DIR")] = Path("trimmed/batch")
     """Folder for the results."""
-    options: Annotated[str, arg(metavar="TEXT")] = ""
+    options: Annotated[str, arg(metavar="TEXT", of_options=True)] = ""
     """Options of 'gaussian-trimmer trim' for all items, such as "--views 7". A row's own options override them."""
     background: bool = True
     """Also write the scene without the object for every item. Each is nearly as large as its scene."""
