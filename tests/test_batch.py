@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 from concurrent.futures import Future
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,11 +54,12 @@ def copy(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "copy")
 
 
-def batch(folder, *rows, output="out", **options):
+def batch(folder, *rows, output="out", no_background=False, **options):
     """Outcomes by name, of the manifest or of other rows."""
     if rows:
         (folder / "rows.csv").write_text("\n".join(["scene,selection,name,up,options", *rows]) + "\n")
     items = gt.batch.read_manifest(folder / ("rows.csv" if rows else "manifest.csv"))
+    items = [replace(item, background=not no_background) for item in items]
     return {outcome.item.name: outcome for outcome in gt.batch.run(items, folder / output, **options)}
 
 
@@ -66,14 +67,18 @@ def fresh(outcomes):
     return [name for name, outcome in outcomes.items() if outcome.fresh]
 
 
-@pytest.mark.parametrize("name", ["s1-1.npy", "marked.npy", "marked.json"])
-def test_a_batch_of_one_is_the_command(copy, name):
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [("s1-1.npy", ""), ("marked.npy", ""), ("marked.json", ""), ("s1-1.npy", " --origin foot --html"),
+     ("s1-1.npy", " --for three --scale 2")],
+)  # fmt: skip
+def test_a_batch_of_one_is_the_command(copy, name, more):
     """Byte for byte, also where marks have removed something."""
     save_marked(copy)
-    (found,) = batch(copy, f"s1.ply,{name},one,z,{QUICK}", output="new").values()
-    arguments = ["--up", "z", *QUICK.split(), "--output", str(copy / "one"), "--quiet"]
+    (found,) = batch(copy, f"s1.ply,{name},one,z,{QUICK}{more}", output="new").values()
+    arguments = ["--up", "z", *f"{QUICK}{more}".split(), "--output", str(copy / "one"), "--quiet"]
     assert main(["trim", str(copy / "s1.ply"), str(copy / name), *arguments]) == 0
-    own = {"report.json", "manifest.json", "item.json", "selection.json"}
+    own = {"report.json", "report.html", "manifest.json", "item.json", "selection.json"}
     ours = {path: data for path, data in contents(copy / "new").items() if path.rpartition("/")[2] not in own}
     theirs = {
         f"one/{path.relative_to(copy / 'one').as_posix()}": path.read_bytes()
@@ -82,6 +87,18 @@ def test_a_batch_of_one_is_the_command(copy, name):
     }
     assert found.state == "done"
     assert ours == theirs
+    assert (copy / "new" / "items" / "one" / "report.html").is_file() == ("--html" in more)
+
+
+def test_an_item_is_made_again_when_it_is_to_be_placed(copy):
+    row = f"s0.ply,s0-0.npy,one,z,{QUICK}"
+    batch(copy, row, output="new", no_background=True)
+    placed = batch(copy, f"{row} --origin foot --html", output="new", no_background=True)["one"]
+    files = {path.name for path in (copy / "new" / "items" / "one").iterdir()}
+    assert placed.fresh and {"object_placed.ply", "object_hull.obj", "poses.json", "report.html"} <= files
+    assert "background_placed.ply" not in files
+    assert batch(copy, row, output="new", no_background=True)["one"].fresh
+    assert not (copy / "new" / "items" / "one" / "poses.json").exists()
 
 
 def save_marked(folder):
@@ -152,7 +169,7 @@ def test_failures_cost_their_items_alone_and_are_tried_again_when_mended(copy):
 
 
 def test_a_batch_stops_when_nothing_can_be_written(copy, monkeypatch):
-    def refuse(store, name, suffix, inputs):
+    def refuse(store, item, inputs):
         raise OSError(28, "No space left on device")
 
     told = []
@@ -188,11 +205,11 @@ def test_what_a_lost_cluster_had_finished_is_done_and_the_rest_is_left(copy, mon
 def test_what_another_run_is_writing_comes_last(copy, monkeypatch):
     plain, asked = Store.result_folder, []
 
-    def busy_once(store, name, suffix, inputs):
-        asked.append(name)
+    def busy_once(store, item, inputs):
+        asked.append(item.name)
         if asked == ["s0-0"]:
             raise FolderInUseError("busy")
-        return plain(store, name, suffix, inputs)
+        return plain(store, item, inputs)
 
     monkeypatch.setattr(Store, "result_folder", busy_once)
     assert {outcome.state for outcome in batch(copy, output="new").values()} == {"done"}

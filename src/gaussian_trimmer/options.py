@@ -199,7 +199,7 @@ def _filled(kind: Any, base: Any, given: Mapping[Names, Any]) -> Any:
 
 
 @cache
-def _flags_of(kind: type) -> dict[str, tuple[Option, bool]]:
+def flags_of(kind: type) -> dict[str, tuple[Option, bool]]:
     """Return all flags, with the option that they set and, of those without a value, what they set it to."""
     named = [option for option in options_of(kind) if not (option.note.positional or option.note.order)]
     return {flag: (option, number == 0) for option in named for number, flag in enumerate(option.flags)}
@@ -216,7 +216,7 @@ def _values(kind: type, words: Sequence[str], command: str) -> dict[Names, Any]:
         if word.startswith("--") or (word.startswith("-") and not _NEGATIVE_NUMBER.match(word)):
             left.popleft()
             flag, equals, value = word.partition("=")
-            option, is_on = _flags_of(kind).get(flag.replace("_", "-"), (None, False))
+            option, is_on = flags_of(kind).get(flag.replace("_", "-"), (None, False))
         else:
             option, is_on, equals, value = places.popleft() if places else None, False, "", ""
         if option is None:
@@ -277,6 +277,6 @@ def _metavar(kind: Any) -> str:
 
 def _refuse_unknown(word: str, kind: type, command: str) -> NoReturn:
     flag = word.partition("=")[0]
-    cure = did_you_mean(flag, _flags_of(kind)) if flag.startswith("--") else None
+    cure = did_you_mean(flag, flags_of(kind)) if flag.startswith("--") else None
     cure = cure or f"see gaussian-trimmer {command} --help."
     raise InputError(f"{clip_name(flag)} is not an option or argument of '{command}'; {cure}")

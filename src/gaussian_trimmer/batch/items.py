@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from gaussian_trimmer import formats
+from gaussian_trimmer.commands.placing import PlacingOptions
 from gaussian_trimmer.config import TrimConfig
 from gaussian_trimmer.errors import InputError, clip_name
 from gaussian_trimmer.io.names import safe_file_name
@@ -42,6 +43,10 @@ class Item:
     background: bool = True
     """Write the scene without the object too. It is nearly as large as the scene, for every object; labels.npz says
     which of the scene's Gaussians are in it."""
+    html: bool = False
+    """Also write report.html."""
+    placing: PlacingOptions = field(default_factory=PlacingOptions)
+    """How files for other programs are placed; by default none are written."""
     config: TrimConfig = field(default_factory=TrimConfig)
     segmenter: str = DEFAULT_SEGMENTER
     segmenter_options: Any = None
@@ -131,6 +136,7 @@ def _check_settings(item: Item, known: set[int]) -> None:
             given = type(item.segmenter_options).__name__
             raise InputError(f"The segmenter '{item.segmenter}' takes no options of the type {given}.")
         check_settings(item.segmenter_options, item.segmenter)
+    check_settings(item.placing)
     if id(item.selection_options) not in known:
         check_settings(item.selection_options, "selection")
     if id(item.config) not in known:

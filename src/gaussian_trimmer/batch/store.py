@@ -75,15 +75,15 @@ class Store:
             self.write(f"records/{outcome.item.name}.json", json.dumps(told, indent=1) + "\n")
 
     @contextmanager
-    def result_folder(self, name: str, suffix: str, inputs: Iterable[Path]) -> Iterator[Path]:
+    def result_folder(self, item: Item, inputs: Iterable[Path]) -> Iterator[Path]:
         """Give a folder to write an item's files to; on success they are published whole.
 
         Raises:
             InputError: another run is writing this item, or it cannot be written.
         """
-        folder = self._root / "items" / name
+        folder, suffix = self._root / "items" / item.name, item.suffix
         folder.parent.mkdir(parents=True, exist_ok=True)
-        names = (*result_files(suffix), ITEM)
+        names = (*result_files(suffix, html=item.html), *item.placing.patterns(suffix), ITEM)
         whole: AbstractContextManager[Path] = atomic_folder(folder, RESULTS, names=names, inputs=inputs, overwrite=True)
         with whole as part:
             yield part
